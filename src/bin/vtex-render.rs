@@ -1,0 +1,2 @@
+//! The `vtex` command.
+fn main() {}

@@ -1,0 +1,4 @@
+//! The `vtex` command.
+fn main() -> std::process::ExitCode {
+    vtex::cli::vtex()
+}

@@ -1,0 +1,54 @@
+//! The command line: arguments in, one call into the library, results and one-line errors out.
+//!
+//! Exit codes: 0 done, 1 failed, 2 the command line was wrong.
+
+mod ui;
+
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+pub use ui::Ui;
+
+/// Turn any 3D source into a texel, and render landscapes covered with texels.
+#[derive(Parser)]
+#[command(name = "vtex", version, propagate_version = true)]
+struct Vtex {
+    #[command(subcommand)]
+    command: Command,
+    #[command(flatten)]
+    global: Global,
+}
+
+#[derive(clap::Args)]
+struct Global {
+    /// Print nothing but results, warnings and errors
+    #[arg(long, short, global = true)]
+    quiet: bool,
+    /// Fail on warnings
+    #[arg(long, global = true)]
+    strict: bool,
+}
+
+/// One variant and one line in `run` a command; each command's file holds its `Args` and `run(&Args, &Ui) -> Result<()>`.
+#[derive(Subcommand)]
+enum Command {}
+
+/// `main` of `vtex`.
+pub fn vtex() -> ExitCode {
+    let cli = Vtex::parse();
+    report(&Ui::new(cli.global.quiet, cli.global.strict), |_ui| match cli.command {})
+}
+
+/// Run `f`, print its error in one line, and choose the exit code.
+fn report(ui: &Ui, f: impl FnOnce(&Ui) -> crate::Result<()>) -> ExitCode {
+    let result = f(ui);
+    ui.finish();
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(e) => {
+            eprintln!("error: {e}");
+            ExitCode::from(if matches!(e, crate::Error::Options(_)) { 2 } else { 1 })
+        }
+    }
+}

@@ -1,0 +1,84 @@
+//! What can go wrong, sorted by who is at fault, and the warnings that are counted on the way.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+/// Every way in which a call into this library fails.
+///
+/// `Display` gives one line that says what, where, and what to do; the CLI prints it as it is.
+#[non_exhaustive]
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// The operating system refused: a missing file, a full disk, no permission.
+    #[error("{}: {source}", path.display())]
+    Io { path: PathBuf, source: std::io::Error },
+    /// The bytes of a `.vtex` file break a rule of `format-spec/vtex-1.md`; `code` names the rule in `format-spec/codes`.
+    #[error("{}: not a valid vtex file: {what} [{code}, byte {offset}]", path.display())]
+    Format { path: PathBuf, code: &'static str, offset: u64, what: String },
+    /// Valid input that this version does not read.
+    #[error("{}: {what} is not supported", path.display())]
+    Unsupported { path: PathBuf, what: String },
+    /// The input breaks its own format's rules, or holds nothing to work on; `at` says where in it.
+    #[error("{}{}{at}: {what}", path.display(), if at.is_empty() { "" } else { ": " })]
+    Input { path: PathBuf, at: String, what: String },
+    /// A size that was checked before memory was taken for it.
+    #[error("{what} needs {needed}, the limit is {allowed}")]
+    Limit { what: String, needed: u64, allowed: u64 },
+    /// Options that contradict each other or are out of range: the caller's fault, exit code 2.
+    #[error("{0}")]
+    Options(String),
+}
+
+/// Shorthand for results of this library.
+pub type Result<T, E = Error> = std::result::Result<T, E>;
+
+impl Error {
+    /// An [`Error::Io`] about `path`.
+    pub fn io(path: impl AsRef<Path>, source: std::io::Error) -> Self {
+        Error::Io { path: path.as_ref().to_path_buf(), source }
+    }
+
+    /// An [`Error::Input`] about the place `at` in `path`.
+    pub fn input(path: impl AsRef<Path>, at: impl Into<String>, what: impl Into<String>) -> Self {
+        Error::Input { path: path.as_ref().to_path_buf(), at: at.into(), what: what.into() }
+    }
+
+    /// An [`Error::Unsupported`] feature of `path`.
+    pub fn unsupported(path: impl AsRef<Path>, what: impl Into<String>) -> Self {
+        Error::Unsupported { path: path.as_ref().to_path_buf(), what: what.into() }
+    }
+}
+
+/// Things that were mended or left out, each counted under its text.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Warnings(BTreeMap<String, u64>);
+
+impl Warnings {
+    /// Count `text` once.
+    pub fn add(&mut self, text: impl Into<String>) {
+        self.add_many(text, 1);
+    }
+
+    /// Count `text` `n` times; `n` = 0 leaves no trace.
+    pub fn add_many(&mut self, text: impl Into<String>, n: u64) {
+        if n > 0 {
+            *self.0.entry(text.into()).or_default() += n;
+        }
+    }
+
+    /// Take over all of `other`.
+    pub fn merge(&mut self, other: Warnings) {
+        for (text, n) in other.0 {
+            self.add_many(text, n);
+        }
+    }
+
+    /// Texts with their counts, in alphabetical order.
+    pub fn iter(&self) -> impl Iterator<Item = (&str, u64)> {
+        self.0.iter().map(|(text, &n)| (text.as_str(), n))
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+}

@@ -1,0 +1,16 @@
+//! What is rendered and baked: models read from files, as plain data with every default filled in.
+
+pub mod model;
+pub mod shell;
+pub mod texture;
+
+pub use model::{Alpha, Camera, Instance, Light, LightKind, Material, Model, Part, Projection, TextureRef};
+pub use texture::{Texture, Wrap};
+
+/// A landscape, ready to render: its geometry, and what its shells are filled with.
+#[derive(Debug, Clone, Default)]
+pub struct Scene {
+    pub model: Model,
+    pub texels: Vec<shell::TexelRef>,
+    pub environment: shell::Environment,
+}

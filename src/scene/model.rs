@@ -1,0 +1,154 @@
+//! A model read from a file: triangles, lines and points with materials, placed by transforms; every default filled in.
+//! Both the baker's mesh source and the renderer's landscape start from this.
+
+use std::sync::Arc;
+
+use super::texture::Texture;
+use crate::Warnings;
+use crate::geom::DAffine3;
+
+/// Everything that was found in the chosen scene of a file.
+#[derive(Debug, Clone, Default)]
+pub struct Model {
+    pub parts: Vec<Part>,
+    /// At least one; a part without a material uses a default that was appended.
+    pub materials: Vec<Material>,
+    pub instances: Vec<Instance>,
+    pub cameras: Vec<Camera>,
+    pub lights: Vec<Light>,
+    /// Metres in a unit of the file: 1 for glTF, 0 (unknown) for OBJ.
+    pub metres_per_unit: f64,
+    pub warnings: Warnings,
+}
+
+/// One primitive of a mesh, in its own space. Attribute arrays are as long as `positions`; values are finite.
+#[derive(Debug, Clone, Default)]
+pub struct Part {
+    /// Mesh name, for messages.
+    pub name: String,
+    pub positions: Vec<[f32; 3]>,
+    /// Unit length, or absent.
+    pub normals: Option<Vec<[f32; 3]>>,
+    /// TEXCOORD_0, _1, …
+    pub uvs: Vec<Vec<[f32; 2]>>,
+    /// Linear RGBA, multiplied into the base colour.
+    pub colors: Option<Vec<[f32; 4]>>,
+    /// Indices below `positions.len()`; strips, fans and loops are already taken apart.
+    pub triangles: Vec<[u32; 3]>,
+    pub lines: Vec<[u32; 2]>,
+    pub points: Vec<u32>,
+    /// Index into [`Model::materials`].
+    pub material: usize,
+    /// `_VTEX_UVW`, `_VTEX_HEIGHT`, `_VTEX_DW`, `_VTEX_JITTER`.
+    pub uvw: Option<Vec<[f32; 3]>>,
+    pub heights: Option<Vec<[f32; 3]>>,
+    pub dw: Option<Vec<f32>>,
+    pub jitter: Option<Vec<f32>>,
+}
+
+/// A part placed in the world.
+#[derive(Debug, Clone)]
+pub struct Instance {
+    /// Index into [`Model::parts`].
+    pub part: usize,
+    /// Part space → world.
+    pub transform: DAffine3,
+    /// Name of the node, for `--include`, `--exclude` and messages.
+    pub node: String,
+}
+
+/// How alpha is understood.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub enum Alpha {
+    #[default]
+    Opaque,
+    /// There where alpha ≥ the cutoff, not there elsewhere.
+    Mask(f32),
+    /// There by that share.
+    Blend,
+}
+
+/// A surface: base colour = factor · texture · vertex colour.
+#[derive(Debug, Clone)]
+pub struct Material {
+    pub name: String,
+    /// Linear RGBA.
+    pub base_color: [f32; 4],
+    pub texture: Option<TextureRef>,
+    pub alpha: Alpha,
+    pub double_sided: bool,
+    /// Shown in its base colour whatever the light.
+    pub unlit: bool,
+    /// The `VTEX_volumetric_texture` extension, where the material carries it.
+    pub shell: Option<Arc<super::shell::ShellMaterial>>,
+}
+
+impl Default for Material {
+    fn default() -> Self {
+        Material {
+            name: String::new(),
+            base_color: [1.0; 4],
+            texture: None,
+            alpha: Alpha::Opaque,
+            double_sided: false,
+            unlit: false,
+            shell: None,
+        }
+    }
+}
+
+/// A texture as a material uses it.
+#[derive(Debug, Clone)]
+pub struct TextureRef {
+    pub texture: Arc<Texture>,
+    /// Index into [`Part::uvs`], after KHR_texture_transform's override.
+    pub tex_coord: usize,
+    /// uv' = rows · (u, v, 1): KHR_texture_transform, identity where absent.
+    pub transform: [[f32; 3]; 2],
+}
+
+impl TextureRef {
+    /// The transformed texture coordinate.
+    pub fn map(&self, uv: [f32; 2]) -> [f32; 2] {
+        self.transform.map(|r| r[0] * uv[0] + r[1] * uv[1] + r[2])
+    }
+}
+
+/// A camera of the file, in world space. It looks along −z of `to_world`, +y up.
+#[derive(Debug, Clone)]
+pub struct Camera {
+    pub name: String,
+    pub to_world: DAffine3,
+    pub projection: Projection,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Projection {
+    /// Vertical field of view, radians.
+    Perspective { yfov: f64 },
+    /// Half the height of the view, metres.
+    Orthographic { ymag: f64 },
+}
+
+/// A punctual light (KHR_lights_punctual), in world space. It shines along −z of `to_world`.
+#[derive(Debug, Clone)]
+pub struct Light {
+    pub name: String,
+    pub to_world: DAffine3,
+    /// Colour × intensity, linear: irradiance for a directional light, radiant intensity for the others.
+    pub intensity: [f64; 3],
+    pub kind: LightKind,
+    /// Metres beyond which it gives nothing; infinite where absent.
+    pub range: f64,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum LightKind {
+    Directional,
+    Point,
+    /// Cone half-angles, radians.
+    Spot {
+        inner: f64,
+        outer: f64,
+    },
+}

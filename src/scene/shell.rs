@@ -1,0 +1,86 @@
+//! What `VTEX_volumetric_texture` says, as plain data with every default filled in (GLTF extension; see README).
+
+/// One texel that the landscape's root names.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TexelRef {
+    pub name: String,
+    /// The `.vtex` files of its frames, in order; at least one. Paths are resolved against the landscape's folder.
+    pub frames: Vec<std::path::PathBuf>,
+    /// The source mesh, for the reference render.
+    pub geometry: Option<std::path::PathBuf>,
+    /// Deepest depth to be used.
+    pub max_depth: Option<u8>,
+}
+
+/// `environment` of the root.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Environment {
+    /// Radiance of the sky that lights the scene, linear.
+    pub sky: Option<[f64; 3]>,
+    /// Radiance that an escaped camera ray sees, linear.
+    pub background: Option<[f64; 3]>,
+}
+
+/// The extension object of a material.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ShellMaterial {
+    pub tex_coord: usize,
+    pub w: f64,
+    pub dw: f64,
+    /// Metres: H = thickness · NORMAL where `_VTEX_HEIGHT` is absent.
+    pub thickness: f64,
+    /// Whether the base face itself is drawn.
+    pub surface_visible: bool,
+    /// 1 … 16.
+    pub layers: Vec<Layer>,
+}
+
+/// How a texel continues beyond its unit cell, an axis.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum CellWrap {
+    Repeat,
+    Mirror,
+    Empty,
+}
+
+/// One texel in a shell.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Layer {
+    /// Index into the root's texels.
+    pub texel: usize,
+    /// Along u, v, w; default repeat, repeat, empty.
+    pub wrap: [CellWrap; 3],
+    /// Texel coordinate = uvw · scale + offset.
+    pub offset: [f64; 3],
+    pub scale: [f64; 3],
+    /// Multiplies the rates, ≥ 0.
+    pub opacity_scale: f64,
+    /// Multiplies the texel's albedo.
+    pub diffuse: [f64; 3],
+    pub discrete: Option<Discrete>,
+}
+
+/// Per-cell variation of isolated objects, hashed from the integer cell and the seed.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Discrete {
+    pub seed: u32,
+    pub orientations: Orientations,
+    /// Uniform scale about the cell's base centre, [min, max], 0 < min ≤ max ≤ 1.
+    pub scale: [f64; 2],
+    /// Largest displacement along u, v, w, in cells; clamped so that the content stays in its cell.
+    pub displace: [f64; 3],
+    /// Share of cells that hold an object.
+    pub presence: f64,
+    /// Texels to choose from, with weights; empty: the layer's own.
+    pub variants: Vec<(usize, f64)>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Orientations {
+    #[default]
+    Identity,
+    /// Quarter turns about w.
+    W4,
+    /// Quarter turns about w, mirrored or not.
+    W8,
+}

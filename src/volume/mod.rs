@@ -1,0 +1,85 @@
+//! What a texel is: voxels on a sparse octree, the law of opacity along a ray, and the descent that a ray makes.
+//!
+//! Texel space is the cube [0,1]^3 with axes (u, v, w), w up; at depth d it is cut into (2^d)^3 voxels. Depth 0 is the root.
+
+pub mod ndf;
+pub mod octree;
+pub mod opacity;
+pub mod voxel;
+
+pub use ndf::Sggx;
+pub use octree::{Block, Octree, Pages};
+pub use voxel::Voxel;
+
+use crate::geom::Aabb;
+
+/// Deepest depth that a texel may have: 65 536 voxels a side.
+pub const MAX_DEPTH: usize = 16;
+
+/// Which appearance model the voxels hold.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Model {
+    /// Directional rate (SGGX) measured by coverage beams, with block correlation and support.
+    #[default]
+    Coverage,
+    /// Neyret 1996: one averaged isotropic opacity; the ellipsoid is for shading alone.
+    Neyret,
+}
+
+/// What the file says of a texel besides its voxels.
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Info {
+    /// The box in source space (source axes and units) that texel space covers.
+    pub bounds: Aabb,
+    /// Metres in a source unit; 0 where unknown.
+    pub metres_per_unit: f64,
+    /// Source axis that became w: 0 x, 1 y, 2 z.
+    pub up: u8,
+    /// Whether opposite faces match, along u, v, w.
+    pub cyclic: [bool; 3],
+    /// The model that the voxels hold.
+    pub model: Model,
+    /// The content's tight box in texel space.
+    pub content: Aabb,
+    /// Edge of a mean facet patch (half a leaf, a twig) in texel-cube edges: where a shadow ray starts. 0: unknown.
+    pub facet_size: f64,
+    /// Which of a voxel's fields carry information; the others are constant.
+    pub channels: Channels,
+    /// Everything else that META holds: generator, sources, bake options, certificate. Keys in sorted order.
+    pub meta: serde_json::Map<String, serde_json::Value>,
+}
+
+/// Which of a voxel's fields were measured; a field that was not is left at its default by every reader.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
+pub struct Channels {
+    pub correlation: bool,
+    pub support: bool,
+    pub albedo: bool,
+    pub mean_normal: bool,
+}
+
+/// One depth of a [`Volume`]: its nodes in Morton order.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Depth {
+    /// Child mask of each node (bit x + 2y + 4z). 0 on a depth above the finest: terminal, the node fills its whole cube.
+    /// On the finest depth every mask is 0.
+    pub masks: Vec<u8>,
+    /// The voxel of each node, as long as `masks`.
+    pub voxels: Vec<Voxel>,
+}
+
+/// A whole texel in memory: what a bake makes and a writer takes.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Volume {
+    pub info: Info,
+    /// `depths[0]` has the root (or nothing, for an empty texel); at most `MAX_DEPTH + 1`.
+    pub depths: Vec<Depth>,
+}
+
+impl Volume {
+    /// Voxels a side at the finest depth.
+    pub fn resolution(&self) -> u32 {
+        1 << self.depths.len().saturating_sub(1)
+    }
+}

@@ -1,0 +1,139 @@
+//! Distribution of normals in a voxel: Neyret's ellipsoid as an SGGX matrix.
+//!
+//! Based on: E. Heitz, J. Dupuy, C. Crassin, C. Dachsbacher, *The SGGX Microflake Distribution*, SIGGRAPH 2015;
+//! F. Neyret, *A General and Multiscale Model for Volumetric Textures*, GI 1995 (the ellipsoid of normals).
+
+use crate::geom::Vec3;
+
+/// A symmetric positive matrix S; facets' projected area along the unit vector w is sqrt(w^T S w), relative to the largest axis.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sggx {
+    pub xx: f32,
+    pub yy: f32,
+    pub zz: f32,
+    pub xy: f32,
+    pub xz: f32,
+    pub yz: f32,
+}
+
+impl Sggx {
+    /// The same projected area, 1, along every direction.
+    pub const ISOTROPIC: Sggx = Sggx { xx: 1.0, yy: 1.0, zz: 1.0, xy: 0.0, xz: 0.0, yz: 0.0 };
+
+    /// w^T S w.
+    #[inline]
+    pub fn quad(&self, w: Vec3) -> f32 {
+        self.xx * w.x * w.x
+            + self.yy * w.y * w.y
+            + self.zz * w.z * w.z
+            + 2.0 * (self.xy * w.x * w.y + self.xz * w.x * w.z + self.yz * w.y * w.z)
+    }
+
+    /// Projected area along the unit vector `w`, ≥ 0.
+    #[inline]
+    pub fn sigma(&self, w: Vec3) -> f32 {
+        self.quad(w).max(0.0).sqrt()
+    }
+
+    /// S w.
+    #[inline]
+    pub fn mul(&self, w: Vec3) -> Vec3 {
+        Vec3::new(
+            self.xx * w.x + self.xy * w.y + self.xz * w.z,
+            self.xy * w.x + self.yy * w.y + self.yz * w.z,
+            self.xz * w.x + self.yz * w.y + self.zz * w.z,
+        )
+    }
+
+    pub fn scaled(&self, s: f32) -> Sggx {
+        let Sggx { xx, yy, zz, xy, xz, yz } = *self;
+        Sggx { xx: xx * s, yy: yy * s, zz: zz * s, xy: xy * s, xz: xz * s, yz: yz * s }
+    }
+
+    /// Six bytes: sqrt of the diagonal over its largest, in steps of 1/255, then the correlations xy, xz, yz, where
+    /// code 128 is 0 and codes 1 … 255 are −1 … 1 in steps of 1/127. The largest diagonal is divided out:
+    /// multiply the rate by [`Sggx::scale`].
+    pub fn encode(&self) -> [u8; 6] {
+        let s = self.scale();
+        if s.is_nan() || s <= 0.0 {
+            return Sggx::ISOTROPIC.encode();
+        }
+        let d = [self.xx, self.yy, self.zz].map(|v| v.max(0.0).sqrt());
+        let diag = |v: f32| (v / s * 255.0).round() as u8;
+        let corr = |m: f32, p: f32| {
+            let r = if p > 0.0 { (m / p).clamp(-1.0, 1.0) } else { 0.0 };
+            ((r * 127.0).round() + 128.0) as u8
+        };
+        [
+            diag(d[0]),
+            diag(d[1]),
+            diag(d[2]),
+            corr(self.xy, d[0] * d[1]),
+            corr(self.xz, d[0] * d[2]),
+            corr(self.yz, d[1] * d[2]),
+        ]
+    }
+
+    /// sqrt of the largest diagonal element: what [`Sggx::encode`] divides out.
+    pub fn scale(&self) -> f32 {
+        self.xx.max(self.yy).max(self.zz).max(0.0).sqrt()
+    }
+
+    /// The matrix of six codes. About one code in twelve of random matrices is not positive; such correlations are scaled
+    /// back until the determinant is, so every result is positive semidefinite.
+    #[inline]
+    pub fn decode(code: [u8; 6]) -> Sggx {
+        let d = [code[0], code[1], code[2]].map(|v| f32::from(v) * (1.0 / 255.0));
+        let mut r = [code[3], code[4], code[5]].map(|v| ((f32::from(v) - 128.0) * (1.0 / 127.0)).max(-1.0));
+        let det = 1.0 + 2.0 * r[0] * r[1] * r[2] - r[0] * r[0] - r[1] * r[1] - r[2] * r[2];
+        if det < 0.0 {
+            let f = positive_scale(r);
+            r = r.map(|v| v * f);
+        }
+        let [xy, xz, yz] = [r[0] * d[0] * d[1], r[1] * d[0] * d[2], r[2] * d[1] * d[2]];
+        Sggx { xx: d[0] * d[0], yy: d[1] * d[1], zz: d[2] * d[2], xy, xz, yz }
+    }
+}
+
+/// The largest f in [0, 1) for which the correlations f·r make a positive semidefinite matrix, from below, to 1e-4.
+#[cold]
+fn positive_scale(r: [f32; 3]) -> f32 {
+    let det = |f: f32| 1.0 + 2.0 * f * f * f * r[0] * r[1] * r[2] - f * f * (r[0] * r[0] + r[1] * r[1] + r[2] * r[2]);
+    let (mut lo, mut hi) = (0.0f32, 1.0f32);
+    for _ in 0..14 {
+        let mid = 0.5 * (lo + hi);
+        if det(mid) >= 0.0 { lo = mid } else { hi = mid }
+    }
+    lo
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn facet(n: Vec3) -> Sggx {
+        Sggx { xx: n.x * n.x, yy: n.y * n.y, zz: n.z * n.z, xy: n.x * n.y, xz: n.x * n.z, yz: n.y * n.z }
+    }
+
+    #[test]
+    fn single_facets_survive_the_code() {
+        for n in [Vec3::X, Vec3::Z, Vec3::new(0.6, -0.8, 0.0), Vec3::new(-0.48, 0.6, 0.64), Vec3::ONE.normalize()] {
+            let s = facet(n);
+            let back = Sggx::decode(s.encode()).scaled(s.scale() * s.scale());
+            for w in [Vec3::X, Vec3::Y, Vec3::new(0.6, 0.0, 0.8), n] {
+                // Half a step of 1/255 on each of three products of the diagonal: under 3 * 2/255.
+                assert!((back.sigma(w) - n.dot(w).abs()).abs() < 0.024, "{n} {w} {} {}", back.sigma(w), n.dot(w));
+            }
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn every_code_decodes_to_a_positive_matrix(code: [u8; 6], x in -1.0f32..1.0, y in -1.0f32..1.0, z in -1.0f32..1.0) {
+            let s = Sggx::decode(code);
+            // Rounding of nine products of values <= 1.
+            prop_assert!(s.quad(Vec3::new(x, y, z)) > -2e-6);
+        }
+    }
+}

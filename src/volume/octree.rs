@@ -1,0 +1,334 @@
+//! The octree as a ray sees it: 4^3 blocks of voxels two depths apart, opened only when something steps into them.
+//!
+//! Based on: C. Crassin et al., *GigaVoxels*, I3D 2009 (bricks decoded on demand); S. Laine, T. Karras, *Efficient Sparse
+//! Voxel Octrees*, I3D 2010 (masks and popcounts instead of pointers).
+//!
+//! A file lists the nodes of each depth in Morton order. So the 64 grandchildren of a node are one run of the depth below
+//! its children, and a mask of 64 bits with the rank of the first one finds any of them: that is a [`Block`]. A ray at
+//! depth d walks blocks of depth d − 2 (whose cells are the voxels it wants), d − 4, … up to the root.
+
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, OnceLock};
+
+use super::{Info, MAX_DEPTH, Volume, Voxel};
+use crate::{Error, Result};
+
+/// log2 of how many voxels a page holds in memory.
+pub const PAGE_LOG2: u32 = 12;
+const PAGE: usize = 1 << PAGE_LOG2;
+
+/// Where an [`Octree`] gets its content: a file's reader, or a volume in memory. Each call may be slow; each is made once.
+pub trait Pages: Send + Sync {
+    fn info(&self) -> &Info;
+    /// Nodes at each depth, root first.
+    fn counts(&self) -> Vec<usize>;
+    /// Child masks of all nodes at `depth`, in Morton order.
+    fn masks(&self, depth: usize) -> Result<Vec<u8>>;
+    /// Voxels `page * 4096 ..` of `depth`, 4096 or as many as are left.
+    fn voxels(&self, depth: usize, page: usize) -> Result<Vec<Voxel>>;
+}
+
+impl<P: Pages + ?Sized> Pages for Arc<P> {
+    fn info(&self) -> &Info {
+        (**self).info()
+    }
+    fn counts(&self) -> Vec<usize> {
+        (**self).counts()
+    }
+    fn masks(&self, depth: usize) -> Result<Vec<u8>> {
+        (**self).masks(depth)
+    }
+    fn voxels(&self, depth: usize, page: usize) -> Result<Vec<Voxel>> {
+        (**self).voxels(depth, page)
+    }
+}
+
+impl Pages for Volume {
+    fn info(&self) -> &Info {
+        &self.info
+    }
+    fn counts(&self) -> Vec<usize> {
+        self.depths.iter().map(|d| d.voxels.len()).collect()
+    }
+    fn masks(&self, depth: usize) -> Result<Vec<u8>> {
+        Ok(self.depths[depth].masks.clone())
+    }
+    fn voxels(&self, depth: usize, page: usize) -> Result<Vec<Voxel>> {
+        let all = &self.depths[depth].voxels;
+        Ok(all[(page * PAGE).min(all.len())..((page + 1) * PAGE).min(all.len())].to_vec())
+    }
+}
+
+/// The 4^3 cells below a node, two depths down. Cell i is the Morton code of its place in the block, 0 … 63.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Block {
+    /// Occupied cells.
+    pub mask: u64,
+    /// Those of them that belong to a terminal node above their depth (all 8 cells of a child, or all 64).
+    pub terminal: u64,
+    /// Rank, in its depth, of the first cell that is not terminal.
+    first: u32,
+    /// Rank of the first child, one depth down; `u32::MAX`: the node itself is terminal.
+    child: u32,
+}
+
+/// Which voxel a cell shows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Place {
+    pub depth: u8,
+    pub rank: u32,
+}
+
+const SELF_TERMINAL: u32 = u32::MAX;
+
+impl Block {
+    /// Rank of the occupied, non-terminal `cell`, in the depth two below the block's node.
+    #[inline]
+    pub fn rank(&self, cell: u32) -> u32 {
+        let below = self.mask & !self.terminal & ((1u64 << cell) - 1);
+        self.first + below.count_ones()
+    }
+
+    /// The voxel that the occupied `cell` shows; the block belongs to node `node` of `depth`, −2 and −1 for the virtual
+    /// roots of even and odd descents.
+    #[inline]
+    pub fn place(&self, depth: i32, node: u32, cell: u32) -> Place {
+        if self.terminal >> cell & 1 == 0 {
+            return Place { depth: (depth + 2) as u8, rank: self.rank(cell) };
+        }
+        self.terminal_place(depth, node, cell)
+    }
+
+    #[cold]
+    fn terminal_place(&self, depth: i32, node: u32, cell: u32) -> Place {
+        if self.child == SELF_TERMINAL {
+            return Place { depth: depth as u8, rank: node };
+        }
+        let earlier = (0..cell >> 3).filter(|j| self.mask >> (8 * j) & 255 != 0).count() as u32;
+        Place { depth: (depth + 1) as u8, rank: self.child + earlier }
+    }
+
+    /// Whether the whole block is one terminal node.
+    pub fn is_terminal(&self) -> bool {
+        self.child == SELF_TERMINAL
+    }
+}
+
+/// What was opened so far.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Opened {
+    /// Voxel pages decoded.
+    pub pages: u64,
+    /// Voxels in them.
+    pub voxels: u64,
+    /// Deepest depth of which voxels were decoded.
+    pub deepest: usize,
+}
+
+/// A texel opened for rays: each depth's blocks and each page of voxels are made when first asked for, by any thread.
+pub struct Octree {
+    source: Box<dyn Pages>,
+    counts: Vec<usize>,
+    /// Indexed by the node's depth + 2: slots 0 and 1 are the virtual roots of depths −2 and −1.
+    blocks: Vec<OnceLock<Box<[Block]>>>,
+    /// Indexed by depth, then page.
+    pages: Vec<Box<[OnceLock<Box<[Voxel]>>]>>,
+    failure: OnceLock<Error>,
+    pages_opened: AtomicU64,
+    voxels_opened: AtomicU64,
+    deepest: AtomicU64,
+}
+
+impl Octree {
+    /// Nothing is read but the counts.
+    pub fn new(source: impl Pages + 'static) -> Result<Octree> {
+        let counts = source.counts();
+        if counts.len() > MAX_DEPTH + 1 || counts.iter().any(|&n| n >= u32::MAX as usize) {
+            return Err(Error::Limit {
+                what: "the octree's depths".into(),
+                needed: counts.len() as u64,
+                allowed: MAX_DEPTH as u64 + 1,
+            });
+        }
+        let pages = counts.iter().map(|n| (0..n.div_ceil(PAGE)).map(|_| OnceLock::new()).collect()).collect();
+        Ok(Octree {
+            source: Box::new(source),
+            blocks: (0..counts.len() + 1).map(|_| OnceLock::new()).collect(),
+            pages,
+            counts,
+            failure: OnceLock::new(),
+            pages_opened: AtomicU64::new(0),
+            voxels_opened: AtomicU64::new(0),
+            deepest: AtomicU64::new(0),
+        })
+    }
+
+    pub fn info(&self) -> &Info {
+        self.source.info()
+    }
+
+    /// The finest depth; `None` for a texel without matter.
+    pub fn finest(&self) -> Option<usize> {
+        (self.counts.first() == Some(&1)).then(|| self.counts.len() - 1)
+    }
+
+    /// Nodes at `depth`.
+    pub fn count(&self, depth: usize) -> usize {
+        self.counts.get(depth).copied().unwrap_or(0)
+    }
+
+    /// Blocks of the nodes at `depth` (−2 and −1: the one virtual root above an even or an odd descent, whose cells are the
+    /// root alone and the root's children, both at the low corner). `depth + 2` must not exceed the finest depth.
+    /// After a failure to read, blocks are empty and [`Octree::failure`] tells.
+    #[inline]
+    pub fn blocks(&self, depth: i32) -> &[Block] {
+        let slot = &self.blocks[(depth + 2) as usize];
+        match slot.get() {
+            Some(blocks) => blocks,
+            None => self.open_blocks(depth),
+        }
+    }
+
+    #[cold]
+    fn open_blocks(&self, depth: i32) -> &[Block] {
+        self.blocks[(depth + 2) as usize].get_or_init(|| {
+            self.build_blocks(depth).unwrap_or_else(|e| {
+                let _ = self.failure.set(e);
+                vec![Block::default(); if depth < 0 { 1 } else { self.counts[depth as usize] }].into()
+            })
+        })
+    }
+
+    fn build_blocks(&self, depth: i32) -> Result<Box<[Block]>> {
+        if depth < 0 {
+            let occupied = match depth {
+                -2 => u64::from(self.count(0) == 1),
+                _ => u64::from(self.source.masks(0)?.first().copied().unwrap_or(0)),
+            };
+            // A lone terminal root is its own eight children.
+            if depth == -1 && occupied == 0 && self.count(0) == 1 {
+                return Ok(Box::new([Block { mask: 255, terminal: 255, first: 0, child: 0 }]));
+            }
+            return Ok(Box::new([Block { mask: occupied, terminal: 0, first: 0, child: 0 }]));
+        }
+        let depth = depth as usize;
+        let (nodes, children) = (self.source.masks(depth)?, self.source.masks(depth + 1)?);
+        let (mut child, mut first) = (0u32, 0u32);
+        let mut blocks = Vec::with_capacity(nodes.len());
+        for mask8 in nodes {
+            if mask8 == 0 {
+                blocks.push(Block { mask: u64::MAX, terminal: u64::MAX, first, child: SELF_TERMINAL });
+                continue;
+            }
+            let mut block = Block { mask: 0, terminal: 0, first, child };
+            for j in (0..8).filter(|j| mask8 >> j & 1 != 0) {
+                let inner = children.get(child as usize).copied().unwrap_or(0);
+                child += 1;
+                first += inner.count_ones();
+                let cells = if inner == 0 { 255 } else { inner };
+                block.mask |= u64::from(cells) << (8 * j);
+                if inner == 0 {
+                    block.terminal |= 255 << (8 * j);
+                }
+            }
+            blocks.push(block);
+        }
+        Ok(blocks.into())
+    }
+
+    /// The voxel of `rank` at `depth`.
+    #[inline]
+    pub fn voxel(&self, place: Place) -> &Voxel {
+        let (page, slot) = (place.rank >> PAGE_LOG2, place.rank as usize & (PAGE - 1));
+        let cell = &self.pages[place.depth as usize][page as usize];
+        let voxels = match cell.get() {
+            Some(voxels) => voxels,
+            None => self.open_page(place.depth as usize, page as usize),
+        };
+        &voxels[slot]
+    }
+
+    #[cold]
+    fn open_page(&self, depth: usize, page: usize) -> &[Voxel] {
+        self.pages[depth][page].get_or_init(|| {
+            let want = PAGE.min(self.counts[depth] - page * PAGE);
+            let mut voxels = self.source.voxels(depth, page).unwrap_or_else(|e| {
+                let _ = self.failure.set(e);
+                Vec::new()
+            });
+            voxels.resize(want, Voxel::default());
+            self.pages_opened.fetch_add(1, Ordering::Relaxed);
+            self.voxels_opened.fetch_add(want as u64, Ordering::Relaxed);
+            self.deepest.fetch_max(depth as u64, Ordering::Relaxed);
+            voxels.into()
+        })
+    }
+
+    /// What was opened so far.
+    pub fn opened(&self) -> Opened {
+        Opened {
+            pages: self.pages_opened.load(Ordering::Relaxed),
+            voxels: self.voxels_opened.load(Ordering::Relaxed),
+            deepest: self.deepest.load(Ordering::Relaxed) as usize,
+        }
+    }
+
+    /// The first failure to read that a descent met, if any: to be asked once the rays are done, since what could not be
+    /// read was shown as empty.
+    pub fn failure(&self) -> Option<&Error> {
+        self.failure.get()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{Channels, Depth, Model};
+    use super::*;
+    use crate::geom::Aabb;
+
+    pub fn info() -> Info {
+        Info {
+            bounds: Aabb::UNIT,
+            metres_per_unit: 1.0,
+            up: 1,
+            cyclic: [false; 3],
+            model: Model::Coverage,
+            content: Aabb::UNIT,
+            facet_size: 0.0,
+            channels: Channels::default(),
+            meta: Default::default(),
+        }
+    }
+
+    fn depth(masks: &[u8]) -> Depth {
+        let voxels = (0..masks.len()).map(|i| Voxel { rate: i as u8 + 1, ..Default::default() }).collect();
+        Depth { masks: masks.to_vec(), voxels }
+    }
+
+    /// Root → children 0 and 7; child 0 is terminal, child 7 has grandchildren 1 and 3.
+    fn small() -> Octree {
+        let depths = vec![depth(&[0b1000_0001]), depth(&[0, 0b1010]), depth(&[0, 0])];
+        Octree::new(Volume { info: info(), depths }).unwrap()
+    }
+
+    #[test]
+    fn ranks_and_terminals() {
+        let tree = small();
+        assert_eq!(tree.finest(), Some(2));
+        let block = tree.blocks(0)[0];
+        assert_eq!(block.mask, 255 | 0b1010 << 56);
+        assert_eq!(block.place(0, 0, 3), Place { depth: 1, rank: 0 });
+        assert_eq!(block.place(0, 0, 57), Place { depth: 2, rank: 0 });
+        assert_eq!(block.place(0, 0, 59), Place { depth: 2, rank: 1 });
+        assert_eq!(tree.voxel(block.place(0, 0, 59)).rate, 2);
+        assert_eq!(tree.blocks(-1)[0].place(-1, 0, 7), Place { depth: 1, rank: 1 });
+        assert_eq!(tree.blocks(-2)[0].place(-2, 0, 0), Place { depth: 0, rank: 0 });
+        assert_eq!(tree.opened().pages, 1);
+    }
+
+    #[test]
+    fn empty_texel_has_no_depth() {
+        let tree = Octree::new(Volume { info: info(), depths: vec![] }).unwrap();
+        assert_eq!(tree.finest(), None);
+    }
+}
