@@ -6,7 +6,7 @@ mod ui;
 
 use std::process::ExitCode;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, Parser, Subcommand};
 
 pub use ui::Ui;
 
@@ -32,12 +32,24 @@ struct Global {
 
 /// One variant and one line in `run` a command; each command's file holds its `Args` and `run(&Args, &Ui) -> Result<()>`.
 #[derive(Subcommand)]
-enum Command {}
+enum Command {
+    /// Print the completion script of a shell
+    Completions { shell: clap_complete::Shell },
+}
 
 /// `main` of `vtex`.
 pub fn vtex() -> ExitCode {
     let cli = Vtex::parse();
-    report(&Ui::new(cli.global.quiet, cli.global.strict), |_ui| match cli.command {})
+    report(&Ui::new(cli.global.quiet, cli.global.strict), |ui| run(cli.command, ui))
+}
+
+fn run(command: Command, _ui: &Ui) -> crate::Result<()> {
+    match command {
+        Command::Completions { shell } => {
+            clap_complete::generate(shell, &mut Vtex::command(), "vtex", &mut std::io::stdout());
+            Ok(())
+        }
+    }
 }
 
 /// Run `f`, print its error in one line, and choose the exit code.

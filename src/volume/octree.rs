@@ -125,6 +125,9 @@ pub struct Opened {
     pub deepest: usize,
 }
 
+/// Voxels decoded when first asked for.
+type Page = OnceLock<Box<[Voxel]>>;
+
 /// A texel opened for rays: each depth's blocks and each page of voxels are made when first asked for, by any thread.
 pub struct Octree {
     source: Box<dyn Pages>,
@@ -132,7 +135,7 @@ pub struct Octree {
     /// Indexed by the node's depth + 2: slots 0 and 1 are the virtual roots of depths −2 and −1.
     blocks: Vec<OnceLock<Box<[Block]>>>,
     /// Indexed by depth, then page.
-    pages: Vec<Box<[OnceLock<Box<[Voxel]>>]>>,
+    pages: Vec<Box<[Page]>>,
     failure: OnceLock<Error>,
     pages_opened: AtomicU64,
     voxels_opened: AtomicU64,
