@@ -1,1 +1,49 @@
-//! The bytes of a `.vtex` file.
+//! What the bytes of a `.vtex` file are: a writer, a lazy reader, and the rules that both keep (`format-spec/vtex-1.md`).
+//!
+//! A file is a head (counts, streams, sections, META) and one block a depth, coarse to fine; a block holds the child masks
+//! that lead to its depth and one section of pages a stream. Every decoded size follows from the counts in the head.
+
+mod atomic;
+mod check;
+pub mod codes;
+mod filter;
+mod head;
+mod layout;
+mod meta;
+mod page;
+mod reader;
+mod stream;
+#[cfg(test)]
+mod tests;
+mod truncate;
+mod writer;
+
+pub use atomic::PartFile;
+pub use check::{Report, verify};
+pub use head::Head;
+pub use layout::{DepthEntry, SectionEntry, SectionKind, StreamEntry};
+pub use reader::Reader;
+pub use stream::{Channel, Quality};
+pub use truncate::truncate;
+pub use writer::{WriteOptions, Written, write};
+
+/// The first twelve bytes: not UTF-8, and broken by any newline conversion.
+pub const MAGIC: [u8; 12] = *b"\xabVTEX 1\xbb\r\n\x1a\n";
+/// Major version: a reader refuses any other.
+pub const MAJOR: u16 = 1;
+/// Minor version: additive.
+pub const MINOR: u16 = 0;
+
+/// How much a reader may take.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Limits {
+    /// Bytes of decoded voxels and child masks, all depths together. Finest depths beyond it are not opened.
+    pub decoded_bytes: u64,
+}
+
+impl Default for Limits {
+    /// 2 GiB.
+    fn default() -> Self {
+        Limits { decoded_bytes: 2 << 30 }
+    }
+}

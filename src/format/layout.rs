@@ -1,0 +1,316 @@
+//! The fixed-size records of the head, as bytes.
+
+use super::codes::{self, Broken, require};
+use super::{Channel, MAGIC};
+
+pub const HEADER_LEN: usize = 128;
+pub const DEPTH_LEN: usize = 64;
+pub const STREAM_LEN: usize = 32;
+pub const SECTION_LEN: usize = 48;
+/// Bytes of an entry in the index of a TOPO section.
+pub const TOPO_REF_LEN: usize = 24;
+/// Bytes of an entry in the index of a PAGE section.
+pub const PAGE_REF_LEN: usize = 16;
+/// `depth` or `stream` of a section that has none.
+pub const NONE: u8 = 255;
+
+/// A reader of little-endian fields from bytes whose length was checked.
+pub struct Fields<'a> {
+    bytes: &'a [u8],
+    at: usize,
+}
+
+impl<'a> Fields<'a> {
+    pub fn new(bytes: &'a [u8]) -> Self {
+        Fields { bytes, at: 0 }
+    }
+
+    /// The next `N` bytes; zeros past the end, which callers rule out by checking lengths first.
+    pub fn take<const N: usize>(&mut self) -> [u8; N] {
+        let out = self.bytes.get(self.at..self.at + N).and_then(|b| b.try_into().ok()).unwrap_or([0; N]);
+        self.at += N;
+        out
+    }
+
+    pub fn u8(&mut self) -> u8 {
+        u8::from_le_bytes(self.take())
+    }
+    pub fn u16(&mut self) -> u16 {
+        u16::from_le_bytes(self.take())
+    }
+    pub fn u32(&mut self) -> u32 {
+        u32::from_le_bytes(self.take())
+    }
+    pub fn u64(&mut self) -> u64 {
+        u64::from_le_bytes(self.take())
+    }
+    pub fn f32(&mut self) -> f32 {
+        f32::from_le_bytes(self.take())
+    }
+    pub fn f64(&mut self) -> f64 {
+        f64::from_le_bytes(self.take())
+    }
+}
+
+/// The first 128 bytes, magic and version apart.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Header {
+    pub minor: u16,
+    pub head_length: u32,
+    pub crc: u32,
+    pub file_length: u64,
+    pub incompat: u32,
+    pub compat: u32,
+    pub depths: u8,
+    pub streams: u8,
+    pub page_log2: u8,
+    pub topo_page_log2: u8,
+    pub cyclic: u8,
+    pub up: u8,
+    pub sections: u16,
+    pub bounds: [f64; 6],
+    pub metres_per_unit: f64,
+    pub nodes: u64,
+    pub content_id: [u8; 16],
+}
+
+impl Header {
+    /// Parse; the magic and the major version are checked here, since without them nothing else has a meaning.
+    pub fn parse(bytes: &[u8; HEADER_LEN]) -> Result<Header, Broken> {
+        let mut f = Fields::new(bytes);
+        let magic: [u8; 12] = f.take();
+        require(magic == MAGIC, codes::MAGIC, 0, || "the file does not start like one".into())?;
+        let major = f.u16();
+        require(major == super::MAJOR, codes::VERSION, 12, || {
+            format!("it is of version {major}; this reader knows version {}", super::MAJOR)
+        })?;
+        Ok(Header {
+            minor: f.u16(),
+            head_length: f.u32(),
+            crc: f.u32(),
+            file_length: f.u64(),
+            incompat: f.u32(),
+            compat: f.u32(),
+            depths: f.u8(),
+            streams: f.u8(),
+            page_log2: f.u8(),
+            topo_page_log2: f.u8(),
+            cyclic: f.u8(),
+            up: f.u8(),
+            sections: f.u16(),
+            bounds: std::array::from_fn(|_| f.f64()),
+            metres_per_unit: f.f64(),
+            nodes: f.u64(),
+            content_id: f.take(),
+        })
+    }
+
+    pub fn put(&self, out: &mut Vec<u8>) {
+        out.extend(MAGIC);
+        out.extend(super::MAJOR.to_le_bytes());
+        out.extend(self.minor.to_le_bytes());
+        out.extend(self.head_length.to_le_bytes());
+        out.extend(self.crc.to_le_bytes());
+        out.extend(self.file_length.to_le_bytes());
+        out.extend(self.incompat.to_le_bytes());
+        out.extend(self.compat.to_le_bytes());
+        out.extend([self.depths, self.streams, self.page_log2, self.topo_page_log2, self.cyclic, self.up]);
+        out.extend(self.sections.to_le_bytes());
+        out.extend(self.bounds.iter().flat_map(|v| v.to_le_bytes()));
+        out.extend(self.metres_per_unit.to_le_bytes());
+        out.extend(self.nodes.to_le_bytes());
+        out.extend(self.content_id);
+    }
+}
+
+/// One depth.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct DepthEntry {
+    pub nodes: u64,
+    /// Nodes with a non-zero child mask.
+    pub internal: u64,
+    /// Where the depth's block starts in the file.
+    pub block_offset: u64,
+    /// Where it ends: a prefix of this many bytes holds depths 0 to this one.
+    pub block_end: u64,
+    /// SHA-256 of the decoded content.
+    pub digest: [u8; 32],
+}
+
+impl DepthEntry {
+    pub fn parse(bytes: &[u8]) -> DepthEntry {
+        let mut f = Fields::new(bytes);
+        DepthEntry {
+            nodes: f.u64(),
+            internal: f.u64(),
+            block_offset: f.u64(),
+            block_end: f.u64(),
+            digest: f.take(),
+        }
+    }
+
+    pub fn put(&self, out: &mut Vec<u8>) {
+        for v in [self.nodes, self.internal, self.block_offset, self.block_end] {
+            out.extend(v.to_le_bytes());
+        }
+        out.extend(self.digest);
+    }
+}
+
+/// One stream: a channel and how it is coded.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct StreamEntry {
+    pub semantic: [u8; 4],
+    pub components: u8,
+    pub component_bytes: u8,
+    pub quant_max: u16,
+    pub flags: u16,
+    pub reserved: u16,
+    pub max_abs_error: f32,
+    /// The codes of every voxel, where the flag [`StreamEntry::CONSTANT`] is set.
+    pub constant: [u8; 8],
+    pub reserved_tail: [u8; 8],
+}
+
+impl StreamEntry {
+    /// A reader that does not know the semantic refuses the file.
+    pub const CRITICAL: u16 = 1;
+    /// Codes may be averaged.
+    pub const FILTERABLE: u16 = 2;
+    /// Every voxel has the same codes; there are no pages.
+    pub const CONSTANT: u16 = 4;
+
+    pub fn is_constant(&self) -> bool {
+        self.flags & Self::CONSTANT != 0
+    }
+
+    /// The channel, if this version knows it.
+    pub fn channel(&self) -> Option<Channel> {
+        Channel::from_semantic(self.semantic)
+    }
+
+    pub fn parse(bytes: &[u8]) -> StreamEntry {
+        let mut f = Fields::new(bytes);
+        StreamEntry {
+            semantic: f.take(),
+            components: f.u8(),
+            component_bytes: f.u8(),
+            quant_max: f.u16(),
+            flags: f.u16(),
+            reserved: f.u16(),
+            max_abs_error: f.f32(),
+            constant: f.take(),
+            reserved_tail: f.take(),
+        }
+    }
+
+    pub fn put(&self, out: &mut Vec<u8>) {
+        out.extend(self.semantic);
+        out.extend([self.components, self.component_bytes]);
+        out.extend(self.quant_max.to_le_bytes());
+        out.extend(self.flags.to_le_bytes());
+        out.extend(self.reserved.to_le_bytes());
+        out.extend(self.max_abs_error.to_le_bytes());
+        out.extend(self.constant);
+        out.extend(self.reserved_tail);
+    }
+}
+
+/// What a section holds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum SectionKind {
+    Meta,
+    /// Child masks of the depth above.
+    Topo,
+    Page,
+    Other([u8; 4]),
+}
+
+impl SectionKind {
+    fn from_bytes(kind: [u8; 4]) -> Self {
+        match &kind {
+            b"META" => SectionKind::Meta,
+            b"TOPO" => SectionKind::Topo,
+            b"PAGE" => SectionKind::Page,
+            _ => SectionKind::Other(kind),
+        }
+    }
+
+    fn to_bytes(self) -> [u8; 4] {
+        match self {
+            SectionKind::Meta => *b"META",
+            SectionKind::Topo => *b"TOPO",
+            SectionKind::Page => *b"PAGE",
+            SectionKind::Other(kind) => kind,
+        }
+    }
+}
+
+/// One section of the file.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct SectionEntry {
+    pub kind: SectionKind,
+    pub flags: u16,
+    pub depth: u8,
+    pub stream: u8,
+    pub offset: u64,
+    pub length: u64,
+    pub decoded: u64,
+    pub pages: u32,
+    /// META and unknown sections: of the body; TOPO and PAGE: of the index.
+    pub crc: u32,
+    pub codec: u8,
+    pub filter: u8,
+    pub reserved: [u8; 6],
+}
+
+impl SectionEntry {
+    /// A reader that does not know the type refuses the file.
+    pub const CRITICAL: u16 = 1;
+    /// An editor that does not know the type may copy it.
+    pub const SAFE_TO_COPY: u16 = 2;
+
+    pub fn parse(bytes: &[u8]) -> SectionEntry {
+        let mut f = Fields::new(bytes);
+        SectionEntry {
+            kind: SectionKind::from_bytes(f.take()),
+            flags: f.u16(),
+            depth: f.u8(),
+            stream: f.u8(),
+            offset: f.u64(),
+            length: f.u64(),
+            decoded: f.u64(),
+            pages: f.u32(),
+            crc: f.u32(),
+            codec: f.u8(),
+            filter: f.u8(),
+            reserved: f.take(),
+        }
+    }
+
+    pub fn put(&self, out: &mut Vec<u8>) {
+        out.extend(self.kind.to_bytes());
+        out.extend(self.flags.to_le_bytes());
+        out.extend([self.depth, self.stream]);
+        for v in [self.offset, self.length, self.decoded] {
+            out.extend(v.to_le_bytes());
+        }
+        out.extend(self.pages.to_le_bytes());
+        out.extend(self.crc.to_le_bytes());
+        out.extend([self.codec, self.filter]);
+        out.extend(self.reserved);
+    }
+
+    /// Bytes of an index entry in this kind of section.
+    pub fn ref_len(&self) -> usize {
+        match self.kind {
+            SectionKind::Topo => TOPO_REF_LEN,
+            _ => PAGE_REF_LEN,
+        }
+    }
+
+    /// Bytes of the index.
+    pub fn index_len(&self) -> u64 {
+        u64::from(self.pages) * self.ref_len() as u64
+    }
+}

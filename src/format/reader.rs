@@ -1,0 +1,306 @@
+//! File → voxels, a page at a time: the head is read at once, a page when it is asked for.
+
+use std::fs::File;
+use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use memmap2::Mmap;
+
+use super::codes::{self, Broken, require};
+use super::head::Head;
+use super::layout::{HEADER_LEN, NONE, SectionEntry, SectionKind};
+use super::page::{self, PageRef};
+use super::stream::{Quantiser, canonical};
+use super::{Limits, filter};
+use crate::volume::octree::{PAGE_LOG2, Pages};
+use crate::volume::{Depth, Info, Volume, Voxel};
+use crate::{Error, Result, Warnings, par};
+
+/// Decoded bytes of a node: its voxel and its child mask.
+const NODE_BYTES: u64 = size_of::<Voxel>() as u64 + 1;
+
+/// An open file. Cheap to open whatever the file's size; may be used by any number of threads.
+pub struct Reader {
+    path: PathBuf,
+    map: Mmap,
+    head: Head,
+    quantiser: Quantiser,
+    /// Stream of the file behind each stream of the quantiser.
+    known: Vec<usize>,
+    /// Depths that are opened: all, or those that the limit leaves.
+    depths: usize,
+    indices: Vec<OnceLock<Vec<PageRef>>>,
+    bytes_read: AtomicU64,
+}
+
+impl Reader {
+    /// Read and check the head. Errors: [`Error::Io`], [`Error::Format`], or [`Error::Limit`] where not even the root fits.
+    pub fn open(path: impl AsRef<Path>, limits: &Limits) -> Result<Reader> {
+        let reader = Reader::open_prefix(path.as_ref(), limits)?;
+        let (have, want) = (reader.map.len() as u64, reader.head.header.file_length);
+        let whole = reader.head.depths.iter().filter(|d| d.block_end <= have).count();
+        let advice = match whole {
+            _ if have > want => "there is something behind its end".to_owned(),
+            0 => "no depth of it is whole".to_owned(),
+            n => format!("its depths up to {} are whole: `vtex truncate --depth {}` keeps them", n - 1, n - 1),
+        };
+        require(have == want, codes::FILE_LENGTH, have.min(want), || {
+            format!("it has {have} bytes where its header says {want}; {advice}")
+        })
+        .map_err(|b| b.at(path.as_ref()))?;
+        Ok(reader)
+    }
+
+    /// [`Reader::open`] for a file that may be cut short: depths that are not whole are not opened.
+    pub(super) fn open_prefix(path: &Path, limits: &Limits) -> Result<Reader> {
+        let file = File::open(path).map_err(|e| Error::io(path, e))?;
+        if !file.metadata().map_err(|e| Error::io(path, e))?.is_file() {
+            return Err(Error::input(path, "", "is not a file"));
+        }
+        // SAFETY: the map is read only. If another process changes the file meanwhile, the bytes behind the map change
+        // too; no reference into it is kept or trusted: every read goes through `Reader::read`, which copies the bytes
+        // out before they are checked and used, so what was checked cannot change. (A file that is *shortened* while it
+        // is open raises a signal on some systems, as for any program that maps files.)
+        let map = unsafe { Mmap::map(&file) }.map_err(|e| Error::io(path, e))?;
+        let fail = |b: Broken| b.at(path);
+        let start = map.first_chunk::<HEADER_LEN>().copied().ok_or_else(|| {
+            fail(Broken { code: codes::MAGIC, offset: 0, what: format!("it has only {} bytes", map.len()) })
+        })?;
+        let length = Head::length(&start).map_err(fail)?;
+        let bytes = map.get(..length).ok_or_else(|| {
+            fail(Broken {
+                code: codes::FILE_LENGTH,
+                offset: map.len() as u64,
+                what: format!("it is cut short after {} bytes, within its head", map.len()),
+            })
+        })?;
+        let head = Head::parse(&bytes.to_vec()).map_err(fail)?;
+
+        let (mut depths, mut bytes) = (0, 0u64);
+        for depth in &head.depths {
+            bytes += depth.nodes * NODE_BYTES;
+            if bytes > limits.decoded_bytes || depth.block_end > map.len() as u64 {
+                break;
+            }
+            depths += 1;
+        }
+        if depths == 0 && bytes > limits.decoded_bytes {
+            return Err(Error::Limit {
+                what: format!("{}: the coarsest depth", path.display()),
+                needed: bytes,
+                allowed: limits.decoded_bytes,
+            });
+        }
+        let known: Vec<usize> = (0..head.streams.len()).filter(|&s| head.streams[s].channel().is_some()).collect();
+        let quantiser = Quantiser::of(known.iter().filter_map(|&s| {
+            let stream = &head.streams[s];
+            Some((stream.channel()?, stream.quant_max as u8))
+        }));
+        Ok(Reader {
+            path: path.to_path_buf(),
+            indices: head.sections.iter().map(|_| OnceLock::new()).collect(),
+            bytes_read: AtomicU64::new(length as u64),
+            quantiser,
+            known,
+            depths,
+            head,
+            map,
+        })
+    }
+
+    /// Everything that the head says.
+    pub fn head(&self) -> &Head {
+        &self.head
+    }
+
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Bytes of the file consumed so far.
+    pub fn bytes_read(&self) -> u64 {
+        self.bytes_read.load(Ordering::Relaxed)
+    }
+
+    /// Length of the file in bytes.
+    pub fn file_bytes(&self) -> u64 {
+        self.map.len() as u64
+    }
+
+    /// What was left out.
+    pub fn warnings(&self) -> Warnings {
+        let mut warnings = Warnings::default();
+        if self.depths < self.head.depths.len() {
+            warnings.add(format!(
+                "{}: the finest {} of {} depths are beyond the memory limit and are not opened",
+                self.path.display(),
+                self.head.depths.len() - self.depths,
+                self.head.depths.len()
+            ));
+        }
+        warnings
+    }
+
+    /// The whole texel in memory.
+    pub fn read_all(&self) -> Result<Volume> {
+        let mut depths = Vec::with_capacity(self.depths);
+        for (d, n) in self.counts().into_iter().enumerate() {
+            let pages = par::map(n.div_ceil(1 << PAGE_LOG2), |page| self.voxels(d, page));
+            let mut voxels = Vec::new();
+            for page in pages {
+                voxels.extend(page?);
+            }
+            depths.push(Depth { masks: self.masks(d)?, voxels });
+        }
+        Ok(Volume { info: self.head.info.clone(), depths })
+    }
+
+    /// `length` bytes from `offset`, copied out and counted.
+    pub(super) fn read(&self, offset: u64, length: u64) -> Result<Vec<u8>, Broken> {
+        let end = offset.checked_add(length).filter(|&end| end <= self.map.len() as u64);
+        let bytes = end.and_then(|end| self.map.get(offset as usize..end as usize)).ok_or_else(|| Broken {
+            code: codes::FILE_LENGTH,
+            offset,
+            what: "a section ends behind the file".into(),
+        })?;
+        self.bytes_read.fetch_add(length, Ordering::Relaxed);
+        Ok(bytes.to_vec())
+    }
+
+    /// Number, in the section table, of the section of `kind` at `depth` for `stream`.
+    fn section(&self, kind: SectionKind, depth: usize, stream: u8) -> Option<(usize, &SectionEntry)> {
+        let wanted = |s: &SectionEntry| s.kind == kind && usize::from(s.depth) == depth && s.stream == stream;
+        self.head.sections.iter().enumerate().find(|(_, s)| wanted(s))
+    }
+
+    fn index(&self, number: usize, section: &SectionEntry) -> Result<&[PageRef], Broken> {
+        if let Some(refs) = self.indices[number].get() {
+            return Ok(refs);
+        }
+        let bytes = self.read(section.offset, section.index_len())?;
+        let refs = page::parse_index(section, &bytes)?;
+        Ok(self.indices[number].get_or_init(|| refs))
+    }
+
+    /// One page of a section, decoded and unfiltered: `decoded` codes of at most `q_max`.
+    fn page(
+        &self,
+        section: &SectionEntry,
+        page: &PageRef,
+        decoded: usize,
+        components: usize,
+        q_max: u8,
+    ) -> Result<Vec<u8>, Broken> {
+        let offset = section.offset + page.offset;
+        let bytes = self.read(offset, page.length.into())?;
+        let mut codes = page::decode(&bytes, page.crc, section.codec, decoded, offset)?;
+        require(filter::inverse(section.filter, &mut codes, components, q_max), codes::PAGE_VALUE, offset, || {
+            format!("a page has codes above {q_max}, the most that its stream allows")
+        })?;
+        Ok(codes)
+    }
+
+    /// Codes of page `page` of stream `stream` of the file.
+    pub(super) fn stream_page(&self, depth: usize, stream: usize, page: usize) -> Result<Vec<u8>, Broken> {
+        let Some((number, section)) = self.section(SectionKind::Page, depth, stream as u8) else {
+            return Ok(Vec::new());
+        };
+        let entry = &self.head.streams[stream];
+        let (components, page_log2) = (usize::from(entry.components), self.head.header.page_log2);
+        let Some(at) = self.index(number, section)?.get(page) else { return Ok(Vec::new()) };
+        let left = self.head.depths[depth].nodes - ((page as u64) << page_log2);
+        let voxels = left.min(1 << page_log2) as usize;
+        self.page(section, at, voxels * components, components, entry.quant_max as u8)
+    }
+
+    /// Page `page` of the child masks of the nodes at `depth` − 1.
+    pub(super) fn topo_page(&self, depth: usize, page: usize) -> Result<Vec<u8>, Broken> {
+        let Some((number, section)) = self.section(SectionKind::Topo, depth, NONE) else { return Ok(Vec::new()) };
+        let refs = self.index(number, section)?;
+        let Some(at) = refs.get(page) else { return Ok(Vec::new()) };
+        let page_log2 = self.head.header.topo_page_log2;
+        let left = self.head.depths[depth - 1].nodes - ((page as u64) << page_log2);
+        let masks = self.page(section, at, left.min(1 << page_log2) as usize, 1, u8::MAX)?;
+        let children: u64 = masks.iter().map(|m| u64::from(m.count_ones())).sum();
+        let next = refs.get(page + 1).map_or(self.head.depths[depth].nodes, |next| next.first_child);
+        let first = if page == 0 { 0 } else { at.first_child };
+        require(at.first_child == first && next.checked_sub(first) == Some(children), codes::TOPOLOGY, section.offset, || {
+            format!("{children} children of page {page} at depth {} do not lead from rank {first} to {next}", depth - 1)
+        })?;
+        Ok(masks)
+    }
+
+    /// Child masks of every node at `depth`, with their sum checked against the counts.
+    fn read_masks(&self, depth: usize) -> Result<Vec<u8>, Broken> {
+        let entry = &self.head.depths[depth];
+        if depth + 1 >= self.depths {
+            return Ok(vec![0; entry.nodes as usize]);
+        }
+        let mut masks = Vec::new();
+        for page in 0..entry.nodes.div_ceil(1 << self.head.header.topo_page_log2) {
+            masks.extend(self.topo_page(depth + 1, page as usize)?);
+        }
+        let internal = masks.iter().filter(|&&m| m != 0).count() as u64;
+        require(internal == entry.internal, codes::TOPOLOGY, self.head.depths[depth + 1].block_offset, || {
+            format!("depth {depth} has {internal} nodes with children, its entry says {}", entry.internal)
+        })?;
+        Ok(masks)
+    }
+
+    /// Voxels `page << 12 ..` of `depth`, whatever the size of the file's pages.
+    fn read_voxels(&self, depth: usize, page: usize) -> Result<Vec<Voxel>, Broken> {
+        let first = page << PAGE_LOG2;
+        let count = (self.head.depths[depth].nodes as usize).saturating_sub(first).min(1 << PAGE_LOG2);
+        let mut voxels = vec![Voxel::default(); count];
+        let page_log2 = self.head.header.page_log2;
+        for (slot, &stream) in self.known.iter().enumerate() {
+            let entry = &self.head.streams[stream];
+            let components = usize::from(entry.components);
+            if entry.is_constant() {
+                voxels.iter_mut().for_each(|v| self.quantiser.put(slot, v, &entry.constant[..components]));
+                continue;
+            }
+            let mut done = 0;
+            while done < count {
+                let (file_page, skip) = ((first + done) >> page_log2, (first + done) & ((1 << page_log2) - 1));
+                let codes = self.stream_page(depth, stream, file_page)?;
+                let codes = codes.get(skip * components..).unwrap_or_default().chunks_exact(components);
+                let before = done;
+                for (v, codes) in voxels[done..].iter_mut().zip(codes) {
+                    self.quantiser.put(slot, v, codes);
+                    done += 1;
+                }
+                if done == before {
+                    break;
+                }
+            }
+        }
+        voxels.iter_mut().for_each(|v| *v = canonical(v));
+        Ok(voxels)
+    }
+}
+
+impl Pages for Reader {
+    fn info(&self) -> &Info {
+        &self.head.info
+    }
+
+    fn counts(&self) -> Vec<usize> {
+        self.head.depths[..self.depths].iter().map(|d| d.nodes as usize).collect()
+    }
+
+    fn masks(&self, depth: usize) -> Result<Vec<u8>> {
+        if depth >= self.depths {
+            return Ok(Vec::new());
+        }
+        self.read_masks(depth).map_err(|b| b.at(&self.path))
+    }
+
+    fn voxels(&self, depth: usize, page: usize) -> Result<Vec<Voxel>> {
+        if depth >= self.depths {
+            return Ok(Vec::new());
+        }
+        self.read_voxels(depth, page).map_err(|b| b.at(&self.path))
+    }
+}

@@ -1,0 +1,366 @@
+//! The channels of a voxel as streams of small integers, and how many steps each is given.
+//!
+//! A stream's code q in 0 ..= Q stands for one of the canonical codes of [`Voxel`]; `widen` is normative, `narrow` is this
+//! writer's choice of the nearest q.
+
+use crate::par;
+use crate::volume::{Channels, Sggx, Volume, Voxel};
+
+/// How finely a file holds the channels.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Quality {
+    /// Fewer steps: about two thirds of the bytes.
+    Lean,
+    /// As many steps as an image can tell.
+    #[default]
+    Full,
+}
+
+/// What a stream holds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Channel {
+    /// Rate: hits per voxel edge inside the support, log2.
+    Rate,
+    /// Square roots of the diagonal of the SGGX matrix.
+    NdfDiagonal,
+    /// Correlations of the SGGX matrix.
+    NdfCorrelation,
+    /// Block correlation c.
+    BlockCorrelation,
+    /// Support box: distances from the six faces, x lo, x hi, y lo …
+    Support,
+    /// |mean area vector| / area.
+    OneSidedness,
+    /// Direction of the mean area vector, octahedral.
+    MeanNormal,
+    /// Square root of linear albedo.
+    Albedo,
+}
+
+/// Codes of the widest channel.
+pub(super) const MAX_COMPONENTS: usize = 6;
+
+impl Channel {
+    /// Every channel, in the order of the file.
+    pub const ALL: [Channel; 8] = [
+        Channel::Rate,
+        Channel::NdfDiagonal,
+        Channel::NdfCorrelation,
+        Channel::BlockCorrelation,
+        Channel::Support,
+        Channel::OneSidedness,
+        Channel::MeanNormal,
+        Channel::Albedo,
+    ];
+
+    /// The four characters of the stream table.
+    pub fn semantic(self) -> [u8; 4] {
+        *match self {
+            Channel::Rate => b"RATE",
+            Channel::NdfDiagonal => b"NDFD",
+            Channel::NdfCorrelation => b"NDFC",
+            Channel::BlockCorrelation => b"CORR",
+            Channel::Support => b"SUPP",
+            Channel::OneSidedness => b"SIDE",
+            Channel::MeanNormal => b"MEAN",
+            Channel::Albedo => b"ALBD",
+        }
+    }
+
+    pub fn from_semantic(semantic: [u8; 4]) -> Option<Channel> {
+        Channel::ALL.into_iter().find(|c| c.semantic() == semantic)
+    }
+
+    /// The name that reports use.
+    pub fn name(self) -> &'static str {
+        match self {
+            Channel::Rate => "rate",
+            Channel::NdfDiagonal => "ndf diagonal",
+            Channel::NdfCorrelation => "ndf correlation",
+            Channel::BlockCorrelation => "block correlation",
+            Channel::Support => "support",
+            Channel::OneSidedness => "one-sidedness",
+            Channel::MeanNormal => "mean normal",
+            Channel::Albedo => "albedo",
+        }
+    }
+
+    /// Codes a voxel.
+    pub fn components(self) -> usize {
+        match self {
+            Channel::Rate | Channel::BlockCorrelation | Channel::OneSidedness => 1,
+            Channel::MeanNormal => 2,
+            Channel::NdfDiagonal | Channel::NdfCorrelation | Channel::Albedo => 3,
+            Channel::Support => 6,
+        }
+    }
+
+    /// Largest code that this writer uses.
+    pub(super) fn quant_max(self, quality: Quality) -> u8 {
+        let (full, lean) = match self {
+            Channel::Rate => (255, 128),
+            Channel::NdfDiagonal => (63, 31),
+            Channel::NdfCorrelation => (30, 14),
+            Channel::BlockCorrelation => (15, 15),
+            Channel::Support => (15, 7),
+            Channel::OneSidedness => (15, 7),
+            Channel::MeanNormal => (63, 31),
+            Channel::Albedo => (127, 63),
+        };
+        if quality == Quality::Full { full } else { lean }
+    }
+
+    /// Whether Q may be the largest code of this channel's streams.
+    pub(super) fn allows(self, q_max: u16) -> bool {
+        match self {
+            Channel::Rate => (2..=255).contains(&q_max),
+            Channel::NdfCorrelation => (2..=254).contains(&q_max) && q_max % 2 == 0,
+            Channel::Support => [1, 3, 7, 15].contains(&q_max),
+            Channel::BlockCorrelation | Channel::OneSidedness => (1..=15).contains(&q_max),
+            Channel::NdfDiagonal | Channel::MeanNormal | Channel::Albedo => (1..=255).contains(&q_max),
+        }
+    }
+
+    /// The canonical code that `q` in 0 ..= `q_max` stands for.
+    pub(super) fn widen(self, q: u8, q_max: u8) -> u8 {
+        let (q, m) = (u32::from(q.min(q_max)), u32::from(q_max));
+        // round(a · q / b), halves up.
+        let scale = |a: u32, q: u32, b: u32| (2 * a * q + b) / (2 * b);
+        let code = match self {
+            Channel::Rate if q == 0 => 0,
+            Channel::Rate => 1 + scale(254, q - 1, m - 1),
+            Channel::NdfCorrelation if 2 * q < m => 128 - scale(127, m / 2 - q, m / 2),
+            Channel::NdfCorrelation => 128 + scale(127, q - m / 2, m / 2),
+            Channel::Support => q * (16 / (m + 1)),
+            Channel::BlockCorrelation | Channel::OneSidedness => scale(15, q, m),
+            Channel::NdfDiagonal | Channel::MeanNormal | Channel::Albedo => scale(255, q, m),
+        };
+        code as u8
+    }
+
+    /// The `q` that stands best for a canonical code: the nearest, the lower of two; for the support the one that
+    /// rounds outward; for the rate never 0 where there is matter.
+    pub(super) fn narrow(self, code: u8, q_max: u8) -> u8 {
+        let distance = |q: u8| {
+            let wide = self.widen(q, q_max);
+            match self {
+                Channel::Support if wide > code => u8::MAX,
+                Channel::Rate if (q == 0) != (code == 0) => u8::MAX,
+                _ => wide.abs_diff(code),
+            }
+        };
+        (0..=q_max).min_by_key(|&q| distance(q)).unwrap_or(0)
+    }
+
+    /// Largest difference between a value that is encoded and the one that is decoded, canonical rounding included. The unit
+    /// is that of the decode equation: log2 of the rate, voxel edges of the support, linear albedo, else the number itself.
+    pub(super) fn max_abs_error(self, q_max: u8) -> f32 {
+        let value = |code: u8| match self {
+            Channel::Rate => f64::from(code) / 16.0,
+            Channel::NdfDiagonal => f64::from(code) / 255.0,
+            Channel::NdfCorrelation => (f64::from(code) - 128.0) / 127.0,
+            Channel::BlockCorrelation | Channel::OneSidedness => f64::from(code) / 15.0,
+            Channel::Support => f64::from(code) / 16.0,
+            Channel::MeanNormal => f64::from(code) / 127.5,
+            Channel::Albedo => f64::from(code) / 255.0 * f64::from(code) / 255.0,
+        };
+        let (first, last) = match self {
+            Channel::Rate | Channel::NdfCorrelation => (1, 255),
+            Channel::Support | Channel::BlockCorrelation | Channel::OneSidedness => (0, 15),
+            _ => (0, 255),
+        };
+        // The outward rounding of the canonical support loses up to a whole step, the others half of one.
+        let step = (value(last) - value(last - 1)) * if self == Channel::Support { 1.0 } else { 0.5 };
+        let narrowed = |code| (value(code) - value(self.widen(self.narrow(code, q_max), q_max))).abs();
+        (step + (first..=last).map(narrowed).fold(0.0, f64::max)) as f32
+    }
+
+    /// Copy this channel's canonical codes out of a voxel.
+    pub(super) fn get(self, v: &Voxel, out: &mut [u8; MAX_COMPONENTS]) {
+        match self {
+            Channel::Rate => out[0] = v.rate,
+            Channel::NdfDiagonal => out[..3].copy_from_slice(&v.ndf[..3]),
+            Channel::NdfCorrelation => out[..3].copy_from_slice(&v.ndf[3..]),
+            Channel::BlockCorrelation => out[0] = v.correlation & 15,
+            Channel::Support => {
+                for k in 0..3 {
+                    out[2 * k] = v.support[k] & 15;
+                    out[2 * k + 1] = v.support[k] >> 4;
+                }
+            }
+            Channel::OneSidedness => out[0] = v.correlation >> 4,
+            Channel::MeanNormal => out[..2].copy_from_slice(&v.mean_normal),
+            Channel::Albedo => out[..3].copy_from_slice(&v.albedo),
+        }
+    }
+
+    fn canonical_codes(self, v: &Voxel) -> [u8; MAX_COMPONENTS] {
+        let mut out = [0; MAX_COMPONENTS];
+        self.get(v, &mut out);
+        out
+    }
+
+    /// Put canonical codes into a voxel.
+    #[inline]
+    pub(super) fn set(self, v: &mut Voxel, codes: &[u8; MAX_COMPONENTS]) {
+        match self {
+            Channel::Rate => v.rate = codes[0],
+            Channel::NdfDiagonal => v.ndf[..3].copy_from_slice(&codes[..3]),
+            Channel::NdfCorrelation => v.ndf[3..].copy_from_slice(&codes[..3]),
+            Channel::BlockCorrelation => v.correlation = v.correlation & 0xf0 | codes[0] & 15,
+            Channel::Support => {
+                for k in 0..3 {
+                    let lo = codes[2 * k] & 15;
+                    v.support[k] = lo | codes[2 * k + 1].min(15 - lo) << 4;
+                }
+            }
+            Channel::OneSidedness => v.correlation = v.correlation & 15 | codes[0] << 4,
+            Channel::MeanNormal => v.mean_normal.copy_from_slice(&codes[..2]),
+            Channel::Albedo => v.albedo.copy_from_slice(&codes[..3]),
+        }
+    }
+}
+
+/// The voxel with one code for each meaning: without matter nothing else is kept, a correlation with an axis of no
+/// projected area is 0, and a mean normal without one-sidedness is the default.
+pub(super) fn canonical(v: &Voxel) -> Voxel {
+    if v.rate == 0 {
+        return Voxel::default();
+    }
+    let mut v = *v;
+    for (slot, axes) in [(3, [0, 1]), (4, [0, 2]), (5, [1, 2])] {
+        v.ndf[slot] = v.ndf[slot].max(1);
+        if axes.iter().any(|&a| v.ndf[a] == 0) {
+            v.ndf[slot] = 128;
+        }
+    }
+    if v.ndf[..3] == [0; 3] {
+        v.ndf = Sggx::ISOTROPIC.encode();
+    }
+    if v.correlation >> 4 == 0 {
+        v.mean_normal = Voxel::default().mean_normal;
+    }
+    v
+}
+
+/// The streams that a file has, and the tables between its codes and canonical ones.
+pub(super) struct Quantiser {
+    streams: Vec<(Channel, u8, Box<Tables>)>,
+}
+
+struct Tables {
+    narrow: [u8; 256],
+    widen: [u8; 256],
+}
+
+impl Quantiser {
+    pub fn new(channels: &Channels, quality: Quality) -> Quantiser {
+        let has = |c: Channel| match c {
+            Channel::Rate | Channel::NdfDiagonal | Channel::NdfCorrelation => true,
+            Channel::BlockCorrelation => channels.correlation,
+            Channel::Support => channels.support,
+            Channel::OneSidedness | Channel::MeanNormal => channels.mean_normal,
+            Channel::Albedo => channels.albedo,
+        };
+        Quantiser::of(Channel::ALL.into_iter().filter(|&c| has(c)).map(|c| (c, c.quant_max(quality))))
+    }
+
+    /// For given channels and largest codes.
+    pub fn of(streams: impl Iterator<Item = (Channel, u8)>) -> Quantiser {
+        let tables = |c: Channel, q_max: u8| {
+            Box::new(Tables {
+                narrow: std::array::from_fn(|code| c.narrow(code as u8, q_max)),
+                widen: std::array::from_fn(|q| c.widen(q as u8, q_max)),
+            })
+        };
+        Quantiser { streams: streams.map(|(c, q_max)| (c, q_max, tables(c, q_max))).collect() }
+    }
+
+    pub fn channels(&self) -> impl Iterator<Item = Channel> {
+        self.streams.iter().map(|(c, ..)| *c)
+    }
+
+    pub fn q_max(&self, channel: Channel) -> u8 {
+        self.streams.iter().find(|(c, ..)| *c == channel).map_or(0, |(_, q_max, _)| *q_max)
+    }
+
+    /// The voxel that a reader will see in place of `v`.
+    pub fn quantise(&self, v: &Voxel) -> Voxel {
+        let v = canonical(v);
+        let mut out = Voxel::default();
+        let mut codes = [0; MAX_COMPONENTS];
+        for (channel, _, tables) in &self.streams {
+            channel.get(&v, &mut codes);
+            codes = codes.map(|c| tables.widen[usize::from(tables.narrow[usize::from(c)])]);
+            channel.set(&mut out, &codes);
+        }
+        if out.support != v.support && self.q_max(Channel::Support) > 0 {
+            // The matter of the smaller box, spread over the larger one.
+            let rate = f64::from(v.rate) + 16.0 * libm::log2(volume(&v) / volume(&out));
+            codes[0] = rate.round().clamp(1.0, 255.0) as u8;
+            let tables = self.streams.iter().find(|(c, ..)| *c == Channel::Rate).map(|(_, _, tables)| tables);
+            out.rate = tables.map_or(codes[0], |t| t.widen[usize::from(t.narrow[usize::from(codes[0])])]);
+        }
+        canonical(&out)
+    }
+
+    /// Stream `s` of voxels that [`Quantiser::quantise`] made.
+    pub fn codes(&self, s: usize, voxels: &[Voxel]) -> Vec<u8> {
+        let Some((channel, _, tables)) = self.streams.get(s) else { return Vec::new() };
+        let n = channel.components();
+        let mut out = vec![0; voxels.len() * n];
+        let mut codes = [0; MAX_COMPONENTS];
+        for (v, slot) in voxels.iter().zip(out.chunks_exact_mut(n)) {
+            channel.get(v, &mut codes);
+            slot.iter_mut().zip(codes).for_each(|(q, c)| *q = tables.narrow[usize::from(c)]);
+        }
+        out
+    }
+
+    /// The codes of each stream that has the same ones in every voxel of every depth.
+    pub fn constants(&self, volume: &Volume) -> Vec<Option<[u8; MAX_COMPONENTS]>> {
+        const RUN: usize = 1 << 14;
+        let first = volume.depths.iter().flat_map(|d| d.voxels.first()).next().copied().unwrap_or_default();
+        let first = self.quantise(&first);
+        let mut constant = vec![true; self.streams.len()];
+        for depth in &volume.depths {
+            let runs: Vec<&[Voxel]> = depth.voxels.chunks(RUN).collect();
+            let same = par::map(runs.len(), |i| {
+                let mut same = constant.clone();
+                for v in runs[i] {
+                    let v = self.quantise(v);
+                    for (same, (channel, ..)) in same.iter_mut().zip(&self.streams) {
+                        *same &= channel.canonical_codes(&v) == channel.canonical_codes(&first);
+                    }
+                    if !same.contains(&true) {
+                        break;
+                    }
+                }
+                same
+            });
+            same.into_iter().for_each(|same| constant.iter_mut().zip(same).for_each(|(all, same)| *all &= same));
+        }
+        let codes = |(s, constant): (usize, bool)| {
+            constant.then(|| {
+                let mut out = [0; MAX_COMPONENTS];
+                self.codes(s, &[first]).iter().zip(&mut out).for_each(|(&q, slot)| *slot = q);
+                out
+            })
+        };
+        constant.into_iter().enumerate().map(codes).collect()
+    }
+
+    /// Put the codes of stream `s`, `codes` a voxel's, into a voxel.
+    #[inline]
+    pub fn put(&self, s: usize, v: &mut Voxel, codes: &[u8]) {
+        let Some((channel, _, tables)) = self.streams.get(s) else { return };
+        let mut wide = [0; MAX_COMPONENTS];
+        wide.iter_mut().zip(codes).for_each(|(w, &q)| *w = tables.widen[usize::from(q)]);
+        channel.set(v, &wide);
+    }
+}
+
+/// Volume of the support box in sixteenths cubed.
+fn volume(v: &Voxel) -> f64 {
+    v.support.iter().map(|b| 16.0 - f64::from(b & 15) - f64::from(b >> 4)).product::<f64>().max(1.0)
+}
