@@ -62,7 +62,10 @@ fn check(reader: &Reader) -> Result<Report, Broken> {
                 digest.update(&masks);
             }
             require(internal == head.depths[above].internal, codes::TOPOLOGY, depth.block_offset, || {
-                format!("depth {above} has {internal} nodes with children, its entry says {}", head.depths[above].internal)
+                format!(
+                    "depth {above} has {internal} nodes with children, its entry says {}",
+                    head.depths[above].internal
+                )
             })?;
         }
         for (s, stream) in head.streams.iter().enumerate() {

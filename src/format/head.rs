@@ -69,9 +69,7 @@ impl Head {
             streams.push(stream);
         }
         let id = content_id(&header, &depths, &streams);
-        require(id == header.content_id, codes::CONTENT_ID, 112, || {
-            "the content id is not that of the tables".into()
-        })?;
+        require(id == header.content_id, codes::CONTENT_ID, 112, || "the content id is not that of the tables".into())?;
         let sections: Vec<_> =
             records(section_at, SECTION_LEN, header.sections.into()).map(|(_, b)| SectionEntry::parse(b)).collect();
         let mut head = Head { header, depths, streams, sections, info: meta::blank_info(), meta: Vec::new() };
@@ -121,9 +119,17 @@ impl Head {
             })?;
             match expected.get(i) {
                 Some(&(kind, depth, stream)) => {
-                    require((section.kind, section.depth, section.stream) == (kind, depth, stream), codes::SECTION_ORDER, at, || {
-                        format!("section {i} is {:?} of depth {} and stream {}, not {kind:?} of {depth} and {stream}", section.kind, section.depth, section.stream)
-                    })?;
+                    require(
+                        (section.kind, section.depth, section.stream) == (kind, depth, stream),
+                        codes::SECTION_ORDER,
+                        at,
+                        || {
+                            format!(
+                                "section {i} is {:?} of depth {} and stream {}, not {kind:?} of {depth} and {stream}",
+                                section.kind, section.depth, section.stream
+                            )
+                        },
+                    )?;
                     self.check_size(section, at)?;
                 }
                 None => {
@@ -301,9 +307,12 @@ impl Header {
 
 impl StreamEntry {
     fn check(&self, earlier: &[StreamEntry], at: u64) -> Result<(), Broken> {
-        require(self.reserved == 0 && self.reserved_tail == [0; 8] && self.flags & !7 == 0, codes::RESERVED, at, || {
-            "reserved bits of a stream are set".into()
-        })?;
+        require(
+            self.reserved == 0 && self.reserved_tail == [0; 8] && self.flags & !7 == 0,
+            codes::RESERVED,
+            at,
+            || "reserved bits of a stream are set".into(),
+        )?;
         let name = String::from_utf8_lossy(&self.semantic).into_owned();
         let known = self.channel();
         require(known.is_some() || self.flags & Self::CRITICAL == 0, codes::STREAM_CRITICAL, at, || {
@@ -315,9 +324,11 @@ impl StreamEntry {
             && (1..=255).contains(&self.quant_max)
             && known.is_none_or(|c| c.components() == used && c.allows(self.quant_max));
         let error = self.max_abs_error.is_finite() && self.max_abs_error >= 0.0;
-        let constant = self.constant.iter().enumerate().all(|(k, &c)| {
-            if self.is_constant() && k < used { u16::from(c) <= self.quant_max } else { c == 0 }
-        });
+        let constant = self
+            .constant
+            .iter()
+            .enumerate()
+            .all(|(k, &c)| if self.is_constant() && k < used { u16::from(c) <= self.quant_max } else { c == 0 });
         let single = earlier.iter().all(|e| e.semantic != self.semantic);
         require(shape && error && constant && single, codes::STREAM, at, || {
             format!("the entry of the stream {name:?} breaks its rules, or is there twice")

@@ -140,13 +140,7 @@ pub struct DepthEntry {
 impl DepthEntry {
     pub fn parse(bytes: &[u8]) -> DepthEntry {
         let mut f = Fields::new(bytes);
-        DepthEntry {
-            nodes: f.u64(),
-            internal: f.u64(),
-            block_offset: f.u64(),
-            block_end: f.u64(),
-            digest: f.take(),
-        }
+        DepthEntry { nodes: f.u64(), internal: f.u64(), block_offset: f.u64(), block_end: f.u64(), digest: f.take() }
     }
 
     pub fn put(&self, out: &mut Vec<u8>) {

@@ -31,11 +31,7 @@ pub fn encode(info: &Info) -> Result<Vec<u8>> {
     let mut out = String::new();
     put(&all, &mut out);
     if out.len() > head::MAX_META {
-        return Err(Error::Limit {
-            what: "META".into(),
-            needed: out.len() as u64,
-            allowed: head::MAX_META as u64,
-        });
+        return Err(Error::Limit { what: "META".into(), needed: out.len() as u64, allowed: head::MAX_META as u64 });
     }
     Ok(out.into_bytes())
 }
@@ -194,7 +190,8 @@ mod tests {
             put_number(v, &mut out);
             assert_eq!(out, text);
         }
-        let value: Value = serde_json::from_str(r#"{"\ufb33":1,"\ud83d\ude02":[true,null],"a":"\u0008\n\u001f\"€"}"#).unwrap();
+        let value: Value =
+            serde_json::from_str(r#"{"\ufb33":1,"\ud83d\ude02":[true,null],"a":"\u0008\n\u001f\"€"}"#).unwrap();
         let mut out = String::new();
         put(&value, &mut out);
         assert_eq!(out, "{\"a\":\"\\b\\n\\u001f\\\"€\",\"\u{1f602}\":[true,null],\"\u{fb33}\":1}");

@@ -225,9 +225,17 @@ impl Reader {
         let children: u64 = masks.iter().map(|m| u64::from(m.count_ones())).sum();
         let next = refs.get(page + 1).map_or(self.head.depths[depth].nodes, |next| next.first_child);
         let first = if page == 0 { 0 } else { at.first_child };
-        require(at.first_child == first && next.checked_sub(first) == Some(children), codes::TOPOLOGY, section.offset, || {
-            format!("{children} children of page {page} at depth {} do not lead from rank {first} to {next}", depth - 1)
-        })?;
+        require(
+            at.first_child == first && next.checked_sub(first) == Some(children),
+            codes::TOPOLOGY,
+            section.offset,
+            || {
+                format!(
+                    "{children} children of page {page} at depth {} do not lead from rank {first} to {next}",
+                    depth - 1
+                )
+            },
+        )?;
         Ok(masks)
     }
 

@@ -123,7 +123,10 @@ fn an_empty_texel_and_a_lone_terminal_root() {
     for volume in [
         Volume { info: info(ALL_CHANNELS), depths: vec![] },
         Volume { info: info(ALL_CHANNELS), depths: vec![Depth::default()] },
-        Volume { info: info(ALL_CHANNELS), depths: vec![Depth { masks: vec![0], voxels: vec![Dice(1).voxel()] }, Depth::default()] },
+        Volume {
+            info: info(ALL_CHANNELS),
+            depths: vec![Depth { masks: vec![0], voxels: vec![Dice(1).voxel()] }, Depth::default()],
+        },
     ] {
         let (_dir, path) = written(&volume, Quality::Full);
         verify(&path).unwrap();

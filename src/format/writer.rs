@@ -212,7 +212,8 @@ fn topo_section(masks: &[u8], depth: u8, level: i32) -> (SectionEntry, Vec<u8>) 
 /// Codes of one depth and stream as a section, to be placed.
 fn page_section(codes: &[u8], components: usize, q_max: u8, level: i32) -> (SectionEntry, Vec<u8>) {
     let pages: Vec<&[u8]> = codes.chunks(components << PAGE_LOG2).collect();
-    let trials: Vec<usize> = (0..pages.len().min(TRIAL_PAGES)).map(|i| i * pages.len() / pages.len().min(TRIAL_PAGES)).collect();
+    let trials: Vec<usize> =
+        (0..pages.len().min(TRIAL_PAGES)).map(|i| i * pages.len() / pages.len().min(TRIAL_PAGES)).collect();
     let tried = par::map(trials.len() * usize::from(filter::COUNT), |i| {
         let (page, filter) = (pages[trials[i / usize::from(filter::COUNT)]], (i % usize::from(filter::COUNT)) as u8);
         Compressor::new(TRIAL_LEVEL.min(level)).page(filter::forward(filter, page, components, q_max)).len()
