@@ -68,14 +68,14 @@ impl Reader {
             fail(Broken { code: codes::MAGIC, offset: 0, what: format!("it has only {} bytes", map.len()) })
         })?;
         let length = Head::length(&start).map_err(fail)?;
-        let bytes = map.get(..length).ok_or_else(|| {
+        let bytes = map.get(..length).map(<[u8]>::to_vec).ok_or_else(|| {
             fail(Broken {
                 code: codes::FILE_LENGTH,
                 offset: map.len() as u64,
                 what: format!("it is cut short after {} bytes, within its head", map.len()),
             })
         })?;
-        let head = Head::parse(&bytes.to_vec()).map_err(fail)?;
+        let head = Head::parse(&bytes).map_err(fail)?;
 
         let (mut depths, mut bytes) = (0, 0u64);
         for depth in &head.depths {

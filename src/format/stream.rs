@@ -114,7 +114,7 @@ impl Channel {
     pub(super) fn allows(self, q_max: u16) -> bool {
         match self {
             Channel::Rate => (2..=255).contains(&q_max),
-            Channel::NdfCorrelation => (2..=254).contains(&q_max) && q_max % 2 == 0,
+            Channel::NdfCorrelation => (2..=254).contains(&q_max) && q_max.is_multiple_of(2),
             Channel::Support => [1, 3, 7, 15].contains(&q_max),
             Channel::BlockCorrelation | Channel::OneSidedness => (1..=15).contains(&q_max),
             Channel::NdfDiagonal | Channel::MeanNormal | Channel::Albedo => (1..=255).contains(&q_max),
