@@ -1,1 +1,8 @@
 //! Scene → film.
+
+mod descent;
+pub mod march;
+pub mod shade;
+pub mod vndf;
+
+pub use march::{DepthChoice, Hit, MarchStats, Sink, Stretch, march, transmittance};

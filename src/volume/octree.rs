@@ -82,6 +82,9 @@ pub struct Place {
 const SELF_TERMINAL: u32 = u32::MAX;
 
 impl Block {
+    /// No occupied cell.
+    pub const EMPTY: Block = Block { mask: 0, terminal: 0, first: 0, child: 0 };
+
     /// Rank of the occupied, non-terminal `cell`, in the depth two below the block's node.
     #[inline]
     pub fn rank(&self, cell: u32) -> u32 {
