@@ -204,7 +204,7 @@ pub(super) fn walk(tree: &Octree, line: &Line, depth: u32, [s0, s1, turn]: [f32;
         };
         visit.stepped(1);
         // To the first of the planes that end the cube of 2^size cells.
-        let high = x.map(|v| (v >> size) + 1 << size);
+        let high = x.map(|v| ((v >> size) + 1) << size);
         let next = planes.meet(Vec3A::from_array(high.map(|v| v as f32)));
         let leave = next.min_element();
         if leave >= s1 || leave.is_nan() {

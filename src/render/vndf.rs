@@ -78,9 +78,9 @@ impl Normals {
     pub fn one_sided(&self, mean: Vec3, one_sidedness: f32) -> Weights {
         let mut cosine = [0.0; POINTS];
         let mut square = 0.0;
-        for i in 0..POINTS {
-            cosine[i] = self.x[i] * mean.x + self.y[i] * mean.y + self.z[i] * mean.z;
-            square += cosine[i] * cosine[i] * (1.0 / POINTS as f32);
+        for (i, cosine) in cosine.iter_mut().enumerate() {
+            *cosine = self.x[i] * mean.x + self.y[i] * mean.y + self.z[i] * mean.z;
+            square += *cosine * *cosine * (1.0 / POINTS as f32);
         }
         // No narrower than a half-space: at k = 1/|cosine| one side is gone.
         let k = one_sidedness / square.max(0.05);
