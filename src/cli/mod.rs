@@ -2,6 +2,8 @@
 //!
 //! Exit codes: 0 done, 1 failed, 2 the command line was wrong.
 
+#[cfg(feature = "render")]
+mod compare;
 mod ui;
 
 use std::process::ExitCode;
@@ -33,6 +35,9 @@ struct Global {
 /// One variant and one line in `run` a command; each command's file holds its `Args` and `run(&Args, &Ui) -> Result<()>`.
 #[derive(Subcommand)]
 enum Command {
+    /// Measure how far a picture is from a reference: RMSE, relMSE, PSNR, FLIP, bias, covered area
+    #[cfg(feature = "render")]
+    Compare(compare::Args),
     /// Print the completion script of a shell
     Completions { shell: clap_complete::Shell },
 }
@@ -43,8 +48,10 @@ pub fn vtex() -> ExitCode {
     report(&Ui::new(cli.global.quiet, cli.global.strict), |ui| run(cli.command, ui))
 }
 
-fn run(command: Command, _ui: &Ui) -> crate::Result<()> {
+fn run(command: Command, ui: &Ui) -> crate::Result<()> {
     match command {
+        #[cfg(feature = "render")]
+        Command::Compare(args) => compare::run(&args, ui),
         Command::Completions { shell } => {
             clap_complete::generate(shell, &mut Vtex::command(), "vtex", &mut std::io::stdout());
             Ok(())

@@ -1,5 +1,7 @@
 //! Scene → film.
 
+pub mod image_io;
+pub mod metrics;
 mod descent;
 pub mod march;
 pub mod shade;

@@ -1,0 +1,115 @@
+//! `vtex compare`: a picture against a reference.
+
+use std::path::PathBuf;
+
+use super::Ui;
+use crate::render::image_io::{self, srgb_decode};
+use crate::render::metrics::{self, Comparison, Measures, flip, picture};
+use crate::{Result, Warnings};
+
+#[derive(clap::Args)]
+pub struct Args {
+    /// The picture: .png (sRGB) or .exr (linear)
+    a: PathBuf,
+    /// The reference, of the same size
+    b: PathBuf,
+    /// Write the FLIP error in false colour (magma)
+    #[arg(long, value_name = "PNG")]
+    map: Option<PathBuf>,
+    /// Write A, B and the error map side by side
+    #[arg(long, value_name = "PNG")]
+    sheet: Option<PathBuf>,
+    /// Linear colour that pictures without alpha have where nothing is covered; measures what is covered apart
+    #[arg(long, value_name = "R,G,B", value_parser = parse_colour)]
+    background: Option<[f32; 3]>,
+    /// Pixels per degree of visual angle, 1 to 1000
+    #[arg(long, default_value_t = flip::DEFAULT_PPD, hide_default_value = true)]
+    ppd: f64,
+    /// Print JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// `r,g,b`, or `#rrggbb` in sRGB, as linear values.
+fn parse_colour(text: &str) -> std::result::Result<[f32; 3], String> {
+    const WANTED: &str = "wanted r,g,b (linear) or #rrggbb (sRGB)";
+    if let Some(hex) = text.strip_prefix('#') {
+        if hex.len() != 6 || hex.starts_with('+') {
+            return Err(WANTED.into());
+        }
+        let code = u32::from_str_radix(hex, 16).map_err(|_| WANTED)?;
+        return Ok([16, 8, 0].map(|shift| srgb_decode((code >> shift & 0xff) as f32 / 255.0)));
+    }
+    let parts: Vec<f32> = text.split(',').map_while(|c| c.trim().parse().ok()).collect();
+    match parts[..] {
+        [r, g, b] if text.matches(',').count() == 2 && parts.iter().all(|c| c.is_finite()) => Ok([r, g, b]),
+        _ => Err(WANTED.into()),
+    }
+}
+
+pub fn run(args: &Args, ui: &Ui) -> Result<()> {
+    let (a, b) = (image_io::read(&args.a)?, image_io::read(&args.b)?);
+    let comparison = metrics::compare(&a, &b, &metrics::Options { ppd: args.ppd, background: args.background })?;
+    let mut warnings = Warnings::default();
+    for (path, n) in [&args.a, &args.b].into_iter().zip(comparison.not_finite) {
+        warnings.add_many(format!("{}: a pixel is not a finite number; taken for black", path.display()), n);
+    }
+    let errors = picture::false_colour(&comparison.flip_map);
+    if let Some(path) = &args.map {
+        image_io::write_png(path, a.width, a.height, &errors)?;
+    }
+    if let Some(path) = &args.sheet {
+        let (shown_a, shown_b) = (picture::display(&a), picture::display(&b));
+        let (columns, sheet) = picture::side_by_side(a.width, &[&shown_a, &shown_b, &errors]);
+        image_io::write_png(path, columns, a.height, &sheet)?;
+    }
+    if args.json {
+        println!("{:#}", serde_json::json!(comparison));
+    } else {
+        println!("{} against {}, {}×{}", args.a.display(), args.b.display(), a.width, a.height);
+        print!("{}", table(&comparison));
+    }
+    ui.warn(&warnings)
+}
+
+/// One line a measure, one column a set of pixels.
+fn table(c: &Comparison) -> String {
+    let sets: Vec<&Measures> = std::iter::once(&c.all).chain(&c.covered).collect();
+    let line = |name: &str, cell: &dyn Fn(&Measures) -> String| {
+        let cells: String = sets.iter().map(|set| format!("{:>20}", cell(set))).collect();
+        format!("{name:18}{cells}\n")
+    };
+    let heads = ["all pixels", "covered pixels"];
+    let mut text = format!("{:18}", "");
+    text.extend(heads.iter().take(sets.len()).map(|head| format!("{head:>20}")));
+    text.push('\n');
+    text += &line("pixels", &|m| m.pixels.to_string());
+    text += &line("RMSE", &|m| format!("{:.6}", m.rmse));
+    text += &line("relMSE", &|m| format!("{:.6}", m.rel_mse));
+    text += &line("PSNR", &|m| format!("{:.2} dB", m.psnr));
+    text += &line("PSNR of sRGB", &|m| format!("{:.2} dB", m.psnr_srgb));
+    text += &line("FLIP", &|m| format!("{:.5}", m.flip));
+    text += &line("bias of luminance", &|m| match m.relative_bias {
+        Some(relative) => format!("{:+.5} ({:+.2} %)", m.bias, 100.0 * relative),
+        None => format!("{:+.5}", m.bias),
+    });
+    if let Some(area) = c.area {
+        let ratio = area.ratio.map_or(String::new(), |r| format!(", ratio {r:.4}"));
+        text += &format!("covered area      {:.4} against {:.4}{ratio}\n", area.a, area.b);
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn colours_are_linear_triples_or_srgb_codes() {
+        assert_eq!(parse_colour("0,0.5, 2"), Ok([0.0, 0.5, 2.0]));
+        assert_eq!(parse_colour("#ff0000"), Ok([1.0, 0.0, 0.0]));
+        for bad in ["", "1,2", "1,2,3,4", "1,x,3", "nan,0,0", "#12345", "#1234567", "#+12345"] {
+            assert!(parse_colour(bad).is_err(), "{bad}");
+        }
+    }
+}

@@ -1,0 +1,248 @@
+//! Pictures as plain data, read from PNG and EXR files, written as PNG.
+
+use std::fs::File;
+use std::io::{BufWriter, Cursor};
+use std::path::Path;
+
+use exr::prelude::{ReadChannels, ReadLayers};
+
+use crate::{Error, Result};
+
+/// Pictures of more pixels than this are refused: 2^28, a 16 K square.
+pub const MAX_PIXELS: u64 = 1 << 28;
+
+/// A picture in linear Rec. 709, colour premultiplied by alpha; row 0 is the top.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Image {
+    pub width: usize,
+    pub height: usize,
+    /// `width * height` pixels, row by row; alpha is the share of the pixel that is covered, 1 where the file has none.
+    pub rgba: Vec<[f32; 4]>,
+}
+
+impl Image {
+    /// The picture whose pixel (x, y) is `f(x, y)`.
+    pub fn from_fn(width: usize, height: usize, f: impl Fn(usize, usize) -> [f32; 4]) -> Self {
+        Image { width, height, rgba: (0..width * height).map(|i| f(i % width, i / width)).collect() }
+    }
+
+    /// Whether any pixel is less than wholly covered.
+    pub fn has_alpha(&self) -> bool {
+        self.rgba.iter().any(|p| p[3] < 1.0)
+    }
+}
+
+/// Linear → sRGB transfer curve (IEC 61966-2-1); values outside [0, 1] are clamped, NaN becomes 0.
+pub fn srgb_encode(linear: f32) -> f32 {
+    let c = linear.max(0.0).min(1.0);
+    if c <= 0.003_130_8 { 12.92 * c } else { 1.055 * libm::powf(c, 1.0 / 2.4) - 0.055 }
+}
+
+/// sRGB → linear transfer curve (IEC 61966-2-1) of a value in [0, 1].
+pub fn srgb_decode(encoded: f32) -> f32 {
+    if encoded <= 0.040_45 { encoded / 12.92 } else { libm::powf((encoded + 0.055) / 1.055, 2.4) }
+}
+
+/// Linear → 8-bit sRGB, rounded to the nearest.
+pub fn srgb8(linear: f32) -> u8 {
+    (255.0 * srgb_encode(linear)).round() as u8
+}
+
+/// Read a `.png` (sRGB, 8 or 16 bit, straight alpha) or an `.exr` (linear; channels R G B or Y, and A) picture.
+///
+/// # Errors
+/// `Io` where the file cannot be read, `Unsupported` for another ending or pixel layout, `Input` where the data are
+/// broken, `Limit` beyond [`MAX_PIXELS`].
+pub fn read(path: &Path) -> Result<Image> {
+    match path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase).as_deref() {
+        Some("png") => read_png(path),
+        Some("exr") => read_exr(path),
+        _ => Err(Error::unsupported(path, "a picture that ends neither in .png nor in .exr")),
+    }
+}
+
+/// The size that a header claims, against [`MAX_PIXELS`] and the length of the file: deflate, the densest coding there
+/// is in both formats, gives at most 1032 bytes a byte, and a byte at most 8 pixels.
+fn check_size(path: &Path, width: u64, height: u64, file_bytes: u64) -> Result<()> {
+    let pixels = width.saturating_mul(height);
+    if pixels == 0 {
+        return Err(Error::input(path, "", "the picture has no pixels"));
+    }
+    if pixels / (8 * 1032) > file_bytes {
+        return Err(Error::input(path, "", format!("the file is too short for {width}×{height} pixels")));
+    }
+    if pixels > MAX_PIXELS {
+        return Err(Error::Limit { what: format!("{}: pixels", path.display()), needed: pixels, allowed: MAX_PIXELS });
+    }
+    Ok(())
+}
+
+fn read_png(path: &Path) -> Result<Image> {
+    use image::{DynamicImage, ImageDecoder, codecs::png::PngDecoder};
+    let broken = |e: image::ImageError| Error::input(path, "", format!("cannot be read as a PNG: {e}"));
+    let bytes = std::fs::read(path).map_err(|e| Error::io(path, e))?;
+    let decoder = PngDecoder::new(Cursor::new(&bytes)).map_err(broken)?;
+    let (width, height) = decoder.dimensions();
+    check_size(path, width.into(), height.into(), bytes.len() as u64)?;
+    let decoded = DynamicImage::from_decoder(decoder).map_err(broken)?;
+    let premultiply = |[r, g, b, a]: [f32; 4]| [r * a, g * a, b * a, a];
+    let deep = matches!(
+        decoded,
+        DynamicImage::ImageLuma16(_)
+            | DynamicImage::ImageLumaA16(_)
+            | DynamicImage::ImageRgb16(_)
+            | DynamicImage::ImageRgba16(_)
+    );
+    let rgba = if deep {
+        let decode = |c: u16| srgb_decode(f32::from(c) / 65535.0);
+        let pixels = decoded.into_rgba16();
+        let pixel = |p: &image::Rgba<u16>| [decode(p[0]), decode(p[1]), decode(p[2]), f32::from(p[3]) / 65535.0];
+        pixels.pixels().map(|p| premultiply(pixel(p))).collect()
+    } else {
+        let table: [f32; 256] = std::array::from_fn(|c| srgb_decode(c as f32 / 255.0));
+        let decode = |c: u8| table[usize::from(c)];
+        let pixels = decoded.into_rgba8();
+        let pixel = |p: &image::Rgba<u8>| [decode(p[0]), decode(p[1]), decode(p[2]), f32::from(p[3]) / 255.0];
+        pixels.pixels().map(|p| premultiply(pixel(p))).collect()
+    };
+    Ok(Image { width: width as usize, height: height as usize, rgba })
+}
+
+fn read_exr(path: &Path) -> Result<Image> {
+    let broken = |e: exr::error::Error| match e {
+        exr::error::Error::NotSupported(e) => Error::unsupported(path, e.into_owned()),
+        e => Error::input(path, "", format!("cannot be read as an EXR: {e}")),
+    };
+    let bytes = std::fs::read(path).map_err(|e| Error::io(path, e))?;
+    // The sizes stand in the header: they are checked before the crate takes memory for the pixels.
+    let meta = exr::meta::MetaData::read_from_buffered(Cursor::new(&bytes), false).map_err(broken)?;
+    for header in &meta.headers {
+        check_size(path, header.layer_size.width() as u64, header.layer_size.height() as u64, bytes.len() as u64)?;
+    }
+    let layer = exr::prelude::read()
+        .no_deep_data()
+        .largest_resolution_level()
+        .all_channels()
+        .first_valid_layer()
+        .all_attributes()
+        .from_buffered(Cursor::new(&bytes))
+        .map_err(broken)?
+        .layer_data;
+    let (width, height) = (layer.size.width(), layer.size.height());
+    let channel = |name: &str| -> Option<Vec<f32>> {
+        let found = layer.channel_data.list.iter().find(|c| c.name.eq_case_insensitive(name))?;
+        let values: Vec<f32> = found.sample_data.values_as_f32().collect();
+        (values.len() == width * height).then_some(values)
+    };
+    let alpha = channel("A");
+    let alpha = |i: usize| alpha.as_ref().map_or(1.0, |a| a[i]);
+    let rgba = match (channel("R"), channel("G"), channel("B"), channel("Y")) {
+        (Some(r), Some(g), Some(b), _) => (0..width * height).map(|i| [r[i], g[i], b[i], alpha(i)]).collect(),
+        (None, None, None, Some(y)) => (0..width * height).map(|i| [y[i], y[i], y[i], alpha(i)]).collect(),
+        _ => return Err(Error::unsupported(path, "an EXR layer without channels R, G and B, or Y")),
+    };
+    Ok(Image { width, height, rgba })
+}
+
+/// Write `width * height` sRGB pixels as an 8-bit PNG: beside `path` first, then renamed over it.
+///
+/// # Errors
+/// `Io` where the file cannot be written; then nothing is left behind, and an older file under that name stays.
+pub fn write_png(path: &Path, width: usize, height: usize, rgb: &[[u8; 3]]) -> Result<()> {
+    use image::{ExtendedColorType, ImageEncoder, codecs::png::PngEncoder};
+    let mut part = path.as_os_str().to_owned();
+    part.push(".part");
+    let part = Path::new(&part);
+    let write = || -> Result<()> {
+        let mut out = BufWriter::new(File::create(part).map_err(|e| Error::io(path, e))?);
+        PngEncoder::new(&mut out)
+            .write_image(rgb.as_flattened(), width as u32, height as u32, ExtendedColorType::Rgb8)
+            .map_err(|e| Error::io(path, std::io::Error::other(e)))?;
+        out.into_inner().map_err(|e| Error::io(path, e.into_error()))?.sync_all().map_err(|e| Error::io(path, e))?;
+        std::fs::rename(part, path).map_err(|e| Error::io(path, e))
+    };
+    write().inspect_err(|_| {
+        let _ = std::fs::remove_file(part);
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn transfer_curve_is_its_own_inverse_at_every_code() {
+        for code in 0..=255u8 {
+            assert_eq!(srgb8(srgb_decode(f32::from(code) / 255.0)), code);
+        }
+        assert_eq!([srgb8(f32::NAN), srgb8(-1.0), srgb8(9.0)], [0, 0, 255]);
+    }
+
+    #[test]
+    fn png_is_read_as_it_was_written() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("é b.png");
+        let rgb: Vec<[u8; 3]> = (0..6).map(|i| [i * 40, 255 - i, 7]).collect();
+        write_png(&path, 3, 2, &rgb).unwrap();
+        let image = read(&path).unwrap();
+        assert_eq!((image.width, image.height, image.has_alpha()), (3, 2, false));
+        let back: Vec<[u8; 3]> = image.rgba.iter().map(|p| [srgb8(p[0]), srgb8(p[1]), srgb8(p[2])]).collect();
+        assert_eq!(back, rgb);
+        assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn png_alpha_and_depth() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("a.png");
+        image::RgbaImage::from_pixel(1, 1, image::Rgba([255, 0, 0, 51])).save(&path).unwrap();
+        assert_eq!(read(&path).unwrap().rgba, [[0.2, 0.0, 0.0, 0.2]]);
+        let gray = image::ImageBuffer::<image::Luma<u16>, _>::from_pixel(1, 1, image::Luma([65535]));
+        gray.save(&path).unwrap();
+        assert_eq!(read(&path).unwrap().rgba, [[1.0; 4]]);
+    }
+
+    #[test]
+    fn exr_is_linear_and_alpha_is_optional() {
+        use exr::prelude::{f16, write_rgb_file, write_rgba_file};
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("a.exr");
+        write_rgba_file(&path, 2, 1, |x, _| (x as f32, 3.5f32, -1.0f32, 0.25f32)).unwrap();
+        assert_eq!(read(&path).unwrap().rgba, [[0.0, 3.5, -1.0, 0.25], [1.0, 3.5, -1.0, 0.25]]);
+        write_rgb_file(&path, 1, 1, |_, _| (f16::from_f32(0.5), f16::ONE, f16::ZERO)).unwrap();
+        assert_eq!(read(&path).unwrap().rgba, [[0.5, 1.0, 0.0, 1.0]]);
+    }
+
+    #[test]
+    fn broken_files_are_refused_in_a_line() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = |name: &str| dir.path().join(name);
+        let line = |name: &str, bytes: &[u8]| {
+            std::fs::write(path(name), bytes).unwrap();
+            let line = read(&path(name)).unwrap_err().to_string();
+            assert!(line.contains(name) && !line.contains('\n'), "{line}");
+        };
+        line("a.jpg", b"");
+        line("a.png", b"");
+        line("b.png", b"\x89PNG\r\n\x1a\n");
+        line("a.exr", b"");
+        line("b.exr", b"v/1\x01\x02\0\0\0");
+        assert!(matches!(read(&path("missing.png")), Err(Error::Io { .. })));
+
+        write_png(&path("whole.png"), 8, 8, &[[1, 2, 3]; 64]).unwrap();
+        exr::prelude::write_rgb_file(path("whole.exr"), 8, 8, |x, y| (x as f32, y as f32, 1.0f32)).unwrap();
+        for name in ["whole.png", "whole.exr"] {
+            let bytes = std::fs::read(path(name)).unwrap();
+            for cut in 0..bytes.len() - 12 {
+                std::fs::write(path(name), &bytes[..cut]).unwrap();
+                let _ = read(&path(name)); // An error or a picture with a part missing; never a panic.
+            }
+        }
+        // A header that claims more pixels than the file can hold.
+        let mut big = std::fs::read(path("b.png")).unwrap();
+        big.extend(b"\0\0\0\x0dIHDR\0\0\x3f\0\0\0\x3f\0\x08\x02\0\0\0");
+        big.extend(crc32fast::hash(&big[12..]).to_be_bytes());
+        big.extend(b"\0\0\0\0IDAT\x35\xaf\x06\x1e");
+        line("big.png", &big);
+    }
+}
