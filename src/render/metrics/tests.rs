@@ -152,10 +152,12 @@ fn cover_comes_from_alpha_or_from_the_background() {
     // Twice the pixels, the same sum of squares.
     assert!((c.covered.unwrap().rmse / c.all.rmse - 2f64.sqrt()).abs() < 1e-12);
 
-    let opaque = |image: &Image| Image::from_fn(8, 2, |x, y| {
-        let p = image.rgba[y * 8 + x];
-        [p[0], p[1], p[2], 1.0]
-    });
+    let opaque = |image: &Image| {
+        Image::from_fn(8, 2, |x, y| {
+            let p = image.rgba[y * 8 + x];
+            [p[0], p[1], p[2], 1.0]
+        })
+    };
     let (a, b) = (opaque(&a), opaque(&b));
     assert_eq!(compare(&a, &b, &Options::default()).unwrap().area, None);
     let options = Options { background: Some([0.0; 3]), ..Options::default() };
