@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use super::Ui;
 use crate::render::image_io::{self, srgb_decode};
 use crate::render::metrics::{self, Comparison, Measures, flip, picture};
-use crate::{Result, Warnings};
+use crate::{Error, Result, Warnings};
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -49,6 +49,11 @@ fn parse_colour(text: &str) -> std::result::Result<[f32; 3], String> {
 
 pub fn run(args: &Args, ui: &Ui) -> Result<()> {
     let (a, b) = (image_io::read(&args.a)?, image_io::read(&args.b)?);
+    if (a.width, a.height) != (b.width, b.height) {
+        let (width, height, reference) = (b.width, b.height, args.b.display());
+        let what = format!("{}×{}, but {reference} is {width}×{height}; render both at one size", a.width, a.height);
+        return Err(Error::input(&args.a, "", what));
+    }
     let comparison = metrics::compare(&a, &b, &metrics::Options { ppd: args.ppd, background: args.background })?;
     let mut warnings = Warnings::default();
     for (path, n) in [&args.a, &args.b].into_iter().zip(comparison.not_finite) {

@@ -32,9 +32,14 @@ impl Image {
     }
 }
 
+/// Clamped to [0, 1]; NaN becomes 0.
+pub fn unit(value: f32) -> f32 {
+    if value > 0.0 { value.min(1.0) } else { 0.0 }
+}
+
 /// Linear → sRGB transfer curve (IEC 61966-2-1); values outside [0, 1] are clamped, NaN becomes 0.
 pub fn srgb_encode(linear: f32) -> f32 {
-    let c = linear.max(0.0).min(1.0);
+    let c = unit(linear);
     if c <= 0.003_130_8 { 12.92 * c } else { 1.055 * libm::powf(c, 1.0 / 2.4) - 0.055 }
 }
 

@@ -6,7 +6,7 @@
 
 use std::f64::consts::PI;
 
-use super::super::image_io::Image;
+use super::super::image_io::{Image, unit};
 use crate::par;
 
 /// Pixels a degree of visual angle of the paper's viewer: a 0.7 m wide display of 3840 pixels, seen from 0.7 m.
@@ -211,14 +211,14 @@ fn largest_colour_difference() -> f32 {
 fn relative_xyz([r, g, b]: [f32; 3]) -> [f32; 3] {
     [
         (0.412_386_57 * r + 0.357_591_5 * g + 0.180_450_49 * b) / WHITE[0],
-        0.212_636_82 * r + 0.715_183 * g + 0.072_180_195 * b,
+        0.212_636_82 * r + 0.715_183 * g + 0.072_180_2 * b,
         (0.019_330_62 * r + 0.119_197_16 * g + 0.950_372_6 * b) / WHITE[2],
     ]
 }
 
 /// The opponent space that the filters work in, from linear Rec. 709 clamped to [0, 1]; NaN is taken for 0.
 fn ycxcz(rgb: [f32; 3]) -> [f32; 3] {
-    let [x, y, z] = relative_xyz(rgb.map(|c| c.max(0.0).min(1.0)));
+    let [x, y, z] = relative_xyz(rgb.map(unit));
     [116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z)]
 }
 

@@ -97,15 +97,15 @@ pub fn compare(a: &Image, b: &Image, options: &Options) -> Result<Comparison> {
 
     let rows = par::map(a.height, |y| {
         let (mut all, mut covered, mut area) = (Sums::default(), Sums::default(), [0.0; 2]);
-        for i in y * a.width..(y + 1) * a.width {
-            let (pa, pb) = (a.rgba[i], b.rgba[i]);
-            all.add(pa, pb, flip_map[i]);
+        let row = y * a.width..(y + 1) * a.width;
+        for ((&pa, &pb), &flip) in a.rgba[row.clone()].iter().zip(&b.rgba[row.clone()]).zip(&flip_map[row]) {
+            all.add(pa, pb, flip);
             if let Some((ca, cb)) = cover {
                 let shares = [ca.share(pa), cb.share(pb)];
                 area[0] += shares[0];
                 area[1] += shares[1];
                 if shares[0] > 0.0 || shares[1] > 0.0 {
-                    covered.add(pa, pb, flip_map[i]);
+                    covered.add(pa, pb, flip);
                 }
             }
         }
