@@ -1,9 +1,9 @@
 //! Scene → film.
 
-pub mod image_io;
-pub mod metrics;
 mod descent;
+pub mod image_io;
 pub mod march;
+pub mod metrics;
 pub mod shade;
 pub mod vndf;
 
