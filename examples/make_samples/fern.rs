@@ -57,6 +57,8 @@ pub fn fern() -> Vec<u8> {
         let side = DVec3::Y.cross(out) + random.ball() * 0.25;
         card::add(&mut mesh, &Strip { points: &points, side, half_width: HALF_WIDTH * length, fold: 0.22, tint });
     }
+    let lowest = mesh.positions.iter().fold(f64::INFINITY, |y, p| y.min(p.y));
+    mesh.positions.iter_mut().for_each(|p| p.y -= lowest);
     let mut glb = Glb::new();
     let texture = glb.texture("frond", &card::draw(&frond(), 256, 512), json!({"wrapS": 33071, "wrapT": 33071}));
     let material = json!({"name": "frond", "doubleSided": true, "alphaMode": "MASK", "alphaCutoff": 0.5,
