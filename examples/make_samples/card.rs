@@ -67,7 +67,7 @@ impl Drawing for Frond {
         if p.x.abs() < thick * (1.1 - p.y) {
             return Some(color);
         }
-        let hit = self.strokes.iter().find_map(|s| {
+        self.strokes.iter().find_map(|s| {
             let d = p - s.base;
             let (a, b) = (d.dot(s.along) / s.length, d.perp_dot(s.along).abs());
             if !(0.0..1.0).contains(&a) {
@@ -77,8 +77,7 @@ impl Drawing for Frond {
             let (tooth, _) = turn(a * s.teeth.0 * std::f64::consts::TAU);
             let width = s.half_width * lance.min(1.0) * (1.0 - s.teeth.1 * (0.5 + 0.5 * tooth));
             (b < width).then(|| s.color * (1.12 - 0.35 * (b / s.half_width) - 0.1 * a))
-        });
-        hit
+        })
     }
 }
 
