@@ -286,4 +286,4 @@ fn projected_area(voxel: &Voxel, w: Vec3) -> f32 {
 }
 
 #[cfg(test)]
-mod tests;
+pub(super) mod tests;

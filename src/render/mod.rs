@@ -4,6 +4,7 @@ mod descent;
 pub mod image_io;
 pub mod march;
 pub mod metrics;
+pub mod preview;
 pub mod shade;
 pub mod vndf;
 

@@ -284,6 +284,11 @@ impl Octree {
     pub fn failure(&self) -> Option<&Error> {
         self.failure.get()
     }
+
+    /// [`Octree::failure`], owned.
+    pub fn into_failure(self) -> Option<Error> {
+        self.failure.into_inner()
+    }
 }
 
 #[cfg(test)]

@@ -22,7 +22,7 @@ fn info(model: Model) -> Info {
 }
 
 /// A texel whose finest voxels, at `depth`, are those given by Morton code (sorted, distinct); coarser voxels are `coarse`.
-pub(in crate::render) fn sparse(depth: usize, codes: &[u64], voxels: &[Voxel], coarse: Voxel) -> Volume {
+pub fn sparse(depth: usize, codes: &[u64], voxels: &[Voxel], coarse: Voxel) -> Volume {
     let mut depths = vec![Depth { masks: vec![0; codes.len()], voxels: voxels.to_vec() }];
     let mut codes = codes.to_vec();
     for _ in 0..depth {
