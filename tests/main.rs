@@ -1,4 +1,5 @@
 //! The integration tests, one binary so that they link once. Tests over real assets run where `VTEX_ASSETS` names their folder.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
+mod import;
 mod layers;

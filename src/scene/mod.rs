@@ -1,8 +1,13 @@
 //! What is rendered and baked: models read from files, as plain data with every default filled in.
 
+mod files;
+pub mod gltf;
+mod image;
 pub mod model;
+mod select;
 pub mod shell;
 pub mod texture;
+mod topology;
 
 pub use model::{Alpha, Camera, Instance, Light, LightKind, Material, Model, Part, Projection, TextureRef};
 pub use texture::{Texture, Wrap};

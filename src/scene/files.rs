@@ -1,0 +1,133 @@
+//! Files that a source names: URIs and paths as other programs write them → bytes, read once their size is known.
+
+use std::borrow::Cow;
+use std::path::{Path, PathBuf};
+
+use base64::Engine;
+use base64::alphabet::STANDARD;
+use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
+
+use crate::{Error, Result};
+
+/// All bytes of a regular file of at most `limit` bytes.
+pub fn read(path: &Path, limit: u64) -> Result<Vec<u8>> {
+    let io = |e| Error::io(path, e);
+    let meta = std::fs::metadata(path).map_err(io)?;
+    if !meta.is_file() {
+        return Err(Error::input(path, "", "is not a file"));
+    }
+    if meta.len() > limit {
+        return Err(Error::Limit { what: format!("reading {}", path.display()), needed: meta.len(), allowed: limit });
+    }
+    std::fs::read(path).map_err(io)
+}
+
+/// What a URI in a glTF file stands for.
+#[derive(Debug, PartialEq)]
+pub enum Target<'a> {
+    /// The decoded bytes of a data URI.
+    Data(Vec<u8>),
+    /// A path as the URI has it, percent signs decoded.
+    File(Cow<'a, str>),
+}
+
+/// Take a URI apart; the error says what is wrong with it.
+pub fn target(uri: &str) -> Result<Target<'_>, String> {
+    match scheme(uri) {
+        Some("data") => data(&uri[5..]).map(Target::Data),
+        Some("file") => {
+            let path = &uri[5..];
+            Ok(Target::File(percent_decoded(path.strip_prefix("//").unwrap_or(path))))
+        }
+        Some(other) => Err(format!("a URI of scheme {other}: is not read; download the file and name it by its path")),
+        None => Ok(Target::File(percent_decoded(uri))),
+    }
+}
+
+/// The scheme of a URI; one letter is the drive of a path, not a scheme.
+pub fn scheme(uri: &str) -> Option<&str> {
+    let (scheme, _) = uri.split_once(':')?;
+    let mut letters = scheme.chars();
+    let first = letters.next()?.is_ascii_alphabetic();
+    let rest = letters.all(|c| c.is_ascii_alphanumeric() || "+-.".contains(c));
+    (first && rest && scheme.len() > 1).then_some(scheme)
+}
+
+/// `%20` → space and so on; as it is where the result is not UTF-8.
+pub fn percent_decoded(text: &str) -> Cow<'_, str> {
+    percent_encoding::percent_decode_str(text).decode_utf8().unwrap_or(Cow::Borrowed(text))
+}
+
+/// The part of a data URI after `data:`.
+fn data(rest: &str) -> Result<Vec<u8>, String> {
+    let (head, body) = rest.split_once(',').ok_or("a data URI without a comma holds no data")?;
+    if !head.ends_with(";base64") {
+        return Ok(percent_encoding::percent_decode_str(body).collect());
+    }
+    const LENIENT: GeneralPurposeConfig = GeneralPurposeConfig::new()
+        .with_decode_padding_mode(DecodePaddingMode::Indifferent)
+        .with_decode_allow_trailing_bits(true);
+    let body = percent_decoded(body.trim());
+    GeneralPurpose::new(&STANDARD, LENIENT)
+        .decode(body.as_bytes())
+        .map_err(|e| format!("a data URI is not base64: {e}"))
+}
+
+/// The existing file that `name` stands for beside `dir`: as it is, with `%XX` decoded, with `\` for `/`; where
+/// `anywhere`, also the file of that last name in `dir`, because many exporters write paths of the machine they ran on.
+pub fn find(dir: &Path, name: &str, anywhere: bool) -> Option<PathBuf> {
+    let forward = name.replace('\\', "/");
+    let last = forward.rsplit('/').next().unwrap_or_default();
+    [Some(name), Some(&percent_decoded(name)), Some(&forward), anywhere.then_some(last)]
+        .into_iter()
+        .flatten()
+        .filter(|n| !n.is_empty())
+        .map(|n| dir.join(n))
+        .find(|p| p.is_file())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn uris_are_told_apart() {
+        assert_eq!(target("a%20b%E2%9D%A4.bin"), Ok(Target::File("a b❤.bin".into())));
+        assert_eq!(target("100%.bin"), Ok(Target::File("100%.bin".into())));
+        assert_eq!(target("data:application/octet-stream;base64,AQID"), Ok(Target::Data(vec![1, 2, 3])));
+        assert_eq!(target("data:;base64,AQIDBA"), Ok(Target::Data(vec![1, 2, 3, 4])), "padding may be missing");
+        assert_eq!(target("data:text/plain,a%20b"), Ok(Target::Data(b"a b".to_vec())));
+        assert_eq!(target("file:///tmp/x"), Ok(Target::File("/tmp/x".into())));
+        assert!(target("http://example.com/a.bin").unwrap_err().contains("scheme http"));
+        assert!(target("data:;base64,A*").is_err());
+        assert!(target("data:base64").is_err());
+        assert_eq!(scheme("C:/textures/a.png"), None);
+        assert_eq!(scheme(":"), None);
+        assert_eq!(scheme("a/b:c"), None);
+    }
+
+    #[test]
+    fn names_from_other_machines_are_found() {
+        let dir = tempfile::tempdir().unwrap();
+        std::fs::create_dir(dir.path().join("tex")).unwrap();
+        for name in ["a b.png", "tex/c.png", "100%25.png"] {
+            std::fs::write(dir.path().join(name), b"x").unwrap();
+        }
+        let found = |name: &str, anywhere| find(dir.path(), name, anywhere).is_some();
+        assert!(found("a%20b.png", false) && found("a b.png", false) && found("100%25.png", false));
+        assert!(found("tex\\c.png", false) && found("./tex/../tex/c.png", false));
+        assert!(!found("C:\\work\\a b.png", false) && found("C:\\work\\a b.png", true));
+        assert!(!found("tex", true) && !found("", true));
+    }
+
+    #[test]
+    fn sizes_are_checked_before_reading() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("five");
+        std::fs::write(&path, b"12345").unwrap();
+        assert_eq!(read(&path, 5).unwrap(), b"12345");
+        assert!(matches!(read(&path, 4), Err(Error::Limit { needed: 5, allowed: 4, .. })));
+        assert!(matches!(read(dir.path(), 9), Err(Error::Input { .. })));
+        assert!(matches!(read(&dir.path().join("six"), 9), Err(Error::Io { .. })));
+    }
+}

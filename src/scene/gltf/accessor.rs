@@ -1,0 +1,178 @@
+//! Accessors → arrays of numbers: every type, stride, normalisation and sparse patch, every offset checked first.
+
+use gltf::json::accessor::{Accessor, ComponentType, Type};
+use gltf::json::validation::Checked;
+
+use super::document::Document;
+use crate::Result;
+
+/// Elements that an accessor without bytes behind it may have: it is all zeros, and grows by its sparse values only.
+const MAX_ZEROS: u64 = 1 << 24;
+
+/// What an accessor holds, understood.
+struct Layout {
+    component: ComponentType,
+    normalized: bool,
+    /// Numbers in an element, and bytes of it.
+    width: usize,
+    size: usize,
+    count: usize,
+}
+
+impl Document {
+    /// Elements of `least` to `N` numbers; those that the accessor does not have keep `fill`.
+    pub fn read_floats<const N: usize>(
+        &self,
+        index: usize,
+        least: usize,
+        fill: [f32; N],
+        at: &str,
+    ) -> Result<Vec<[f32; N]>> {
+        let accessor = self.accessor(index, at)?;
+        let layout = self.layout(accessor, at)?;
+        if !(least..=N).contains(&layout.width) {
+            return Err(self.error(at, format!("has {} numbers an element, not {N}", layout.width)));
+        }
+        let convert = converter(layout.component, layout.normalized);
+        let size = layout.component.size();
+        self.read(accessor, &layout, at, |element| {
+            let mut out = fill;
+            for (value, bytes) in out.iter_mut().zip(element.chunks_exact(size)) {
+                *value = convert(bytes);
+            }
+            out
+        })
+    }
+
+    /// Elements of `N` unsigned integers: indices and joints.
+    pub fn read_uints<const N: usize>(&self, index: usize, at: &str) -> Result<Vec<[u32; N]>> {
+        let accessor = self.accessor(index, at)?;
+        let layout = self.layout(accessor, at)?;
+        let unsigned = matches!(layout.component, ComponentType::U8 | ComponentType::U16 | ComponentType::U32);
+        if layout.width != N || !unsigned {
+            return Err(self.error(at, format!("must have {N} unsigned integers an element")));
+        }
+        let size = layout.component.size();
+        self.read(accessor, &layout, at, |element| {
+            let mut out = [0; N];
+            for (value, bytes) in out.iter_mut().zip(element.chunks_exact(size)) {
+                *value = unsigned_le(bytes);
+            }
+            out
+        })
+    }
+
+    /// How many elements an accessor says it has.
+    pub fn count(&self, index: usize, at: &str) -> Result<u64> {
+        Ok(self.accessor(index, at)?.count.0)
+    }
+
+    fn accessor(&self, index: usize, at: &str) -> Result<&Accessor> {
+        self.root.accessors.get(index).ok_or_else(|| self.error(at, format!("accessors[{index}] does not exist")))
+    }
+
+    fn layout(&self, accessor: &Accessor, at: &str) -> Result<Layout> {
+        let (Checked::Valid(component), Checked::Valid(kind)) = (&accessor.component_type, &accessor.type_) else {
+            return Err(self.error(at, "has an unknown componentType or type"));
+        };
+        let component = component.0;
+        // Columns of matrices start at multiples of four bytes; only MAT4 occurs in what is read here, and its columns
+        // of float do.
+        if matches!(kind, Type::Mat2 | Type::Mat3) {
+            return Err(self.error(at, "a 2×2 or 3×3 matrix is of no use here"));
+        }
+        let width = kind.multiplicity();
+        let count = usize::try_from(accessor.count.0).map_err(|_| self.error(at, "has too many elements"))?;
+        Ok(Layout { component, normalized: accessor.normalized, width, size: width * component.size(), count })
+    }
+
+    fn read<T: Copy>(
+        &self,
+        accessor: &Accessor,
+        layout: &Layout,
+        at: &str,
+        element: impl Fn(&[u8]) -> T,
+    ) -> Result<Vec<T>> {
+        let bytes = (layout.count as u64).saturating_mul(size_of::<T>() as u64);
+        let mut out = match accessor.buffer_view {
+            Some(view) => {
+                let offset = accessor.byte_offset.unwrap_or_default().0;
+                let elements = self.elements(view.value(), offset, layout.count, layout.size, true, at)?;
+                self.charge(bytes, at)?;
+                elements.map(&element).collect()
+            }
+            None => {
+                if layout.count as u64 > MAX_ZEROS {
+                    return Err(self.error(at, format!("{} elements without a buffer view", layout.count)));
+                }
+                self.charge(bytes, at)?;
+                vec![element(&vec![0; layout.size]); layout.count]
+            }
+        };
+        if let Some(sparse) = &accessor.sparse {
+            let count = usize::try_from(sparse.count.0).unwrap_or(usize::MAX);
+            let Checked::Valid(kind) = &sparse.indices.component_type else {
+                return Err(self.error(at, "has sparse indices of an unknown type"));
+            };
+            let (view, offset) = (sparse.indices.buffer_view.value(), sparse.indices.byte_offset.0);
+            let indices = self.elements(view, offset, count, kind.0.size(), false, at)?;
+            let (view, offset) = (sparse.values.buffer_view.value(), sparse.values.byte_offset.0);
+            let values = self.elements(view, offset, count, layout.size, false, at)?;
+            for (i, value) in indices.zip(values) {
+                let i = unsigned_le(i);
+                let slot = out.get_mut(i as usize);
+                *slot.ok_or_else(|| self.error(at, format!("sparse index {i} is beyond {} elements", layout.count)))? =
+                    element(value);
+            }
+        }
+        Ok(out)
+    }
+
+    /// `count` slices of `size` bytes in a view, `stride` apart where the view may have one; known to be all there.
+    fn elements(
+        &self,
+        view: usize,
+        offset: u64,
+        count: usize,
+        size: usize,
+        strided: bool,
+        at: &str,
+    ) -> Result<impl Iterator<Item = &[u8]>> {
+        let view = self.view(view)?;
+        let stride = view.stride.filter(|_| strided).unwrap_or(size);
+        if stride < size {
+            return Err(self.error(at, format!("elements of {size} bytes do not fit a stride of {stride}")));
+        }
+        let start = usize::try_from(offset).ok();
+        let end = match count {
+            0 => start,
+            _ => (count - 1).checked_mul(stride).and_then(|n| n.checked_add(size)).and_then(|n| n.checked_add(start?)),
+        };
+        let bytes = start.zip(end).and_then(|(start, end)| view.bytes.get(start..end)).ok_or_else(|| {
+            let what = format!("{count} elements from byte {offset} reach beyond a view of {} bytes", view.bytes.len());
+            self.error(at, what)
+        })?;
+        // The last element may be shorter than the stride, never than `size`.
+        Ok(bytes.chunks(stride.max(1)).map(move |chunk| &chunk[..size]))
+    }
+}
+
+/// Little-endian, up to four bytes.
+fn unsigned_le(bytes: &[u8]) -> u32 {
+    bytes.iter().rev().fold(0, |n, &b| n << 8 | u32::from(b))
+}
+
+/// One stored number → float (glTF 2.0, 3.6.2.2: integers as they are, or normalised).
+fn converter(component: ComponentType, normalized: bool) -> fn(&[u8]) -> f32 {
+    match (component, normalized) {
+        (ComponentType::F32, _) => |b| f32::from_bits(unsigned_le(b)),
+        (ComponentType::U8, true) => |b| unsigned_le(b) as f32 / 255.0,
+        (ComponentType::U16, true) => |b| unsigned_le(b) as f32 / 65535.0,
+        (ComponentType::U32, true) => |b| (f64::from(unsigned_le(b)) / 4_294_967_295.0) as f32,
+        (ComponentType::I8, true) => |b| (f32::from(unsigned_le(b) as i8) / 127.0).max(-1.0),
+        (ComponentType::I16, true) => |b| (f32::from(unsigned_le(b) as i16) / 32767.0).max(-1.0),
+        (ComponentType::I8, false) => |b| f32::from(unsigned_le(b) as i8),
+        (ComponentType::I16, false) => |b| f32::from(unsigned_le(b) as i16),
+        (_, false) => |b| unsigned_le(b) as f32,
+    }
+}

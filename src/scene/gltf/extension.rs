@@ -1,0 +1,331 @@
+//! `VTEX_volumetric_texture`: texels and environment of the root, shells of materials; every range checked, and a
+//! counted warning for what this version does not draw.
+
+use std::path::PathBuf;
+
+use serde_json::{Map, Value};
+
+use super::document::Document;
+use crate::scene::files;
+use crate::scene::shell::{CellWrap, Discrete, Environment, Layer, Orientations, ShellMaterial, TexelRef};
+use crate::{Error, Result, Warnings};
+
+/// Name of the extension in the file.
+pub const NAME: &str = "VTEX_volumetric_texture";
+
+/// What the root says.
+#[derive(Debug, Default)]
+pub struct Root {
+    pub texels: Vec<TexelRef>,
+    pub environment: Environment,
+}
+
+/// The root's extension object; empty where there is none.
+pub fn root(document: &Document, warnings: &mut Warnings) -> Result<Root> {
+    let json = document.root.extensions.as_ref().and_then(|e| e.others.get(NAME));
+    let Some(json) = json else { return Ok(Root::default()) };
+    let root = Object::new(document, json, NAME.into())?;
+    root.known(&["texels", "environment"], &[], warnings);
+    let texels = root.list("texels", 1, usize::MAX)?.unwrap_or_default();
+    let texels = texels.iter().map(|t| texel(t, warnings)).collect::<Result<_>>()?;
+    let mut environment = Environment::default();
+    if let Some(e) = root.object("environment")? {
+        e.known(&["sky", "background"], &["image"], warnings);
+        environment.sky = e.vec3("sky", 0.0..=f64::MAX)?;
+        environment.background = e.vec3("background", 0.0..=f64::MAX)?;
+    }
+    Ok(Root { texels, environment })
+}
+
+fn texel(json: &Object, warnings: &mut Warnings) -> Result<TexelRef> {
+    json.known(&["name", "frames", "geometry", "maxDepth"], &[], warnings);
+    let frames = json.list("frames", 1, 1024)?.ok_or_else(|| json.error("frames", "is needed"))?;
+    let mut paths = Vec::with_capacity(frames.len());
+    for frame in &frames {
+        frame.known(&["uri", "contentId"], &["bufferView"], warnings);
+        if let Some(id) = frame.text("contentId")? {
+            if id.len() != 32 || !id.bytes().all(|b| matches!(b, b'0'..=b'9' | b'a'..=b'f')) {
+                return Err(frame.error("contentId", "is not 32 hexadecimal digits"));
+            }
+            warnings.add(format!("{NAME}: contentId is not compared"));
+        }
+        if frame.json.contains_key("bufferView") && !frame.json.contains_key("uri") {
+            return Err(Error::unsupported(
+                &json.document.path,
+                format!("{}: a texel inside a buffer view (write it to a .vtex file and name that)", frame.at),
+            ));
+        }
+        paths.push(frame.path("uri")?.ok_or_else(|| frame.error("uri", "is needed"))?);
+    }
+    let geometry = match json.object("geometry")? {
+        Some(g) => {
+            g.known(&["uri"], &[], warnings);
+            g.path("uri")?
+        }
+        None => None,
+    };
+    let stem = paths.first().and_then(|p| p.file_stem()).map(|s| s.to_string_lossy().into_owned());
+    Ok(TexelRef {
+        name: json.text("name")?.map(str::to_string).or(stem).unwrap_or_default(),
+        frames: paths,
+        geometry,
+        max_depth: json.integer("maxDepth", 16)?.map(|d| d as u8),
+    })
+}
+
+/// A material's extension object; `texels` of them exist.
+pub fn material(
+    document: &Document,
+    json: &Value,
+    at: &str,
+    texels: usize,
+    warnings: &mut Warnings,
+) -> Result<ShellMaterial> {
+    let json = Object::new(document, json, format!("{at}.{NAME}"))?;
+    json.known(&["texCoord", "w", "dw", "thickness", "surface", "layers"], &[], warnings);
+    let layers = json.list("layers", 1, 16)?.ok_or_else(|| json.error("layers", "is needed"))?;
+    let thickness = json.number("thickness", 0.0..=f64::MAX)?.unwrap_or(1.0);
+    if thickness <= 0.0 {
+        return Err(json.error("thickness", "must be above 0"));
+    }
+    Ok(ShellMaterial {
+        tex_coord: json.integer("texCoord", 7)?.unwrap_or(0) as usize,
+        w: json.number("w", ANY)?.unwrap_or(0.0),
+        dw: json.number("dw", ANY)?.unwrap_or(1.0),
+        thickness,
+        surface_visible: json.choice("surface", &[("visible", true), ("hidden", false)])?.unwrap_or(true),
+        layers: layers.iter().map(|l| layer(l, texels, warnings)).collect::<Result<_>>()?,
+    })
+}
+
+fn layer(json: &Object, texels: usize, warnings: &mut Warnings) -> Result<Layer> {
+    json.known(
+        &["texel", "wrap", "offset", "scale", "skinRange", "combine", "opacityScale", "phong", "jitter"],
+        &["palette", "animation"],
+        warnings,
+    );
+    let texel = json.texel(texels)?.ok_or_else(|| json.error("texel", "is needed"))?;
+    if let Some([from, to]) = json.numbers::<2>("skinRange", 0.0..=1.0)? {
+        if from >= to {
+            return Err(json.error("skinRange", "must be from less to more"));
+        }
+        if [from, to] != [0.0, 1.0] {
+            json.ignored("skinRange", warnings);
+        }
+    }
+    if json.choice("combine", &[("union", false), ("over", true)])? == Some(true) {
+        json.ignored("combine \"over\"", warnings);
+    }
+    let mut diffuse = [1.0; 3];
+    if let Some(phong) = json.object("phong")? {
+        phong.known(
+            &["diffuseFactor", "useTexelAlbedo"],
+            &["ambientFactor", "specularFactor", "shininess", "diffuseTexture", "noise"],
+            warnings,
+        );
+        diffuse = phong.vec3("diffuseFactor", 0.0..=f64::MAX)?.unwrap_or(diffuse);
+        if phong.json.get("useTexelAlbedo") == Some(&Value::Bool(false)) {
+            phong.ignored("useTexelAlbedo false", warnings);
+        }
+    }
+    let discrete = match json.object("jitter")? {
+        Some(jitter) => {
+            jitter.known(&["discrete"], &["continuous"], warnings);
+            jitter.object("discrete")?.map(|d| discrete(&d, texels, warnings)).transpose()?
+        }
+        None => None,
+    };
+    let scale = json.vec3("scale", ANY)?.unwrap_or([1.0; 3]);
+    if scale.contains(&0.0) {
+        return Err(json.error("scale", "must not be 0"));
+    }
+    Ok(Layer {
+        texel,
+        wrap: json.wrap()?,
+        offset: json.vec3("offset", ANY)?.unwrap_or([0.0; 3]),
+        scale,
+        opacity_scale: json.number("opacityScale", 0.0..=f64::MAX)?.unwrap_or(1.0),
+        diffuse,
+        discrete,
+    })
+}
+
+fn discrete(json: &Object, texels: usize, warnings: &mut Warnings) -> Result<Discrete> {
+    json.known(
+        &["seed", "orientations", "scale", "displace", "presence", "variants"],
+        &["mirror"],
+        warnings,
+    );
+    use Orientations::{Identity, W4, W8};
+    let orientations = [
+        ("identity", (Identity, false)),
+        ("w4", (W4, false)),
+        ("w8", (W8, false)),
+        ("cube24", (W4, true)),
+        ("cube48", (W8, true)),
+    ];
+    let (orientations, approximate) = json.choice("orientations", &orientations)?.unwrap_or((Identity, false));
+    if approximate {
+        warnings.add(format!("{NAME}: orientations cube24 and cube48 are read as w4 and w8"));
+    }
+    let scale = json.numbers::<2>("scale", 0.0..=1.0)?.unwrap_or([1.0; 2]);
+    if !(0.0 < scale[0] && scale[0] <= scale[1]) {
+        return Err(json.error("scale", "must be above 0, and from less to more"));
+    }
+    let mut variants = Vec::new();
+    for variant in json.list("variants", 0, 256)?.unwrap_or_default() {
+        variant.known(&["texel", "weight"], &["phong"], warnings);
+        let texel = variant.texel(texels)?.ok_or_else(|| variant.error("texel", "is needed"))?;
+        let weight = variant.number("weight", 0.0..=f64::MAX)?.unwrap_or(1.0);
+        if weight <= 0.0 {
+            return Err(variant.error("weight", "must be above 0"));
+        }
+        variants.push((texel, weight));
+    }
+    Ok(Discrete {
+        seed: json.integer("seed", u32::MAX.into())?.unwrap_or(0) as u32,
+        orientations,
+        scale,
+        displace: json.vec3("displace", 0.0..=f64::MAX)?.unwrap_or([0.0; 3]),
+        presence: json.number("presence", 0.0..=1.0)?.unwrap_or(1.0),
+        variants,
+    })
+}
+
+/// Any finite number.
+const ANY: std::ops::RangeInclusive<f64> = f64::MIN..=f64::MAX;
+
+/// A JSON object and where it is.
+struct Object<'a> {
+    document: &'a Document,
+    json: &'a Map<String, Value>,
+    at: String,
+}
+
+impl<'a> Object<'a> {
+    fn new(document: &'a Document, json: &'a Value, at: String) -> Result<Self> {
+        match json.as_object() {
+            Some(json) => Ok(Object { document, json, at }),
+            None => Err(document.error(at, "is not an object")),
+        }
+    }
+
+    fn error(&self, key: &str, what: &str) -> Error {
+        self.document.error(format!("{}.{key}", self.at), what)
+    }
+
+    fn ignored(&self, what: &str, warnings: &mut Warnings) {
+        warnings.add(format!("{NAME}: {what} is ignored"));
+    }
+
+    /// A word about every property that is not read: `later` are defined, the rest unheard of.
+    fn known(&self, read: &[&str], later: &[&str], warnings: &mut Warnings) {
+        for key in self.json.keys().map(String::as_str) {
+            if later.contains(&key) {
+                self.ignored(key, warnings);
+            } else if !read.contains(&key) && !["extensions", "extras"].contains(&key) {
+                warnings.add(format!("{NAME}: {key} is not a known property and is ignored"));
+            }
+        }
+    }
+
+    fn object(&self, key: &str) -> Result<Option<Object<'a>>> {
+        self.json.get(key).map(|v| Object::new(self.document, v, format!("{}.{key}", self.at))).transpose()
+    }
+
+    /// A list of `least` to `most` objects.
+    fn list(&self, key: &str, least: usize, most: usize) -> Result<Option<Vec<Object<'a>>>> {
+        let Some(json) = self.json.get(key) else { return Ok(None) };
+        let list = json.as_array().filter(|l| (least..=most).contains(&l.len()));
+        let list = list.ok_or_else(|| self.error(key, &format!("is not a list of {least} to {most}")))?;
+        let object = |(i, v)| Object::new(self.document, v, format!("{}.{key}[{i}]", self.at));
+        list.iter().enumerate().map(object).collect::<Result<_>>().map(Some)
+    }
+
+    fn numbers<const N: usize>(&self, key: &str, range: std::ops::RangeInclusive<f64>) -> Result<Option<[f64; N]>> {
+        let Some(json) = self.json.get(key) else { return Ok(None) };
+        let list = json.as_array().filter(|l| l.len() == N);
+        let list = list.ok_or_else(|| self.error(key, &format!("is not a list of {N} numbers")))?;
+        let mut out = [0.0; N];
+        for (out, v) in out.iter_mut().zip(list) {
+            *out = self.within(key, v, &range)?;
+        }
+        Ok(Some(out))
+    }
+
+    fn vec3(&self, key: &str, range: std::ops::RangeInclusive<f64>) -> Result<Option<[f64; 3]>> {
+        self.numbers(key, range)
+    }
+
+    fn number(&self, key: &str, range: std::ops::RangeInclusive<f64>) -> Result<Option<f64>> {
+        self.json.get(key).map(|v| self.within(key, v, &range)).transpose()
+    }
+
+    fn within(&self, key: &str, json: &Value, range: &std::ops::RangeInclusive<f64>) -> Result<f64> {
+        json.as_f64().filter(|v| range.contains(v)).ok_or_else(|| {
+            let (from, to) = (range.start(), range.end());
+            let bounds = match (*from > f64::MIN, *to < f64::MAX) {
+                (false, false) => "is not a number".into(),
+                (true, false) => format!("is not a number of at least {from}"),
+                _ => format!("is not a number in [{from}, {to}]"),
+            };
+            self.error(key, &bounds)
+        })
+    }
+
+    fn integer(&self, key: &str, most: u64) -> Result<Option<u64>> {
+        let Some(json) = self.json.get(key) else { return Ok(None) };
+        let value = json.as_u64().filter(|v| *v <= most);
+        value.ok_or_else(|| self.error(key, &format!("is not a whole number in [0, {most}]"))).map(Some)
+    }
+
+    fn text(&self, key: &str) -> Result<Option<&'a str>> {
+        let Some(json) = self.json.get(key) else { return Ok(None) };
+        json.as_str().ok_or_else(|| self.error(key, "is not a text")).map(Some)
+    }
+
+    fn choice<T: Copy>(&self, key: &str, of: &[(&str, T)]) -> Result<Option<T>> {
+        let Some(json) = self.json.get(key) else { return Ok(None) };
+        pick(json, of).ok_or_else(|| self.error(key, &one_of(of))).map(Some)
+    }
+
+    fn wrap(&self) -> Result<[CellWrap; 3]> {
+        use CellWrap::{Empty, Mirror, Repeat};
+        const NAMES: [(&str, CellWrap); 3] = [("repeat", Repeat), ("mirror", Mirror), ("empty", Empty)];
+        let Some(json) = self.json.get("wrap") else { return Ok([Repeat, Repeat, Empty]) };
+        let wraps: Option<Vec<CellWrap>> =
+            json.as_array().and_then(|l| l.iter().map(|v| pick(v, &NAMES)).collect());
+        wraps
+            .and_then(|w| <[CellWrap; 3]>::try_from(w).ok())
+            .ok_or_else(|| self.error("wrap", &format!("is not three times {}", &one_of(&NAMES)[7..])))
+    }
+
+    /// The index of one of `count` texels.
+    fn texel(&self, count: usize) -> Result<Option<usize>> {
+        let Some(json) = self.json.get("texel") else { return Ok(None) };
+        let index = json.as_u64().filter(|&i| i < count as u64);
+        let what = format!("is not the index of one of the {count} texels of the file");
+        index.map(|i| Some(i as usize)).ok_or_else(|| self.error("texel", &what))
+    }
+
+    /// A relative path within the file's folder, resolved.
+    fn path(&self, key: &str) -> Result<Option<PathBuf>> {
+        let Some(uri) = self.text(key)? else { return Ok(None) };
+        let path = files::percent_decoded(uri);
+        let inside = path.split(['/', '\\']).all(|segment| segment != "..");
+        let plain = files::scheme(uri).is_none() && !uri.contains(['?', '#', '\\']) && !path.contains('\0');
+        let drive = path.as_bytes().get(1) == Some(&b':');
+        if uri.is_empty() || uri.len() > 1024 || path.starts_with('/') || drive || !inside || !plain {
+            return Err(self.error(key, "is not a relative path without scheme, query and \"..\""));
+        }
+        Ok(Some(self.document.dir().join(&*path)))
+    }
+}
+
+fn pick<T: Copy>(json: &Value, of: &[(&str, T)]) -> Option<T> {
+    of.iter().find(|(name, _)| json.as_str() == Some(name)).map(|(_, value)| *value)
+}
+
+fn one_of<T>(of: &[(&str, T)]) -> String {
+    format!("is not {}", of.iter().map(|(name, _)| *name).collect::<Vec<_>>().join(", "))
+}

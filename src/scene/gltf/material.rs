@@ -1,0 +1,230 @@
+//! Materials: base colour, its texture and how it is laid on, alpha, and the shell that a material may carry.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use gltf::json::extensions::texture::TextureTransform;
+use gltf::json::material::AlphaMode;
+use gltf::json::texture::{Info, MagFilter, WrappingMode};
+use gltf::json::validation::Checked;
+use serde_json::Value;
+
+use super::document::{Document, index};
+use super::{ReadOptions, extension};
+use crate::scene::model::{Alpha, Material, Part, TextureRef};
+use crate::scene::texture::{Texture, Wrap};
+use crate::scene::{files, image};
+use crate::{Result, Warnings};
+
+/// Every material of the file, so that indices are the file's, then the default for parts without one. Those that no
+/// part uses are not looked into. Afterwards each part has the texture coordinates that its material asks for.
+pub fn read(
+    document: &Document,
+    options: &ReadOptions,
+    parts: &mut [Part],
+    texels: usize,
+    warnings: &mut Warnings,
+) -> Result<Vec<Material>> {
+    let count = document.root.materials.len();
+    let mut used = vec![false; count + 1];
+    for part in parts.iter() {
+        let Some(flag) = used.get_mut(part.material) else {
+            return Err(document.error(format!("materials[{}]", part.material), "does not exist"));
+        };
+        *flag = true;
+    }
+    let mut images = Images { document, options, decoded: BTreeMap::new(), textures: BTreeMap::new() };
+    let mut materials = Vec::with_capacity(count + 1);
+    for i in 0..count {
+        materials.push(if used[i] { material(&mut images, i, texels, warnings)? } else { Material::default() });
+    }
+    if used[count] || count == 0 {
+        materials.push(Material::default());
+    }
+    for part in parts {
+        let material = &materials[part.material];
+        let texture = material.texture.as_ref().map(|t| t.tex_coord);
+        let shell = material.shell.as_ref().filter(|_| part.uvw.is_none()).map(|s| s.tex_coord);
+        for set in [texture, shell].into_iter().flatten() {
+            if set >= part.uvs.len() {
+                warnings.add("texture coordinates that a material asks for are missing; they are read as 0");
+                part.uvs.resize_with(set + 1, || vec![[0.0; 2]; part.positions.len()]);
+            }
+        }
+    }
+    Ok(materials)
+}
+
+fn material(images: &mut Images, i: usize, texels: usize, warnings: &mut Warnings) -> Result<Material> {
+    let document = images.document;
+    let at = format!("materials[{i}]");
+    let json = &document.root.materials[i];
+    let name = json.name.clone().unwrap_or_else(|| format!("material {i}"));
+    let alpha = match &json.alpha_mode {
+        Checked::Valid(AlphaMode::Opaque) => Alpha::Opaque,
+        Checked::Valid(AlphaMode::Mask) => Alpha::Mask(json.alpha_cutoff.map_or(0.5, |c| c.0)),
+        Checked::Valid(AlphaMode::Blend) => Alpha::Blend,
+        Checked::Invalid => return Err(document.error(at, "has an unknown alphaMode")),
+    };
+    let pbr = &json.pbr_metallic_roughness;
+    let mut base_color = pbr.base_color_factor.0;
+    let mut info = pbr.base_color_texture.clone();
+    let extensions = json.extensions.as_ref();
+    if let Some(old) = extensions.and_then(|e| e.others.get("KHR_materials_pbrSpecularGlossiness")) {
+        let bad = |e: serde_json::Error| document.error(&*at, format!("KHR_materials_pbrSpecularGlossiness: {e}"));
+        let parsed: SpecularGlossiness = serde_json::from_value(old.clone()).map_err(bad)?;
+        base_color = parsed.diffuse_factor.unwrap_or([1.0; 4]);
+        info = parsed.diffuse_texture;
+    }
+    let opaque = alpha == Alpha::Opaque;
+    if opaque {
+        base_color[3] = 1.0;
+    }
+    let texture = match info.filter(|_| images.options.textures) {
+        Some(info) => images.reference(&info, opaque, &at, warnings)?,
+        None => None,
+    };
+    let shell = extensions.and_then(|e| e.others.get(extension::NAME));
+    let shell = shell.map(|json| extension::material(document, json, &at, texels, warnings)).transpose()?;
+    Ok(Material {
+        name,
+        base_color: base_color.map(|c| if c.is_finite() { c.max(0.0) } else { 0.0 }),
+        texture,
+        alpha,
+        double_sided: json.double_sided,
+        unlit: extensions.is_some_and(|e| e.unlit.is_some()),
+        shell: shell.map(Arc::new),
+    })
+}
+
+/// The older material model: its diffuse colour is what is baked.
+#[derive(serde::Deserialize)]
+#[serde(rename_all = "camelCase")]
+struct SpecularGlossiness {
+    diffuse_factor: Option<[f32; 4]>,
+    diffuse_texture: Option<Info>,
+}
+
+/// How a sampler lays an image on, as far as it matters here; ordered, so that it can be a key.
+type Sampling = ([u8; 2], bool);
+
+/// Images decoded so far, and textures made of them.
+struct Images<'a> {
+    document: &'a Document,
+    options: &'a ReadOptions,
+    decoded: BTreeMap<usize, Option<Arc<Texture>>>,
+    textures: BTreeMap<(usize, Sampling, bool), Arc<Texture>>,
+}
+
+impl Images<'_> {
+    /// A texture as a material refers to it; none, with a counted warning, where its image cannot be had.
+    fn reference(&mut self, info: &Info, opaque: bool, at: &str, warnings: &mut Warnings) -> Result<Option<TextureRef>> {
+        let id = info.index.value();
+        let texture = self.document.root.textures.get(id);
+        let texture = texture.ok_or_else(|| self.document.error(at, format!("textures[{id}] does not exist")))?;
+        let others = texture.extensions.as_ref().map(|e| &e.others);
+        let source = |name: &str| {
+            let source = others.and_then(|o| o.get(name)?.get("source")).and_then(Value::as_u64);
+            source.and_then(|s| usize::try_from(s).ok())
+        };
+        // A texture without a source of its own has this value.
+        let own = Some(texture.source.value()).filter(|&s| s != u32::MAX as usize);
+        let Some(image) = source("EXT_texture_webp").or(own) else {
+            let other = others.and_then(|o| o.keys().next().cloned()).unwrap_or("no source".into());
+            warnings.add(format!("a texture with {other} is left out; the factor colour is used"));
+            return Ok(None);
+        };
+        let sampling = match index(texture.sampler) {
+            None => ([0, 0], false),
+            Some(s) => {
+                let sampler = self.document.root.samplers.get(s);
+                let sampler =
+                    sampler.ok_or_else(|| self.document.error(at, format!("samplers[{s}] does not exist")))?;
+                let nearest = matches!(sampler.mag_filter, Some(Checked::Valid(MagFilter::Nearest)));
+                ([wrap(&sampler.wrap_s), wrap(&sampler.wrap_t)], nearest)
+            }
+        };
+        let Some(texture) = self.texture(image, sampling, opaque, warnings)? else { return Ok(None) };
+        let transform = info.extensions.as_ref().and_then(|e| e.texture_transform.as_ref());
+        let tex_coord = transform.and_then(|t| t.tex_coord).unwrap_or(info.tex_coord) as usize;
+        if tex_coord >= 64 {
+            return Err(self.document.error(at, format!("texCoord {tex_coord} is out of range")));
+        }
+        Ok(Some(TextureRef { texture, tex_coord, transform: transform.map_or(IDENTITY, rows) }))
+    }
+
+    fn texture(
+        &mut self,
+        image: usize,
+        sampling: Sampling,
+        opaque: bool,
+        warnings: &mut Warnings,
+    ) -> Result<Option<Arc<Texture>>> {
+        if let Some(texture) = self.textures.get(&(image, sampling, opaque)) {
+            return Ok(Some(texture.clone()));
+        }
+        let decoded = match self.decoded.get(&image) {
+            Some(decoded) => decoded.clone(),
+            None => {
+                let decoded = self.decode(image, warnings)?.map(Arc::new);
+                self.decoded.insert(image, decoded.clone());
+                decoded
+            }
+        };
+        let Some(decoded) = decoded else { return Ok(None) };
+        self.document.charge(4 * decoded.texels.len() as u64, &format!("images[{image}]"))?;
+        let mut texture = Texture::clone(&decoded);
+        texture.wrap = sampling.0.map(|w| [Wrap::Repeat, Wrap::Mirror, Wrap::Clamp][usize::from(w)]);
+        texture.nearest = sampling.1;
+        if opaque {
+            // glTF has alpha ignored then, also by those who average colours weighted by it.
+            texture.texels.iter_mut().for_each(|t| t[3] = 255);
+        }
+        let texture = Arc::new(texture);
+        self.textures.insert((image, sampling, opaque), texture.clone());
+        Ok(Some(texture))
+    }
+
+    /// None, with a counted warning, where the image is missing or broken.
+    fn decode(&self, id: usize, warnings: &mut Warnings) -> Result<Option<Texture>> {
+        let at = format!("images[{id}]");
+        let document = self.document;
+        let json = document.root.images.get(id).ok_or_else(|| document.error(&*at, "does not exist"))?;
+        let uri = json.uri.as_deref().filter(|u| files::scheme(u).is_none());
+        let name = json.name.clone().or(uri.map(str::to_string)).unwrap_or_else(|| at.clone());
+        let hint = json.mime_type.as_ref().map(|m| m.0.as_str()).or(uri).unwrap_or_default();
+        let bytes = match (index(json.buffer_view), &json.uri) {
+            (Some(view), _) => document.view(view).map(|v| v.bytes.to_vec()),
+            (None, Some(uri)) => document.fetch(uri, &at, true),
+            (None, None) => Err(document.error(&*at, "has neither a URI nor a buffer view")),
+        };
+        let texture = bytes
+            .map_err(|e| e.to_string())
+            .and_then(|bytes| image::decode(&name, &bytes, hint, self.options.max_pixels));
+        match texture {
+            Ok(texture) => Ok(Some(texture)),
+            Err(what) => {
+                warnings.add(format!("texture {name} cannot be read ({what}); the factor colour is used"));
+                Ok(None)
+            }
+        }
+    }
+}
+
+fn wrap(mode: &Checked<WrappingMode>) -> u8 {
+    match mode {
+        Checked::Valid(WrappingMode::MirroredRepeat) => 1,
+        Checked::Valid(WrappingMode::ClampToEdge) => 2,
+        _ => 0,
+    }
+}
+
+const IDENTITY: [[f32; 3]; 2] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+
+/// Translation · rotation · scale, as KHR_texture_transform has it: v points down, so a positive angle turns the image
+/// counter-clockwise.
+fn rows(t: &TextureTransform) -> [[f32; 3]; 2] {
+    let (sin, cos) = (libm::sinf(t.rotation.0), libm::cosf(t.rotation.0));
+    let ([sx, sy], [x, y]) = (t.scale.0, t.offset.0);
+    [[cos * sx, sin * sy, x], [-sin * sx, cos * sy, y]]
+}

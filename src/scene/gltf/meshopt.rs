@@ -1,0 +1,354 @@
+//! EXT_meshopt_compression and KHR_meshopt_compression: buffer views packed by byte-wise deltas.
+//!
+//! Based on: the glTF extensions of those names (bitstream versions 0 and 1 for attributes, 1 for indices).
+
+use serde_json::Value;
+
+use super::filters::{self, Filter};
+
+/// Bytes are packed in groups of so many.
+const GROUP: usize = 16;
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Mode {
+    Attributes,
+    Triangles,
+    Indices,
+}
+
+/// A compressed buffer view, as its JSON has it.
+#[derive(Debug)]
+pub struct Spec {
+    pub buffer: usize,
+    pub byte_offset: u64,
+    pub byte_length: u64,
+    /// Bytes an element, once decoded.
+    pub stride: usize,
+    count: usize,
+    mode: Mode,
+    filter: Option<Filter>,
+}
+
+impl Spec {
+    /// The error says what is wrong.
+    pub fn parse(json: &Value) -> Result<Self, String> {
+        let number = |key: &str| json.get(key).map(|v| v.as_u64().ok_or(format!("{key} is not a whole number")));
+        let needed = |key: &str| number(key).unwrap_or_else(|| Err(format!("meshopt compression without {key}")));
+        let text = |key: &str| json.get(key).and_then(Value::as_str);
+        let mode = match text("mode") {
+            Some("ATTRIBUTES") => Mode::Attributes,
+            Some("TRIANGLES") => Mode::Triangles,
+            Some("INDICES") => Mode::Indices,
+            other => return Err(format!("meshopt mode {} is not known", other.unwrap_or("(none)"))),
+        };
+        let size = |key| needed(key).and_then(|n| usize::try_from(n).map_err(|_| format!("{key} is too large")));
+        let (stride, count) = (size("byteStride")?, size("count")?);
+        let fits = match mode {
+            Mode::Attributes => (4..=256).contains(&stride) && stride % 4 == 0,
+            Mode::Triangles => (stride == 2 || stride == 4) && count % 3 == 0,
+            Mode::Indices => stride == 2 || stride == 4,
+        };
+        if !fits {
+            return Err(format!("meshopt compression: byteStride {stride} and count {count} do not fit the mode"));
+        }
+        let filter = match text("filter") {
+            None | Some("NONE") => None,
+            Some(name) => Some(Filter::named(name, stride).ok_or_else(|| {
+                format!("meshopt filter {name} is not known, or not for elements of {stride} bytes")
+            })?),
+        };
+        if filter.is_some() && mode != Mode::Attributes {
+            return Err("a meshopt filter is for attributes only".into());
+        }
+        let byte_offset = number("byteOffset").unwrap_or(Ok(0))?;
+        Ok(Spec {
+            buffer: size("buffer")?,
+            byte_offset,
+            byte_length: needed("byteLength")?,
+            stride,
+            count,
+            mode,
+            filter,
+        })
+    }
+
+    pub fn decoded_len(&self) -> u64 {
+        (self.count as u64).saturating_mul(self.stride as u64)
+    }
+
+    /// The fewest bytes that can hold so many elements.
+    fn least_len(&self) -> usize {
+        match self.mode {
+            // Two bits for each group of 16 of each byte, in version 1 a control byte for each block of 4 bytes.
+            Mode::Attributes => 1 + self.count / 256 * (self.stride / 4),
+            Mode::Triangles => 1 + self.count / 3 + 16,
+            Mode::Indices => 1 + self.count + 4,
+        }
+    }
+}
+
+/// Decode all elements of `spec`, whose decoded length the caller has checked.
+pub fn decode(spec: &Spec, packed: &[u8]) -> Result<Vec<u8>, String> {
+    if packed.len() < spec.least_len() {
+        return Err(format!("{} bytes cannot hold {} elements", packed.len(), spec.count));
+    }
+    let cut = "is cut short or damaged";
+    match spec.mode {
+        Mode::Attributes => {
+            let mut out = attributes(packed, spec.count, spec.stride).ok_or(cut)?;
+            if let Some(filter) = spec.filter {
+                filters::apply(filter, &mut out, spec.stride);
+            }
+            Ok(out)
+        }
+        Mode::Triangles => Ok(narrow(&triangles(packed, spec.count).ok_or(cut)?, spec.stride)),
+        Mode::Indices => Ok(narrow(&sequence(packed, spec.count).ok_or(cut)?, spec.stride)),
+    }
+}
+
+fn narrow(indices: &[u32], stride: usize) -> Vec<u8> {
+    indices.iter().flat_map(|i| i.to_le_bytes().into_iter().take(stride)).collect()
+}
+
+/// A cursor that runs out instead of past the end.
+struct Bytes<'a>(&'a [u8]);
+
+impl<'a> Bytes<'a> {
+    fn take(&mut self, n: usize) -> Option<&'a [u8]> {
+        let (head, rest) = self.0.split_at_checked(n)?;
+        self.0 = rest;
+        Some(head)
+    }
+
+    fn byte(&mut self) -> Option<u8> {
+        self.take(1).map(|b| b[0])
+    }
+
+    /// Seven bits a byte, lowest first, at most five bytes.
+    fn varint(&mut self) -> Option<u32> {
+        let mut value = 0;
+        for shift in (0..35).step_by(7) {
+            let b = self.byte()?;
+            value |= u32::from(b & 127) << shift;
+            if b < 128 {
+                break;
+            }
+        }
+        Some(value)
+    }
+}
+
+fn unzigzag(v: u32) -> u32 {
+    (v >> 1) ^ (v & 1).wrapping_neg()
+}
+
+fn attributes(packed: &[u8], count: usize, stride: usize) -> Option<Vec<u8>> {
+    let version = match packed.first()? {
+        0xA0 => 0,
+        0xA1 => 1,
+        _ => return None,
+    };
+    // The tail: the element before the first, and in version 1 how each four bytes of an element are coded.
+    let channels = if version == 0 { 0 } else { stride / 4 };
+    let tail_len = (stride + channels).max(if version == 0 { 32 } else { 24 });
+    let body_len = packed.len().checked_sub(1 + tail_len)?;
+    let tail = &packed[packed.len() - stride - channels..];
+    let mut last = tail[..stride].to_vec();
+    let channels = &tail[stride..];
+
+    let mut data = Bytes(&packed[1..1 + body_len]);
+    let mut out = vec![0; count * stride];
+    let block = ((8192 / stride) & !(GROUP - 1)).min(256);
+    for elements in out.chunks_mut(block * stride) {
+        let n = elements.len() / stride;
+        let control = data.take(if version == 0 { 0 } else { stride / 4 })?;
+        for k in (0..stride).step_by(4) {
+            let mut deltas: [Vec<u8>; 4] = Default::default();
+            for (j, bytes) in deltas.iter_mut().enumerate() {
+                let coding = control.get(k / 4).map(|c| c >> (2 * j) & 3);
+                *bytes = match coding {
+                    Some(3) => data.take(n)?.to_vec(),
+                    Some(2) => vec![0; n],
+                    Some(1) => byte_groups(&mut data, n, [1, 2, 4, 8])?,
+                    Some(_) => byte_groups(&mut data, n, [0, 1, 2, 4])?,
+                    None => byte_groups(&mut data, n, [0, 2, 4, 8])?,
+                };
+            }
+            let channel = channels.get(k / 4).copied().unwrap_or(0);
+            undo_deltas(&deltas, channel, &mut last[k..k + 4], elements, k, stride)?;
+        }
+    }
+    data.0.is_empty().then_some(out)
+}
+
+/// `n` bytes in groups of 16, each with one of four widths.
+fn byte_groups(data: &mut Bytes, n: usize, widths: [u32; 4]) -> Option<Vec<u8>> {
+    let groups = n.div_ceil(GROUP);
+    let header = data.take(groups.div_ceil(4))?;
+    let mut out = Vec::with_capacity(groups * GROUP);
+    for g in 0..groups {
+        let width = widths[usize::from(header[g / 4] >> (g % 4 * 2) & 3)];
+        match width {
+            0 => out.extend([0; GROUP]),
+            8 => out.extend(data.take(GROUP)?),
+            _ => {
+                let packed = data.take(GROUP * width as usize / 8)?;
+                let all_ones = (1u8 << width) - 1;
+                let per_byte = 8 / width;
+                for i in 0..GROUP as u32 {
+                    // Single bits go from the lowest up, the others from the highest down.
+                    let at = if width == 1 { i % 8 } else { 8 - width - i % per_byte * width };
+                    let v = packed[(i / per_byte) as usize] >> at & all_ones;
+                    out.push(if v == all_ones { data.byte()? } else { v });
+                }
+            }
+        }
+    }
+    out.truncate(n);
+    Some(out)
+}
+
+/// Add up what four byte streams say, into bytes `k..k + 4` of each element.
+fn undo_deltas(
+    deltas: &[Vec<u8>; 4],
+    channel: u8,
+    last: &mut [u8],
+    elements: &mut [u8],
+    k: usize,
+    stride: usize,
+) -> Option<()> {
+    let width = match channel & 3 {
+        0 => 1,
+        1 => 2,
+        2 => 4,
+        _ => return None,
+    };
+    for lane in (0..4).step_by(width) {
+        let word = |bytes: &mut dyn Iterator<Item = u8>| {
+            bytes.enumerate().fold(0u32, |v, (j, b)| v | u32::from(b) << (8 * j))
+        };
+        let mut previous = word(&mut last[lane..lane + width].iter().copied());
+        for (i, element) in elements.chunks_exact_mut(stride).enumerate() {
+            let v = word(&mut deltas[lane..lane + width].iter().map(|d| d[i]));
+            previous = match width {
+                4 => v.rotate_right(u32::from(channel >> 4)) ^ previous,
+                _ => previous.wrapping_add(unzigzag(v)),
+            };
+            element[k + lane..k + lane + width].copy_from_slice(&previous.to_le_bytes()[..width]);
+        }
+        last[lane..lane + width].copy_from_slice(&previous.to_le_bytes()[..width]);
+    }
+    Some(())
+}
+
+/// The last sixteen of something, `get(0)` the newest.
+struct Fifo<T> {
+    items: [T; 16],
+    next: usize,
+}
+
+impl<T: Copy> Fifo<T> {
+    fn new(value: T) -> Self {
+        Fifo { items: [value; 16], next: 0 }
+    }
+
+    fn get(&self, age: usize) -> T {
+        self.items[self.next.wrapping_sub(1 + age) & 15]
+    }
+
+    /// Written always, kept only where `keep`.
+    fn push(&mut self, value: T, keep: bool) {
+        self.items[self.next] = value;
+        self.next = (self.next + usize::from(keep)) & 15;
+    }
+}
+
+fn triangles(packed: &[u8], count: usize) -> Option<Vec<u32>> {
+    if *packed.first()? != 0xE1 {
+        return None;
+    }
+    let (rest, table) = packed[1..].split_at_checked(packed.len().checked_sub(17)?)?;
+    let (codes, data) = rest.split_at_checked(count / 3)?;
+    let mut data = Bytes(data);
+    let mut edges = Fifo::new([0u32; 2]);
+    let mut vertices = Fifo::new(0u32);
+    let (mut next, mut last) = (0u32, 0u32);
+    let fresh = |next: &mut u32| std::mem::replace(next, next.wrapping_add(1));
+    let mut out = Vec::with_capacity(count);
+    for &code in codes {
+        if code < 0xF0 {
+            let [a, b] = edges.get(usize::from(code >> 4));
+            let c = match code & 15 {
+                0 => {
+                    let c = fresh(&mut next);
+                    vertices.push(c, true);
+                    c
+                }
+                age @ 1..13 => {
+                    let c = vertices.get(usize::from(age));
+                    vertices.push(c, false);
+                    c
+                }
+                delta => {
+                    last = match delta {
+                        13 => last.wrapping_sub(1),
+                        14 => last.wrapping_add(1),
+                        _ => last.wrapping_add(unzigzag(data.varint()?)),
+                    };
+                    vertices.push(last, true);
+                    last
+                }
+            };
+            edges.push([c, b], true);
+            edges.push([a, c], true);
+            out.extend([a, b, c]);
+            continue;
+        }
+        let aux = if code < 0xFE { table[usize::from(code & 15)] } else { data.byte()? };
+        if code >= 0xFE && aux == 0 {
+            next = 0;
+        }
+        let ages = [if code == 0xFF { 15 } else { 0 }, aux >> 4, aux & 15];
+        let free = code >= 0xFE;
+        let mut corners = [0; 3];
+        for (corner, &age) in corners.iter_mut().zip(&ages) {
+            *corner = match age {
+                0 => fresh(&mut next),
+                15 if free => continue,
+                // Ages count from the newest as 1 here.
+                _ => vertices.get(usize::from(age) - 1),
+            };
+        }
+        for (corner, &age) in corners.iter_mut().zip(&ages) {
+            if free && age == 15 {
+                last = last.wrapping_add(unzigzag(data.varint()?));
+                *corner = last;
+            }
+        }
+        for (corner, &age) in corners.iter().zip(&ages) {
+            vertices.push(*corner, age == 0 || (free && age == 15));
+        }
+        let [a, b, c] = corners;
+        edges.push([b, a], true);
+        edges.push([c, b], true);
+        edges.push([a, c], true);
+        out.extend(corners);
+    }
+    data.0.is_empty().then_some(out)
+}
+
+fn sequence(packed: &[u8], count: usize) -> Option<Vec<u32>> {
+    if *packed.first()? != 0xD1 {
+        return None;
+    }
+    let mut data = Bytes(packed.get(1..packed.len().checked_sub(4)?)?);
+    let mut last = [0u32; 2];
+    let mut out = Vec::with_capacity(count);
+    for _ in 0..count {
+        let v = data.varint()?;
+        let baseline = &mut last[(v & 1) as usize];
+        *baseline = baseline.wrapping_add(unzigzag(v >> 1));
+        out.push(*baseline);
+    }
+    data.0.is_empty().then_some(out)
+}

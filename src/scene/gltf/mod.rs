@@ -1,0 +1,101 @@
+//! glTF 2.0 files (`.gltf`, `.glb`) → [`Scene`]: the one place that knows the format.
+
+mod accessor;
+mod document;
+mod extension;
+mod filters;
+mod light;
+mod material;
+mod meshopt;
+mod nodes;
+mod primitive;
+mod skin;
+mod support;
+
+use std::path::Path;
+
+use super::{Instance, Model, Scene};
+use crate::scene::select::Selection;
+use crate::{Error, Result, Warnings};
+use document::Document;
+
+/// What to take from a file, and how much of it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ReadOptions {
+    /// The scene by its name or, failing that, its index; by default the file's own choice.
+    pub scene: Option<String>,
+    /// Names of nodes that are taken with all below them; `*` and `?` stand for any characters and any one. None: all.
+    pub include: Vec<String>,
+    /// Names of nodes that are left out with all below them, in the same form.
+    pub exclude: Vec<String>,
+    /// Bytes that may be taken for the file, its buffers and what is decoded from them, images apart.
+    pub max_bytes: u64,
+    /// Pixels of one image.
+    pub max_pixels: u64,
+    /// Placed primitives, after EXT_mesh_gpu_instancing.
+    pub max_instances: usize,
+    /// Whether images are decoded; without them a texture is left out, the factor colour stays.
+    pub textures: bool,
+}
+
+impl Default for ReadOptions {
+    fn default() -> Self {
+        ReadOptions {
+            scene: None,
+            include: Vec::new(),
+            exclude: Vec::new(),
+            max_bytes: 8 << 30,
+            max_pixels: 1 << 27,
+            max_instances: 1 << 26,
+            textures: true,
+        }
+    }
+}
+
+/// Read the chosen scene of a file.
+///
+/// # Errors
+/// [`Error::Io`] where a file cannot be read, [`Error::Input`] where it breaks glTF's rules or holds nothing that is
+/// drawn, [`Error::Unsupported`] where it requires an extension that is not read, [`Error::Limit`] beyond the limits,
+/// [`Error::Options`] where the scene or a node that was asked for is not there.
+pub fn read(path: &Path, options: &ReadOptions) -> Result<Scene> {
+    let document = Document::open(path, options)?;
+    support::check(&document)?;
+    let mut warnings = Warnings::default();
+    let mut selection = Selection::new(&options.include, &options.exclude);
+    let graph = nodes::walk(&document, options, &mut selection, &mut warnings)?;
+    let mut parts = primitive::Parts::new(&document);
+    let mut instances: Vec<Instance> = Vec::new();
+    for placed in &graph.meshes {
+        let ids = parts.of_node(&document, &graph, placed, &mut warnings)?;
+        let transforms = nodes::instances(&document, placed, ids.relative_to, &mut warnings)?;
+        if transforms.len().saturating_mul(ids.parts.len()) > options.max_instances - instances.len() {
+            return Err(Error::Limit {
+                what: format!("{}: placing meshes", path.display()),
+                needed: (transforms.len() as u64).saturating_mul(ids.parts.len() as u64),
+                allowed: options.max_instances as u64,
+            });
+        }
+        for transform in transforms {
+            let place = |&part| Instance { part, transform, node: placed.name.clone() };
+            instances.extend(ids.parts.iter().map(place));
+        }
+    }
+    selection.finish("node")?;
+    if instances.is_empty() {
+        let why: String = warnings.iter().map(|(text, n)| format!("; {n} × {text}")).collect();
+        return Err(Error::input(path, "", format!("nothing is drawn: no node of the scene shows a mesh{why}")));
+    }
+    let root = extension::root(&document, &mut warnings)?;
+    let materials = material::read(&document, options, &mut parts.list, root.texels.len(), &mut warnings)?;
+    let model = Model {
+        parts: parts.list,
+        materials,
+        instances,
+        cameras: graph.cameras,
+        lights: graph.lights,
+        metres_per_unit: 1.0,
+        warnings,
+    };
+    Ok(Scene { model, texels: root.texels, environment: root.environment })
+}

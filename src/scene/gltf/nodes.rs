@@ -1,0 +1,262 @@
+//! The node graph → placed meshes, cameras and lights in world space.
+
+use glam::{DMat3, DQuat, DVec3};
+use serde_json::Value;
+
+use super::document::{Document, Place, index};
+use super::{ReadOptions, light};
+use crate::geom::DAffine3;
+use crate::scene::model::{Camera, Light};
+use crate::scene::select::Selection;
+use crate::{Error, Result, Warnings};
+
+/// Visits of nodes: a file without shared nodes needs one each, one that shares them at every depth many more.
+const MAX_VISITS: usize = 1 << 22;
+
+/// What the chosen scene holds.
+pub struct Graph {
+    pub meshes: Vec<Placed>,
+    pub cameras: Vec<Camera>,
+    pub lights: Vec<Light>,
+    /// Node → world, for the nodes of the scene.
+    worlds: Vec<Option<DAffine3>>,
+}
+
+/// A node that shows a mesh.
+pub struct Placed {
+    /// None where the file has no nodes at all.
+    pub node: Option<usize>,
+    pub name: String,
+    pub mesh: usize,
+    pub world: DAffine3,
+}
+
+/// Visit the chosen scene once, depth first in file order.
+pub fn walk(
+    document: &Document,
+    options: &ReadOptions,
+    selection: &mut Selection,
+    warnings: &mut Warnings,
+) -> Result<Graph> {
+    let nodes = &document.root.nodes;
+    let mut graph =
+        Graph { meshes: vec![], cameras: vec![], lights: vec![], worlds: vec![None; nodes.len()] };
+    let roots = roots(document, options, warnings)?;
+    let mut stack: Vec<Visit> = Vec::new();
+    let root = Visit { node: 0, depth: 0, parent: DAffine3::IDENTITY, taken: selection.takes_all(), left_out: false };
+    let mut visits = 0;
+    stack.extend(roots.iter().rev().map(|&node| Visit { node, ..root }));
+    while let Some(Visit { node: id, depth, parent, taken, left_out }) = stack.pop() {
+        let at = || format!("nodes[{id}]");
+        visits += 1;
+        if depth > nodes.len() {
+            return Err(document.error(at(), "is its own ancestor"));
+        }
+        if visits > MAX_VISITS {
+            return Err(document.error(at(), "is reached along too many ways; a node has one parent"));
+        }
+        let (Some(node), Some(place), Some(seen)) =
+            (nodes.get(id), document.places.get(id), graph.worlds.get_mut(id))
+        else {
+            return Err(document.error(at(), "does not exist"));
+        };
+        if seen.is_some() {
+            warnings.add("a node with several parents is shown below each");
+        }
+        let world = parent * local(place, warnings);
+        if !world.is_finite() {
+            return Err(document.error(at(), "the transform overflows"));
+        }
+        *seen = Some(world);
+        let mesh = index(node.mesh);
+        let mesh_name = mesh.and_then(|m| document.root.meshes.get(m)).and_then(|m| m.name.clone());
+        let name = node.name.clone().filter(|n| !n.is_empty()).or(mesh_name).unwrap_or_else(|| format!("node {id}"));
+        let (by_name, out_by_name) = (selection.includes(&name), selection.excludes(&name));
+        let others = node.extensions.as_ref().map(|e| &e.others);
+        let hidden = others
+            .and_then(|o| o.get("KHR_node_visibility")?.get("visible"))
+            .is_some_and(|v| v == &Value::Bool(false));
+        let visit = Visit { node: 0, depth: depth + 1, parent: world, taken: taken || by_name, left_out: left_out || out_by_name || hidden };
+        if let Some(mesh) = mesh.filter(|_| visit.taken && !visit.left_out) {
+            graph.meshes.push(Placed { node: Some(id), name: name.clone(), mesh, world });
+        }
+        if let Some(camera) = index(node.camera) {
+            graph.cameras.extend(light::camera(document, camera, &name, world, warnings)?);
+        }
+        if let Some(l) = node.extensions.as_ref().and_then(|e| e.khr_lights_punctual.as_ref()) {
+            graph.lights.extend(light::light(document, l.light.value(), &name, world, warnings)?);
+        }
+        let children = node.children.iter().flatten().rev();
+        stack.extend(children.map(|c| Visit { node: c.value(), ..visit }));
+    }
+    if nodes.is_empty() && !document.root.meshes.is_empty() {
+        warnings.add("the file has no nodes; each of its meshes is placed where it is");
+        let placed = |(mesh, m): (usize, &gltf::json::Mesh)| {
+            let name = m.name.clone().unwrap_or_else(|| format!("mesh {mesh}"));
+            Placed { node: None, name, mesh, world: DAffine3::IDENTITY }
+        };
+        graph.meshes.extend(document.root.meshes.iter().enumerate().map(placed).filter(|p| {
+            let (included, excluded) = (selection.includes(&p.name), selection.excludes(&p.name));
+            (included || selection.takes_all()) && !excluded
+        }));
+    }
+    graph.place_others(document, warnings);
+    Ok(graph)
+}
+
+/// A node still to be visited, and what its ancestors pass down.
+#[derive(Clone, Copy)]
+struct Visit {
+    node: usize,
+    depth: usize,
+    parent: DAffine3,
+    taken: bool,
+    left_out: bool,
+}
+
+/// The root nodes of the chosen scene.
+fn roots(document: &Document, options: &ReadOptions, warnings: &mut Warnings) -> Result<Vec<usize>> {
+    let scenes = &document.root.scenes;
+    let of = |scene: &gltf::json::Scene| scene.nodes.iter().map(|n| n.value()).collect();
+    if let Some(wanted) = &options.scene {
+        let by_index = || wanted.parse::<usize>().ok().and_then(|i| scenes.get(i));
+        let scene = scenes.iter().find(|s| s.name.as_deref() == Some(wanted)).or_else(by_index);
+        return scene.map(of).ok_or_else(|| {
+            let names: Vec<String> =
+                scenes.iter().enumerate().map(|(i, s)| s.name.clone().unwrap_or(i.to_string())).collect();
+            Error::Options(format!("no scene is named {wanted}; the file has: {}", names.join(", ")))
+        });
+    }
+    if let Some(default) = index(document.root.scene) {
+        let missing = || document.error("scene", format!("scenes[{default}] does not exist"));
+        return scenes.get(default).map(of).ok_or_else(missing);
+    }
+    if let Some(first) = scenes.first() {
+        if scenes.len() > 1 {
+            warnings.add(format!("the file names no default scene; the first of {} is used", scenes.len()));
+        }
+        return Ok(of(first));
+    }
+    warnings.add("the file has no scene; all its root nodes are used");
+    Ok(tops(document))
+}
+
+/// A node's own transform.
+fn local(place: &Place, warnings: &mut Warnings) -> DAffine3 {
+    if let Some(m) = place.matrix {
+        if [m[3], m[7], m[11], m[15]] != [0.0, 0.0, 0.0, 1.0] {
+            warnings.add("a node's matrix has a last row other than 0 0 0 1, which is ignored");
+        }
+        let column = |k: usize| DVec3::new(m[4 * k], m[4 * k + 1], m[4 * k + 2]);
+        return DAffine3 { matrix3: DMat3::from_cols(column(0), column(1), column(2)).into(), translation: column(3).into() };
+    }
+    DAffine3::from_scale_rotation_translation(
+        place.scale.map_or(DVec3::ONE, DVec3::from),
+        rotation(place.rotation.unwrap_or([0.0, 0.0, 0.0, 1.0]), warnings),
+        place.translation.map_or(DVec3::ZERO, DVec3::from),
+    )
+}
+
+fn rotation(xyzw: [f64; 4], warnings: &mut Warnings) -> DQuat {
+    let q = DQuat::from_array(xyzw);
+    let length = q.length();
+    if length.is_normal() {
+        return q / length;
+    }
+    warnings.add("a rotation of length 0 is ignored");
+    DQuat::IDENTITY
+}
+
+impl Graph {
+    /// Node → world; nodes outside the scene stand where their own ancestors put them.
+    pub fn world(&self, document: &Document, node: usize) -> Result<DAffine3> {
+        let world = self.worlds.get(node).copied().flatten();
+        world.ok_or_else(|| document.error(format!("nodes[{node}]"), "does not exist, or is its own ancestor"))
+    }
+
+    /// Place the nodes that the scene does not hold: joints may be anywhere.
+    fn place_others(&mut self, document: &Document, warnings: &mut Warnings) {
+        let mut stack: Vec<(usize, DAffine3)> =
+            tops(document).into_iter().map(|node| (node, DAffine3::IDENTITY)).collect();
+        let mut visited = vec![false; self.worlds.len()];
+        while let Some((id, parent)) = stack.pop() {
+            let (Some(node), Some(place)) = (document.root.nodes.get(id), document.places.get(id)) else { continue };
+            if std::mem::replace(&mut visited[id], true) {
+                continue;
+            }
+            let world = *self.worlds[id].get_or_insert_with(|| parent * local(place, warnings));
+            stack.extend(node.children.iter().flatten().map(|c| (c.value(), world)));
+        }
+    }
+}
+
+/// Nodes that are no other's child.
+fn tops(document: &Document) -> Vec<usize> {
+    let mut is_child = vec![false; document.root.nodes.len()];
+    for child in document.root.nodes.iter().flat_map(|n| n.children.iter().flatten()) {
+        if let Some(flag) = is_child.get_mut(child.value()) {
+            *flag = true;
+        }
+    }
+    (0..is_child.len()).filter(|&i| !is_child[i]).collect()
+}
+
+/// Where a placed mesh stands: once, or as often as EXT_mesh_gpu_instancing says.
+/// `posed`: the transform of a skinned mesh, which stands where its joints are.
+pub fn instances(
+    document: &Document,
+    placed: &Placed,
+    posed: Option<DAffine3>,
+    warnings: &mut Warnings,
+) -> Result<Vec<DAffine3>> {
+    let world = posed.unwrap_or(placed.world);
+    let extensions = placed.node.and_then(|n| document.root.nodes.get(n)).and_then(|n| n.extensions.as_ref());
+    let Some(instancing) = extensions.and_then(|e| e.others.get("EXT_mesh_gpu_instancing")) else {
+        return Ok(vec![world]);
+    };
+    let at = |name: &str| format!("{} instancing {name}", placed.name);
+    let accessor = |name: &str| match instancing.get("attributes").and_then(|a| a.get(name)) {
+        None => Ok(None),
+        Some(v) => match v.as_u64().and_then(|v| usize::try_from(v).ok()) {
+            Some(v) => Ok(Some(v)),
+            None => Err(document.error(at(name), "is not an accessor's index")),
+        },
+    };
+    let vec3 = |name: &str| match accessor(name)? {
+        Some(a) => document.read_floats::<3>(a, 3, [0.0; 3], &at(name)).map(Some),
+        None => Ok(None),
+    };
+    let (translations, scales) = (vec3("TRANSLATION")?, vec3("SCALE")?);
+    let rotations = match accessor("ROTATION")? {
+        Some(a) => Some(document.read_floats::<4>(a, 4, [0.0; 4], &at("ROTATION"))?),
+        None => None,
+    };
+    let lengths = [
+        translations.as_ref().map(Vec::len),
+        scales.as_ref().map(Vec::len),
+        rotations.as_ref().map(Vec::len),
+    ];
+    let Some(count) = lengths.iter().flatten().copied().next() else {
+        return Ok(vec![world]);
+    };
+    if lengths.iter().flatten().any(|&n| n != count) {
+        return Err(document.error(at("attributes"), "have different numbers of elements"));
+    }
+    document.charge((count as u64).saturating_mul(size_of::<DAffine3>() as u64), &at("attributes"))?;
+    let wide = |v: [f32; 3]| DVec3::from(v.map(f64::from));
+    let mut out = Vec::with_capacity(count);
+    for i in 0..count {
+        let transform = world
+            * DAffine3::from_scale_rotation_translation(
+                scales.as_ref().map_or(DVec3::ONE, |s| wide(s[i])),
+                rotations.as_ref().map_or(DQuat::IDENTITY, |r| rotation(r[i].map(f64::from), warnings)),
+                translations.as_ref().map_or(DVec3::ZERO, |t| wide(t[i])),
+            );
+        if transform.is_finite() {
+            out.push(transform);
+        } else {
+            warnings.add("an instance with a NaN or infinite transform is left out");
+        }
+    }
+    Ok(out)
+}
