@@ -215,12 +215,7 @@ fn bilinear(uv: [f32; 2], wrap: [Wrap; 2], size: [u32; 2]) -> [(usize, usize, f3
         (wrapped(i, size[k], wrap[k]), wrapped(i + 1, size[k], wrap[k]), x - cell)
     };
     let ((x0, x1, tx), (y0, y1, ty)) = (axis(0), axis(1));
-    [
-        (x0, y0, (1.0 - tx) * (1.0 - ty)),
-        (x1, y0, tx * (1.0 - ty)),
-        (x0, y1, (1.0 - tx) * ty),
-        (x1, y1, tx * ty),
-    ]
+    [(x0, y0, (1.0 - tx) * (1.0 - ty)), (x1, y0, tx * (1.0 - ty)), (x0, y1, (1.0 - tx) * ty), (x1, y1, tx * ty)]
 }
 
 #[cfg(test)]

@@ -39,7 +39,8 @@ pub fn triangle_fan(indices: &[u32]) -> Vec<[u32; 3]> {
 pub fn clean(part: &mut Part, strip: bool, warnings: &mut Warnings) {
     let n = part.positions.len();
     let bad: Vec<bool> = part.positions.iter().map(|p| !p.iter().all(|c| c.is_finite())).collect();
-    warnings.add_many("a vertex with a NaN or infinite position is left out", bad.iter().filter(|b| **b).count() as u64);
+    warnings
+        .add_many("a vertex with a NaN or infinite position is left out", bad.iter().filter(|b| **b).count() as u64);
     for p in part.positions.iter_mut().filter(|p| !p.iter().all(|c| c.is_finite())) {
         *p = [0.0; 3];
     }

@@ -121,7 +121,8 @@ impl Document {
             for (i, value) in indices.zip(values) {
                 let i = unsigned_le(i);
                 let slot = out.get_mut(i as usize);
-                *slot.ok_or_else(|| self.error(at, format!("sparse index {i} is beyond {} elements", layout.count)))? =
+                *slot
+                    .ok_or_else(|| self.error(at, format!("sparse index {i} is beyond {} elements", layout.count)))? =
                     element(value);
             }
         }

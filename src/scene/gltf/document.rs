@@ -95,7 +95,11 @@ impl Document {
             decoded: root.buffer_views.iter().map(|_| OnceCell::new()).collect(),
             root,
             places: precise.nodes,
-            targets: precise.meshes.into_iter().map(|m| m.primitives.into_iter().map(|p| p.targets).collect()).collect(),
+            targets: precise
+                .meshes
+                .into_iter()
+                .map(|m| m.primitives.into_iter().map(|p| p.targets).collect())
+                .collect(),
             bin,
             left: Cell::new(options.max_bytes),
             limit: options.max_bytes,
@@ -179,12 +183,7 @@ impl Document {
                 .map_err(|what| self.error(at(), format!("meshopt compression: {what}")))?;
             return Ok(View { bytes: cell.get_or_init(|| bytes), stride });
         }
-        let bytes = self.range(
-            view.buffer.value(),
-            view.byte_offset.unwrap_or_default().0,
-            view.byte_length.0,
-            &at,
-        )?;
+        let bytes = self.range(view.buffer.value(), view.byte_offset.unwrap_or_default().0, view.byte_length.0, &at)?;
         Ok(View { bytes, stride: view.byte_stride.map(|s| s.0) })
     }
 

@@ -151,11 +151,7 @@ fn layer(json: &Object, texels: usize, warnings: &mut Warnings) -> Result<Layer>
 }
 
 fn discrete(json: &Object, texels: usize, warnings: &mut Warnings) -> Result<Discrete> {
-    json.known(
-        &["seed", "orientations", "scale", "displace", "presence", "variants"],
-        &["mirror"],
-        warnings,
-    );
+    json.known(&["seed", "orientations", "scale", "displace", "presence", "variants"], &["mirror"], warnings);
     use Orientations::{Identity, W4, W8};
     let orientations = [
         ("identity", (Identity, false)),
@@ -293,8 +289,7 @@ impl<'a> Object<'a> {
         use CellWrap::{Empty, Mirror, Repeat};
         const NAMES: [(&str, CellWrap); 3] = [("repeat", Repeat), ("mirror", Mirror), ("empty", Empty)];
         let Some(json) = self.json.get("wrap") else { return Ok([Repeat, Repeat, Empty]) };
-        let wraps: Option<Vec<CellWrap>> =
-            json.as_array().and_then(|l| l.iter().map(|v| pick(v, &NAMES)).collect());
+        let wraps: Option<Vec<CellWrap>> = json.as_array().and_then(|l| l.iter().map(|v| pick(v, &NAMES)).collect());
         wraps
             .and_then(|w| <[CellWrap; 3]>::try_from(w).ok())
             .ok_or_else(|| self.error("wrap", &format!("is not three times {}", &one_of(&NAMES)[7..])))

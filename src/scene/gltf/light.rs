@@ -43,7 +43,8 @@ pub fn light(
 ) -> Result<Option<Light>> {
     let lights = document.root.extensions.as_ref().and_then(|e| e.khr_lights_punctual.as_ref());
     let light = lights.and_then(|l| l.lights.get(index));
-    let light = light.ok_or_else(|| document.error(format!("KHR_lights_punctual.lights[{index}]"), "does not exist"))?;
+    let light =
+        light.ok_or_else(|| document.error(format!("KHR_lights_punctual.lights[{index}]"), "does not exist"))?;
     let kind = match (&light.type_, &light.spot) {
         (Checked::Valid(Type::Directional), _) => LightKind::Directional,
         (Checked::Valid(Type::Point), _) => LightKind::Point,
@@ -60,7 +61,9 @@ pub fn light(
     };
     let intensity = light.color.map(|c| f64::from(c) * f64::from(light.intensity));
     let cone = match kind {
-        LightKind::Spot { inner, outer } => inner >= 0.0 && inner <= outer && outer <= std::f64::consts::FRAC_PI_2 + 1e-6,
+        LightKind::Spot { inner, outer } => {
+            inner >= 0.0 && inner <= outer && outer <= std::f64::consts::FRAC_PI_2 + 1e-6
+        }
         _ => true,
     };
     if !cone || !intensity.iter().all(|c| c.is_finite() && *c >= 0.0) {

@@ -118,7 +118,13 @@ struct Images<'a> {
 
 impl Images<'_> {
     /// A texture as a material refers to it; none, with a counted warning, where its image cannot be had.
-    fn reference(&mut self, info: &Info, opaque: bool, at: &str, warnings: &mut Warnings) -> Result<Option<TextureRef>> {
+    fn reference(
+        &mut self,
+        info: &Info,
+        opaque: bool,
+        at: &str,
+        warnings: &mut Warnings,
+    ) -> Result<Option<TextureRef>> {
         let id = info.index.value();
         let texture = self.document.root.textures.get(id);
         let texture = texture.ok_or_else(|| self.document.error(at, format!("textures[{id}] does not exist")))?;

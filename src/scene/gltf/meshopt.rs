@@ -51,12 +51,13 @@ impl Spec {
         if !fits {
             return Err(format!("meshopt compression: byteStride {stride} and count {count} do not fit the mode"));
         }
-        let filter = match text("filter") {
-            None | Some("NONE") => None,
-            Some(name) => Some(Filter::named(name, stride).ok_or_else(|| {
-                format!("meshopt filter {name} is not known, or not for elements of {stride} bytes")
-            })?),
-        };
+        let filter =
+            match text("filter") {
+                None | Some("NONE") => None,
+                Some(name) => Some(Filter::named(name, stride).ok_or_else(|| {
+                    format!("meshopt filter {name} is not known, or not for elements of {stride} bytes")
+                })?),
+            };
         if filter.is_some() && mode != Mode::Attributes {
             return Err("a meshopt filter is for attributes only".into());
         }
@@ -224,9 +225,8 @@ fn undo_deltas(
         _ => return None,
     };
     for lane in (0..4).step_by(width) {
-        let word = |bytes: &mut dyn Iterator<Item = u8>| {
-            bytes.enumerate().fold(0u32, |v, (j, b)| v | u32::from(b) << (8 * j))
-        };
+        let word =
+            |bytes: &mut dyn Iterator<Item = u8>| bytes.enumerate().fold(0u32, |v, (j, b)| v | u32::from(b) << (8 * j));
         let mut previous = word(&mut last[lane..lane + width].iter().copied());
         for (i, element) in elements.chunks_exact_mut(stride).enumerate() {
             let v = word(&mut deltas[lane..lane + width].iter().map(|d| d[i]));

@@ -39,8 +39,7 @@ pub fn walk(
     warnings: &mut Warnings,
 ) -> Result<Graph> {
     let nodes = &document.root.nodes;
-    let mut graph =
-        Graph { meshes: vec![], cameras: vec![], lights: vec![], worlds: vec![None; nodes.len()] };
+    let mut graph = Graph { meshes: vec![], cameras: vec![], lights: vec![], worlds: vec![None; nodes.len()] };
     let roots = roots(document, options, warnings)?;
     let mut stack: Vec<Visit> = Vec::new();
     let root = Visit { node: 0, depth: 0, parent: DAffine3::IDENTITY, taken: selection.takes_all(), left_out: false };
@@ -55,8 +54,7 @@ pub fn walk(
         if visits > MAX_VISITS {
             return Err(document.error(at(), "is reached along too many ways; a node has one parent"));
         }
-        let (Some(node), Some(place), Some(seen)) =
-            (nodes.get(id), document.places.get(id), graph.worlds.get_mut(id))
+        let (Some(node), Some(place), Some(seen)) = (nodes.get(id), document.places.get(id), graph.worlds.get_mut(id))
         else {
             return Err(document.error(at(), "does not exist"));
         };
@@ -73,10 +71,15 @@ pub fn walk(
         let name = node.name.clone().filter(|n| !n.is_empty()).or(mesh_name).unwrap_or_else(|| format!("node {id}"));
         let (by_name, out_by_name) = (selection.includes(&name), selection.excludes(&name));
         let others = node.extensions.as_ref().map(|e| &e.others);
-        let hidden = others
-            .and_then(|o| o.get("KHR_node_visibility")?.get("visible"))
-            .is_some_and(|v| v == &Value::Bool(false));
-        let visit = Visit { node: 0, depth: depth + 1, parent: world, taken: taken || by_name, left_out: left_out || out_by_name || hidden };
+        let hidden =
+            others.and_then(|o| o.get("KHR_node_visibility")?.get("visible")).is_some_and(|v| v == &Value::Bool(false));
+        let visit = Visit {
+            node: 0,
+            depth: depth + 1,
+            parent: world,
+            taken: taken || by_name,
+            left_out: left_out || out_by_name || hidden,
+        };
         if let Some(mesh) = mesh.filter(|_| visit.taken && !visit.left_out) {
             graph.meshes.push(Placed { node: Some(id), name: name.clone(), mesh, world });
         }
@@ -148,7 +151,10 @@ fn local(place: &Place, warnings: &mut Warnings) -> DAffine3 {
             warnings.add("a node's matrix has a last row other than 0 0 0 1, which is ignored");
         }
         let column = |k: usize| DVec3::new(m[4 * k], m[4 * k + 1], m[4 * k + 2]);
-        return DAffine3 { matrix3: DMat3::from_cols(column(0), column(1), column(2)).into(), translation: column(3).into() };
+        return DAffine3 {
+            matrix3: DMat3::from_cols(column(0), column(1), column(2)).into(),
+            translation: column(3).into(),
+        };
     }
     DAffine3::from_scale_rotation_translation(
         place.scale.map_or(DVec3::ONE, DVec3::from),
@@ -231,11 +237,8 @@ pub fn instances(
         Some(a) => Some(document.read_floats::<4>(a, 4, [0.0; 4], &at("ROTATION"))?),
         None => None,
     };
-    let lengths = [
-        translations.as_ref().map(Vec::len),
-        scales.as_ref().map(Vec::len),
-        rotations.as_ref().map(Vec::len),
-    ];
+    let lengths =
+        [translations.as_ref().map(Vec::len), scales.as_ref().map(Vec::len), rotations.as_ref().map(Vec::len)];
     let Some(count) = lengths.iter().flatten().copied().next() else {
         return Ok(vec![world]);
     };

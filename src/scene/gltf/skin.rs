@@ -50,9 +50,10 @@ impl Skeleton {
         let mut blends = vec![(DMat3::ZERO, DVec3::ZERO, 0.0f64); n];
         let mut beyond = 0;
         for set in 0.. {
-            let (Some(joints), Some(weights)) =
-                (reader.accessor(&Semantic::Joints(set)), reader.floats(&Semantic::Weights(set), 4, [0.0; 4], Some(n))?)
-            else {
+            let (Some(joints), Some(weights)) = (
+                reader.accessor(&Semantic::Joints(set)),
+                reader.floats(&Semantic::Weights(set), 4, [0.0; 4], Some(n))?,
+            ) else {
                 break;
             };
             let at = format!("{}.JOINTS_{set}", reader.at);
@@ -78,7 +79,10 @@ impl Skeleton {
         warnings.add_many("a vertex weight for a joint that does not exist is ignored", beyond);
         for (i, (matrix, translation, weight)) in blends.into_iter().enumerate() {
             let m = if weight > 0.0 {
-                DAffine3 { matrix3: (matrix * weight.recip()).into(), translation: (translation * weight.recip()).into() }
+                DAffine3 {
+                    matrix3: (matrix * weight.recip()).into(),
+                    translation: (translation * weight.recip()).into(),
+                }
             } else {
                 self.rest
             };
