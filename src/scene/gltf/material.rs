@@ -35,8 +35,8 @@ pub fn read(
     }
     let mut images = Images { document, options, decoded: BTreeMap::new(), textures: BTreeMap::new() };
     let mut materials = Vec::with_capacity(count + 1);
-    for i in 0..count {
-        materials.push(if used[i] { material(&mut images, i, texels, warnings)? } else { Material::default() });
+    for (i, &used) in used[..count].iter().enumerate() {
+        materials.push(if used { material(&mut images, i, texels, warnings)? } else { Material::default() });
     }
     if used[count] || count == 0 {
         materials.push(Material::default());

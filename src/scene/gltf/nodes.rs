@@ -152,8 +152,8 @@ fn local(place: &Place, warnings: &mut Warnings) -> DAffine3 {
         }
         let column = |k: usize| DVec3::new(m[4 * k], m[4 * k + 1], m[4 * k + 2]);
         return DAffine3 {
-            matrix3: DMat3::from_cols(column(0), column(1), column(2)).into(),
-            translation: column(3).into(),
+            matrix3: DMat3::from_cols(column(0), column(1), column(2)),
+            translation: column(3),
         };
     }
     DAffine3::from_scale_rotation_translation(

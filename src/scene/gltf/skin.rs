@@ -38,8 +38,8 @@ impl Skeleton {
             worlds.push(graph.world(document, joint.value())?);
         }
         let first = worlds.first().ok_or_else(|| document.error(&*at, "has no joints"))?;
-        let origin = DAffine3::from_translation(DVec3::from(first.translation));
-        let to_origin = DAffine3::from_translation(-DVec3::from(first.translation));
+        let origin = DAffine3::from_translation(first.translation);
+        let to_origin = DAffine3::from_translation(-first.translation);
         let joints = worlds.iter().zip(&inverse_binds).map(|(w, b): (&DAffine3, &DAffine3)| to_origin * *w * *b);
         Ok(Skeleton { joints: joints.collect(), rest: to_origin * placed.world, origin })
     }
@@ -70,8 +70,8 @@ impl Skeleton {
                         continue;
                     };
                     let w = f64::from(weight);
-                    blend.0 += DMat3::from(m.matrix3) * w;
-                    blend.1 += DVec3::from(m.translation) * w;
+                    blend.0 += m.matrix3 * w;
+                    blend.1 += m.translation * w;
                     blend.2 += w;
                 }
             }
@@ -80,14 +80,14 @@ impl Skeleton {
         for (i, (matrix, translation, weight)) in blends.into_iter().enumerate() {
             let m = if weight > 0.0 {
                 DAffine3 {
-                    matrix3: (matrix * weight.recip()).into(),
-                    translation: (translation * weight.recip()).into(),
+                    matrix3: matrix * weight.recip(),
+                    translation: translation * weight.recip(),
                 }
             } else {
                 self.rest
             };
             let wide = |v: [f32; 3]| DVec3::from(v.map(f64::from));
-            let matrix = DMat3::from(m.matrix3);
+            let matrix = m.matrix3;
             part.positions[i] = m.transform_point3(wide(part.positions[i])).as_vec3().to_array();
             if let Some(normal) = part.normals.as_mut().and_then(|n| n.get_mut(i)) {
                 // Cofactors, not the inverse: a joint of scale 0 still has them.
@@ -109,5 +109,5 @@ fn cofactor(m: DMat3) -> DMat3 {
 
 fn affine(m: &[f32; 16]) -> DAffine3 {
     let column = |k: usize| DVec3::new(m[4 * k].into(), m[4 * k + 1].into(), m[4 * k + 2].into());
-    DAffine3 { matrix3: DMat3::from_cols(column(0), column(1), column(2)).into(), translation: column(3).into() }
+    DAffine3 { matrix3: DMat3::from_cols(column(0), column(1), column(2)), translation: column(3) }
 }
