@@ -223,7 +223,8 @@ mod tests {
     use super::*;
 
     fn checker(n: u32) -> Texture {
-        let texels = (0..n * n).map(|i| if (i % n + i / n).is_multiple_of(2) { [255; 4] } else { [0, 0, 0, 255] }).collect();
+        let texels =
+            (0..n * n).map(|i| if (i % n + i / n).is_multiple_of(2) { [255; 4] } else { [0, 0, 0, 255] }).collect();
         Texture::new("checker", n, n, texels)
     }
 

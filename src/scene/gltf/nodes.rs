@@ -151,10 +151,7 @@ fn local(place: &Place, warnings: &mut Warnings) -> DAffine3 {
             warnings.add("a node's matrix has a last row other than 0 0 0 1, which is ignored");
         }
         let column = |k: usize| DVec3::new(m[4 * k], m[4 * k + 1], m[4 * k + 2]);
-        return DAffine3 {
-            matrix3: DMat3::from_cols(column(0), column(1), column(2)),
-            translation: column(3),
-        };
+        return DAffine3 { matrix3: DMat3::from_cols(column(0), column(1), column(2)), translation: column(3) };
     }
     DAffine3::from_scale_rotation_translation(
         place.scale.map_or(DVec3::ONE, DVec3::from),

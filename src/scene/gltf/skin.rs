@@ -79,10 +79,7 @@ impl Skeleton {
         warnings.add_many("a vertex weight for a joint that does not exist is ignored", beyond);
         for (i, (matrix, translation, weight)) in blends.into_iter().enumerate() {
             let m = if weight > 0.0 {
-                DAffine3 {
-                    matrix3: matrix * weight.recip(),
-                    translation: translation * weight.recip(),
-                }
+                DAffine3 { matrix3: matrix * weight.recip(), translation: translation * weight.recip() }
             } else {
                 self.rest
             };
