@@ -4,7 +4,10 @@
 
 #[cfg(feature = "render")]
 mod compare;
+mod inspect;
+mod truncate;
 mod ui;
+mod verify;
 
 use std::process::ExitCode;
 
@@ -38,8 +41,13 @@ enum Command {
     /// Measure how far a picture is from a reference: RMSE, relMSE, PSNR, FLIP, bias, covered area
     #[cfg(feature = "render")]
     Compare(compare::Args),
+    Inspect(inspect::Args),
+    Verify(verify::Args),
+    Truncate(truncate::Args),
     /// Print the completion script of a shell
-    Completions { shell: clap_complete::Shell },
+    Completions {
+        shell: clap_complete::Shell,
+    },
 }
 
 /// `main` of `vtex`.
@@ -52,6 +60,9 @@ fn run(command: Command, ui: &Ui) -> crate::Result<()> {
     match command {
         #[cfg(feature = "render")]
         Command::Compare(args) => compare::run(&args, ui),
+        Command::Inspect(args) => inspect::run(&args, ui),
+        Command::Verify(args) => verify::run(&args, ui),
+        Command::Truncate(args) => truncate::run(&args, ui),
         Command::Completions { shell } => {
             clap_complete::generate(shell, &mut Vtex::command(), "vtex", &mut std::io::stdout());
             Ok(())

@@ -114,6 +114,16 @@ impl Reader {
         &self.head
     }
 
+    /// Bytes of each depth's block, see [`Head::depth_sizes`].
+    pub fn depth_sizes(&self) -> Vec<u64> {
+        self.head.depth_sizes()
+    }
+
+    /// Bytes of each channel, see [`Head::channel_sizes`].
+    pub fn channel_sizes(&self) -> Vec<(&'static str, u64)> {
+        self.head.channel_sizes()
+    }
+
     pub fn path(&self) -> &Path {
         &self.path
     }

@@ -213,3 +213,301 @@ proptest! {
         }
     }
 }
+
+/// A good file to break, and what is needed to mend its checksums afterwards.
+struct Patient {
+    bytes: Vec<u8>,
+    head: Head,
+    dir: tempfile::TempDir,
+}
+
+impl Patient {
+    fn new() -> Patient {
+        let (dir, path) = written(&volume(2, 6, ALL_CHANNELS), Quality::Full);
+        let head = Reader::open(&path, &Limits::default()).unwrap().head().clone();
+        Patient { bytes: std::fs::read(path).unwrap(), head, dir }
+    }
+
+    /// Change fields of the head and write it again with its content id and CRC right.
+    fn with_head(change: impl FnOnce(&mut Head)) -> Patient {
+        let mut patient = Patient::new();
+        change(&mut patient.head);
+        let bytes = patient.head.encode();
+        patient.bytes.splice(..bytes.len(), bytes);
+        patient
+    }
+
+    /// Change bytes of the head and mend only its CRC.
+    fn with_bytes(change: impl FnOnce(&mut Vec<u8>)) -> Patient {
+        let mut patient = Patient::new();
+        change(&mut patient.bytes);
+        let length = patient.head.depths[0].block_offset as usize;
+        patient.bytes[20..24].fill(0);
+        let crc = crc32fast::hash(&patient.bytes[..length]);
+        patient.bytes[20..24].copy_from_slice(&crc.to_le_bytes());
+        patient
+    }
+
+    /// Replace page 0 of a section's pages by another, which may be longer or shorter in the index alone; mends the page's
+    /// CRC, the index's and the head's.
+    fn with_index(number: usize, change: impl FnOnce(&mut [u8], &mut [u8])) -> Patient {
+        let mut patient = Patient::new();
+        let section = patient.head.sections[number].clone();
+        let body = &mut patient.bytes[section.offset as usize..(section.offset + section.length) as usize];
+        let (index, pages) = body.split_at_mut(section.index_len() as usize);
+        change(index, pages);
+        patient.head.sections[number].crc = crc32fast::hash(index);
+        let bytes = patient.head.encode();
+        patient.bytes.splice(..bytes.len(), bytes);
+        patient
+    }
+
+    /// A section of a type that nobody knows, behind the blocks.
+    fn with_unknown_section(flags: u16) -> Patient {
+        let Patient { bytes, mut head, dir } = Patient::new();
+        let (start, end) = (head.header.head_length as usize, head.header.file_length);
+        let last = head.sections.last().unwrap().clone();
+        head.header.sections += 1;
+        let tables_end = head.header.tables_end() as u64;
+        head.header.head_length = head::align8(tables_end + head.meta.len() as u64) as u32;
+        let shift = u64::from(head.header.head_length) - start as u64;
+        head.sections.iter_mut().for_each(|s| s.offset += shift);
+        head.sections[0].offset = tables_end;
+        head.depths
+            .iter_mut()
+            .for_each(|d| (d.block_offset, d.block_end) = (d.block_offset + shift, d.block_end + shift));
+        let body = *b"anything";
+        let offset = head::align8(end + shift);
+        let (kind, crc) = (SectionKind::Other(*b"NEWS"), crc32fast::hash(&body));
+        head.sections.push(SectionEntry { kind, flags, offset, length: 8, decoded: 8, pages: 0, crc, ..last });
+        head.header.file_length = offset + 8;
+        let mut out = head.encode();
+        out.extend(&bytes[start..]);
+        out.resize(offset as usize, 0);
+        out.extend(body);
+        Patient { bytes: out, head, dir }
+    }
+
+    fn code(&self) -> &'static str {
+        let path = self.dir.path().join("bad.vtex");
+        std::fs::write(&path, &self.bytes).unwrap();
+        match verify(&path) {
+            Err(crate::Error::Format { code, .. }) => code,
+            other => panic!("{other:?}"),
+        }
+    }
+
+    /// The first section of `kind` that has a page.
+    fn section(kind: SectionKind) -> usize {
+        Patient::new().head.sections.iter().position(|s| s.kind == kind && s.pages > 0).unwrap()
+    }
+}
+
+#[test]
+fn every_code_has_a_file_that_breaks_its_rule() {
+    let (topo, page) = (Patient::section(SectionKind::Topo), Patient::section(SectionKind::Page));
+    let block = |p: &Patient| p.head.depths[0].block_offset as usize;
+    let set_u32 = |b: &mut [u8], at: usize, v: u32| b[at..at + 4].copy_from_slice(&v.to_le_bytes());
+    let meta = |text: &'static str| {
+        Patient::with_head(move |h| {
+            let last = h.meta.len();
+            let mut body = text.as_bytes().to_vec();
+            body.resize(last, b' ');
+            h.sections[0].crc = crc32fast::hash(&body);
+            h.meta = body;
+        })
+    };
+    let mut found = std::collections::BTreeSet::new();
+    let mut check = |code: &'static str, patients: Vec<Patient>| {
+        for (i, patient) in patients.iter().enumerate() {
+            assert_eq!(patient.code(), code, "file {i}");
+        }
+        found.insert(code);
+    };
+    check(codes::MAGIC, vec![Patient::with_bytes(|b| b[0] = b'V'), Patient { bytes: vec![], ..Patient::new() }]);
+    check(codes::VERSION, vec![Patient::with_bytes(|b| b[12] = 2)]);
+    check(
+        codes::HEAD_LENGTH,
+        vec![
+            Patient::with_bytes(|b| set_u32(b, 16, u32::MAX)),
+            Patient::with_bytes(|b| set_u32(b, 16, 64)),
+            Patient::with_bytes(|b| b[16] += 1),
+        ],
+    );
+    let mut patient = Patient::new();
+    patient.bytes[200] ^= 1;
+    check(codes::HEAD_CRC, vec![patient]);
+    check(codes::FLAGS, vec![Patient::with_bytes(|b| b[34] = 1)]);
+    check(
+        codes::RANGE,
+        vec![
+            Patient::with_head(|h| h.header.page_log2 = 9),
+            Patient::with_head(|h| h.header.topo_page_log2 = 17),
+            Patient::with_head(|h| h.header.cyclic = 8),
+            Patient::with_head(|h| h.header.up = 3),
+        ],
+    );
+    check(
+        codes::RESERVED,
+        vec![Patient::with_head(|h| h.streams[0].reserved = 1), Patient::with_head(|h| h.sections[2].reserved[5] = 1)],
+    );
+    check(
+        codes::FLOAT,
+        vec![
+            Patient::with_head(|h| h.header.bounds[4] = f64::NAN),
+            Patient::with_head(|h| h.header.bounds[0] = 1e9),
+            Patient::with_head(|h| h.header.metres_per_unit = f64::NEG_INFINITY),
+        ],
+    );
+    check(
+        codes::COUNTS,
+        vec![
+            Patient::with_head(|h| h.depths[0].nodes = 2),
+            Patient::with_head(|h| h.depths[3].nodes = u64::MAX),
+            Patient::with_head(|h| h.depths[5].internal = 1),
+            Patient::with_head(|h| h.header.nodes += 1),
+        ],
+    );
+    check(
+        codes::STREAM,
+        vec![
+            Patient::with_head(|h| h.streams[0].quant_max = 0),
+            Patient::with_head(|h| h.streams[1].components = 4),
+            Patient::with_head(|h| h.streams[1].component_bytes = 2),
+            Patient::with_head(|h| h.streams[1] = h.streams[0].clone()),
+            Patient::with_head(|h| h.streams[1].max_abs_error = f32::NAN),
+            Patient::with_head(|h| h.streams[1].constant[7] = 1),
+        ],
+    );
+    check(codes::STREAM_CRITICAL, vec![Patient::with_head(|h| h.streams[0].semantic = *b"NEWS")]);
+    check(codes::CONTENT_ID, vec![Patient::with_bytes(|b| b[115] ^= 1)]);
+    check(codes::SECTION_CRITICAL, vec![Patient::with_unknown_section(SectionEntry::CRITICAL)]);
+    check(
+        codes::SECTION_ORDER,
+        vec![
+            Patient::with_head(|h| h.sections.swap(1, 2)),
+            Patient::with_head(|h| h.sections[3].kind = SectionKind::Meta),
+            Patient::with_head(|h| h.sections[3].stream = 0),
+        ],
+    );
+    check(
+        codes::SECTION_PLACE,
+        vec![
+            Patient::with_head(|h| h.sections[3].offset += 8),
+            Patient::with_head(|h| h.sections[3].offset = u64::MAX - 7),
+            Patient::with_head(|h| h.sections[3].length = u64::MAX),
+        ],
+    );
+    check(
+        codes::SECTION_SIZE,
+        vec![
+            Patient::with_head(|h| h.sections[3].decoded += 1),
+            Patient::with_head(|h| h.sections[3].pages = u32::MAX),
+            Patient::with_head(|h| h.sections[3].length = 3),
+            Patient::with_head(|h| h.sections[0].decoded = 1),
+        ],
+    );
+    check(
+        codes::SECTION_CODEC,
+        vec![
+            Patient::with_head(|h| h.sections[3].codec = 2),
+            Patient::with_head(move |h| h.sections[page].filter = filter::COUNT),
+            Patient::with_head(move |h| h.sections[topo].filter = 1),
+        ],
+    );
+    check(
+        codes::BLOCK,
+        vec![Patient::with_head(|h| h.depths[2].block_offset += 8), Patient::with_head(|h| h.depths[2].block_end -= 1)],
+    );
+    let (mut short, mut long) = (Patient::new(), Patient::new());
+    short.bytes.pop();
+    long.bytes.push(0);
+    check(codes::FILE_LENGTH, vec![short, long, Patient::with_head(|h| h.header.file_length += 8)]);
+    check(codes::META_CRC, vec![Patient::with_head(|h| h.sections[0].crc ^= 1)]);
+    check(codes::META_JSON, vec![meta("{"), meta("[]"), meta("{}"), meta(&"[".repeat(160)[..].to_owned().leak()[..])]);
+    let mut padded = Patient::new();
+    let gap = padded.head.sections.windows(2).map(|w| ((w[0].offset + w[0].length) as usize, w[1].offset as usize));
+    let at = gap.skip(1).find(|(a, b)| a < b).unwrap().0;
+    padded.bytes[at] = 1;
+    check(codes::PADDING, vec![padded]);
+    let mut index = Patient::new();
+    let at = block(&index);
+    index.bytes[at] ^= 1;
+    check(codes::INDEX_CRC, vec![index]);
+    check(
+        codes::INDEX_PLACE,
+        vec![
+            Patient::with_index(page, |index, _| index[0] += 1),
+            Patient::with_index(page, |index, _| index[8] -= 1),
+            Patient::with_index(page, |index, _| set_u32(index, 8, u32::MAX)),
+        ],
+    );
+    check(codes::PAGE_CRC, vec![Patient::with_index(page, |_, pages| pages[0] ^= 1)]);
+    // The largest page: it is compressed.
+    let big = Patient::new()
+        .head
+        .sections
+        .iter()
+        .enumerate()
+        .filter(|(_, s)| s.pages > 0)
+        .max_by_key(|(_, s)| s.decoded.saturating_sub(s.length))
+        .unwrap()
+        .0;
+    let mend = |index: &mut [u8], pages: &[u8]| set_u32(index, 12, crc32fast::hash(pages));
+    check(
+        codes::PAGE_FRAME,
+        vec![
+            Patient::with_index(big, |index, pages| {
+                pages[0] ^= 1;
+                mend(index, pages);
+            }),
+            Patient::with_index(big, |index, pages| {
+                let last = pages.len() - 1;
+                pages[last..].fill(0x55);
+                pages[last / 2..].fill(0xff);
+                mend(index, pages);
+            }),
+        ],
+    );
+    check(
+        codes::PAGE_VALUE,
+        vec![Patient::with_index(2, |index, pages| {
+            pages[0] = 255;
+            mend(index, pages);
+        })],
+    );
+    check(
+        codes::TOPOLOGY,
+        vec![
+            Patient::with_index(topo, |index, _| index[16] = 1),
+            Patient::with_index(topo, |index, pages| {
+                pages[0] ^= 0xff;
+                mend(index, pages);
+            }),
+        ],
+    );
+    check(codes::DIGEST, vec![Patient::with_head(|h| h.depths[3].digest[0] ^= 1)]);
+    assert_eq!(found.into_iter().collect::<Vec<_>>(), {
+        let mut all = codes::ALL.to_vec();
+        all.sort_unstable();
+        all
+    });
+}
+
+#[test]
+fn an_unknown_section_that_is_not_critical_is_skipped_and_dropped_by_truncation() {
+    let patient = Patient::with_unknown_section(0);
+    let (path, short) = (patient.dir.path().join("a.vtex"), patient.dir.path().join("b.vtex"));
+    std::fs::write(&path, &patient.bytes).unwrap();
+    verify(&path).unwrap();
+    truncate(&path, 5, &short).unwrap();
+    assert_eq!(std::fs::read(short).unwrap(), Patient::new().bytes);
+}
+
+#[test]
+fn the_list_of_codes_is_that_of_the_specification() {
+    let text = include_str!("../../format-spec/codes");
+    let listed: Vec<&str> =
+        text.lines().filter(|l| !l.starts_with('#')).filter_map(|l| l.split_whitespace().next()).collect();
+    assert_eq!(listed, codes::ALL);
+}
