@@ -1,0 +1,187 @@
+//! Planar convex polygons, cut exactly by the planes between voxels.
+//!
+//! Based on: I. Sutherland, G. Hodgman, *Reentrant Polygon Clipping*, CACM 1974.
+//!
+//! A piece that lies in the plane between two voxels belongs to the upper one (voxels are half-open), so areas add up.
+
+use crate::geom::DVec3;
+
+/// Most corners that a source may give a polygon; six planes add one each.
+pub const MAX_CORNERS: usize = 8;
+const ROOM: usize = MAX_CORNERS + 6;
+
+/// A planar convex polygon and the facet of the source that it is a piece of.
+#[derive(Debug, Clone, Copy)]
+pub struct Polygon {
+    corners: [DVec3; ROOM],
+    len: usize,
+    /// The source's own number for what this is a piece of.
+    pub facet: u32,
+}
+
+/// Where a polygon lies.
+enum Side {
+    Below,
+    Above,
+    Both,
+}
+
+impl Polygon {
+    /// At most [`MAX_CORNERS`] corners are taken.
+    pub fn new(corners: &[DVec3], facet: u32) -> Polygon {
+        let len = corners.len().min(MAX_CORNERS);
+        let mut polygon = Polygon { corners: [DVec3::ZERO; ROOM], len, facet };
+        polygon.corners[..len].copy_from_slice(&corners[..len]);
+        polygon
+    }
+
+    pub fn corners(&self) -> &[DVec3] {
+        &self.corners[..self.len]
+    }
+
+    /// Area times unit normal, by the right-hand rule.
+    pub fn area_vector(&self) -> DVec3 {
+        let c = self.corners();
+        let mut sum = DVec3::ZERO;
+        for i in 2..c.len() {
+            sum += (c[i - 1] - c[0]).cross(c[i] - c[0]);
+        }
+        0.5 * sum
+    }
+
+    /// The mean of the corners.
+    pub fn middle(&self) -> DVec3 {
+        self.corners().iter().sum::<DVec3>() / self.len.max(1) as f64
+    }
+
+    /// The same, moved by `-origin`.
+    pub fn relative_to(&self, origin: DVec3) -> Polygon {
+        let mut moved = *self;
+        for c in &mut moved.corners[..self.len] {
+            *c -= origin;
+        }
+        moved
+    }
+
+    fn side(&self, axis: usize, plane: f64) -> Side {
+        let (mut below, mut above) = (false, false);
+        for c in self.corners() {
+            below |= c[axis] < plane;
+            above |= c[axis] > plane;
+        }
+        match (below, above) {
+            (true, true) => Side::Both,
+            (true, false) => Side::Below,
+            _ => Side::Above,
+        }
+    }
+
+    fn push(&mut self, p: DVec3) {
+        if self.len < ROOM {
+            self.corners[self.len] = p;
+            self.len += 1;
+        }
+    }
+
+    fn empty_like(&self) -> Polygon {
+        Polygon { corners: [DVec3::ZERO; ROOM], len: 0, facet: self.facet }
+    }
+
+    /// The pieces below and above the plane `p[axis] = plane`; both get the same corners on the cut.
+    pub fn split(&self, axis: usize, plane: f64) -> (Option<Polygon>, Option<Polygon>) {
+        match self.side(axis, plane) {
+            Side::Below => return (Some(*self), None),
+            Side::Above => return (None, Some(*self)),
+            Side::Both => {}
+        }
+        let (mut below, mut above) = (self.empty_like(), self.empty_like());
+        let corners = self.corners();
+        let mut from = corners[corners.len() - 1];
+        for &to in corners {
+            let (a, b) = (from[axis] - plane, to[axis] - plane);
+            if (a < 0.0 && b > 0.0) || (a > 0.0 && b < 0.0) {
+                // From the lower end always, so that an edge shared by two facets is cut at one point.
+                let (low, high, t) = if a < 0.0 { (from, to, a / (a - b)) } else { (to, from, b / (b - a)) };
+                let mut cut = low + t * (high - low);
+                cut[axis] = plane;
+                below.push(cut);
+                above.push(cut);
+            }
+            if b <= 0.0 {
+                below.push(to);
+            }
+            if b >= 0.0 {
+                above.push(to);
+            }
+            from = to;
+        }
+        (Some(below), Some(above))
+    }
+
+    /// What of it is in the half-open box `[lo, hi)`.
+    pub fn clip(&self, lo: DVec3, hi: DVec3) -> Option<Polygon> {
+        let mut piece = *self;
+        for axis in 0..3 {
+            piece = piece.split(axis, lo[axis]).1?;
+            piece = piece.split(axis, hi[axis]).0?;
+        }
+        Some(piece)
+    }
+
+    /// Sort its pieces into the eight octants around `centre` (bit x + 2y + 4z).
+    pub fn split_octants(&self, centre: DVec3, out: &mut [Vec<Polygon>; 8]) {
+        let halves = |p: &Polygon, axis: usize| p.split(axis, centre[axis]);
+        let (x0, x1) = halves(self, 0);
+        for (i, px) in [x0, x1].iter().enumerate() {
+            let Some(px) = px else { continue };
+            let (y0, y1) = halves(px, 1);
+            for (j, py) in [y0, y1].iter().enumerate() {
+                let Some(py) = py else { continue };
+                let (z0, z1) = halves(py, 2);
+                for (k, pz) in [z0, z1].iter().enumerate() {
+                    if let Some(pz) = pz {
+                        out[i + 2 * j + 4 * k].push(*pz);
+                    }
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn octants(p: &Polygon) -> [Vec<Polygon>; 8] {
+        let mut out: [Vec<Polygon>; 8] = Default::default();
+        p.split_octants(DVec3::splat(1.0), &mut out);
+        out
+    }
+
+    #[test]
+    fn a_facet_on_a_face_belongs_to_the_upper_voxel() {
+        let p = Polygon::new(&[DVec3::new(0.2, 0.2, 1.0), DVec3::new(0.8, 0.2, 1.0), DVec3::new(0.2, 0.8, 1.0)], 7);
+        let out = octants(&p);
+        assert_eq!(out.iter().map(Vec::len).collect::<Vec<_>>(), [0, 0, 0, 0, 1, 0, 0, 0]);
+        assert!(p.clip(DVec3::ZERO, DVec3::ONE).is_none());
+        assert!(p.clip(DVec3::Z, DVec3::new(1.0, 1.0, 2.0)).is_some());
+    }
+
+    proptest! {
+        #[test]
+        fn areas_add_up(v in proptest::array::uniform9(0.0f64..2.0)) {
+            let c = [DVec3::from_slice(&v[0..3]), DVec3::from_slice(&v[3..6]), DVec3::from_slice(&v[6..9])];
+            let p = Polygon::new(&c, 0);
+            let sum: DVec3 = octants(&p).iter().flatten().map(Polygon::area_vector).sum();
+            // Areas up to 2·sqrt(3), a few dozen roundings of 1e-16.
+            prop_assert!((sum - p.area_vector()).length() < 1e-13);
+            for (j, pieces) in octants(&p).iter().enumerate() {
+                let lo = DVec3::new((j & 1) as f64, (j >> 1 & 1) as f64, (j >> 2) as f64);
+                let clipped = p.clip(lo, lo + 1.0).map_or(DVec3::ZERO, |q| q.area_vector());
+                let split: DVec3 = pieces.iter().map(Polygon::area_vector).sum();
+                prop_assert!((split - clipped).length() < 1e-13);
+            }
+        }
+    }
+}

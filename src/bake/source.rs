@@ -1,0 +1,91 @@
+//! What a bake needs of a source: its extent, and its matter as facets, a region at a time.
+
+use super::clip::Polygon;
+use crate::geom::{Aabb, DVec3};
+use crate::progress::Progress;
+use crate::{Result, Warnings};
+
+/// log2 of the voxels a region is wide; a texel of fewer voxels is one region.
+pub const REGION_LOG2: usize = 5;
+
+/// Where a source lies in the grid of finest voxels.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Placement {
+    /// The box in source space that the texel's cube is: a cube, or what wraps around along cyclic axes.
+    pub bounds: Aabb,
+    /// Voxel edges in a source unit.
+    pub scale: f64,
+    /// Finest depth: 2^depth voxels a side.
+    pub depth: usize,
+    /// Source axis that becomes w: 1 (+Y up) or 2 (+Z up).
+    pub up: u8,
+}
+
+impl Placement {
+    /// Source space → grid space, [0, 2^depth]^3.
+    pub fn to_grid(&self, p: DVec3) -> DVec3 {
+        let p = self.turn(p);
+        (p - self.turned_min()) * self.scale
+    }
+
+    /// A direction of the source, along u, v, w.
+    pub fn turn(&self, p: DVec3) -> DVec3 {
+        if self.up == 1 { DVec3::new(p.x, -p.z, p.y) } else { p }
+    }
+
+    fn turned_min(&self) -> DVec3 {
+        self.turn(self.bounds.min).min(self.turn(self.bounds.max))
+    }
+
+    /// Voxels a side.
+    pub fn side(&self) -> u32 {
+        1 << self.depth
+    }
+
+    /// log2 of the voxels that a region of this placement is wide.
+    pub fn region_log2(&self) -> usize {
+        REGION_LOG2.min(self.depth)
+    }
+}
+
+/// What a facet looks like at a point.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Surface {
+    /// Linear Rec. 709.
+    pub albedo: [f32; 3],
+    /// Share that is there, in [0, 1].
+    pub alpha: f32,
+}
+
+/// Anything that can be baked.
+pub trait Source: Sync {
+    /// The tight box of all matter, in source space; empty where there is none.
+    fn bounds(&self) -> Aabb;
+    /// Metres in a source unit; 0 where unknown.
+    fn metres_per_unit(&self) -> f64;
+    /// Edge of a mean facet patch (a leaf, a twig's width), in source units; 0 where unknown.
+    fn facet_size(&self) -> f64;
+    /// Whether any facet's colour is anything but white.
+    fn has_colour(&self) -> bool;
+    /// What was mended or left out while the source was read.
+    fn warnings(&self) -> &Warnings;
+    /// Lay the source into a grid: sort what it has by region.
+    fn stage<'a>(&'a self, place: &Placement, progress: &dyn Progress) -> Result<Box<dyn Staged + 'a>>;
+}
+
+/// A source in a grid.
+pub trait Staged: Sync {
+    /// Morton codes of the regions that may hold matter, ascending. A region is 2^region_log2 voxels wide.
+    fn regions(&self) -> &[u64];
+    /// How much work a region is, in facets.
+    fn weight(&self, region: usize) -> u64;
+    /// Append the facets that may reach into `regions()[region]`: planar and convex, in grid space, in a fixed order.
+    /// What reaches beyond the region is cut off by the caller.
+    fn emit(&self, region: usize, out: &mut Vec<Polygon>);
+    /// What the facet looks like at `at` (grid space), averaged over about `width` voxels; with 0, a point sample.
+    fn surface(&self, facet: u32, at: DVec3, width: f64) -> Surface;
+    /// Whether alpha cuts something out of the facet.
+    fn cut_out(&self, facet: u32) -> bool;
+    /// Whether the facet is one face of a closed thing: its normal points to where it is seen from.
+    fn one_sided(&self, facet: u32) -> bool;
+}

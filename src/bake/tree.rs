@@ -1,0 +1,168 @@
+//! The octree of a bake: regions are cut down to voxels in parallel, then joined upward; each node measures itself from its
+//! children and, once it does, fits its grandchildren.
+
+use super::beams::Beams;
+use super::clip::Polygon;
+use super::fit::{Cell, fit_block};
+use super::measure::Measure;
+use super::source::Staged;
+use crate::geom::DVec3;
+use crate::morton;
+use crate::volume::{Depth, Model};
+
+/// A node whose voxel is not fitted yet, with its children, whose voxels are not either.
+pub struct Node {
+    measure: Measure,
+    beams: Beams,
+    /// Children that there are; 0 on the finest depth and for a terminal node.
+    mask: u8,
+    /// In child order.
+    children: Vec<(Measure, u8)>,
+}
+
+/// Fitted voxels, a list a depth, in Morton order.
+pub struct Output {
+    pub depths: Vec<Depth>,
+    model: Model,
+}
+
+impl Output {
+    pub fn new(depths: usize, model: Model) -> Output {
+        Output { depths: vec![Depth::default(); depths], model }
+    }
+
+    /// Take over what follows in Morton order.
+    pub fn append(&mut self, mut next: Output) {
+        for (mine, theirs) in self.depths.iter_mut().zip(&mut next.depths) {
+            mine.masks.append(&mut theirs.masks);
+            mine.voxels.append(&mut theirs.voxels);
+        }
+    }
+
+    /// Fit the block `cells`, of voxels at `depth` with masks, whose node is measured by `block`.
+    fn fit(&mut self, depth: usize, cells: &[(Cell, u8)], block: &Measure, width: usize) {
+        let out = &mut self.depths[depth];
+        out.masks.extend(cells.iter().map(|c| c.1));
+        let cells: Vec<Cell> = cells.iter().map(|(c, _)| Cell { at: c.at, measure: c.measure }).collect();
+        fit_block(&cells, block, width, self.model, &mut out.voxels);
+    }
+}
+
+fn place(code: usize) -> [u8; 3] {
+    morton::decode(code as u64).map(|v| v as u8)
+}
+
+/// Whether a point of the grid is within solid matter; only asked where no facet is near.
+pub type Inside<'a> = dyn Fn(DVec3) -> bool + Sync + 'a;
+
+/// Cuts one region.
+pub struct Region<'a> {
+    pub staged: &'a dyn Staged,
+    pub inside: Option<&'a Inside<'a>>,
+    pub output: Output,
+    /// Pieces by octant, a set a level.
+    scratch: Vec<[Vec<Polygon>; 8]>,
+}
+
+impl<'a> Region<'a> {
+    pub fn new(staged: &'a dyn Staged, inside: Option<&'a Inside<'a>>, output: Output) -> Self {
+        Region { staged, inside, output, scratch: Vec::new() }
+    }
+
+    /// The node at `depth` of the cube of `2^levels` finest voxels at `origin`, from the facets cut to it.
+    pub fn node(&mut self, depth: usize, levels: usize, origin: [u32; 3], polygons: &[Polygon]) -> Option<Box<Node>> {
+        let corner = DVec3::from(origin.map(f64::from));
+        if polygons.is_empty() {
+            let centre = corner + 0.5 * f64::from(1u32 << levels);
+            return self.inside.is_some_and(|inside| inside(centre)).then(|| Box::new(Node::solid()));
+        }
+        if levels == 0 {
+            let mut beams = Beams::default();
+            let measure = Measure::of_facets(self.staged, polygons, corner, &mut beams);
+            let Some(measure) = measure else {
+                // Facets of no area: as if there were none.
+                return self.node(depth, levels, origin, &[]);
+            };
+            return Some(Box::new(Node { measure, beams, mask: 0, children: Vec::new() }));
+        }
+        let half = 1u32 << (levels - 1);
+        let mut octants = self.scratch.pop().unwrap_or_default();
+        for polygon in polygons {
+            polygon.split_octants(corner + f64::from(half), &mut octants);
+        }
+        let children = std::array::from_fn(|j| {
+            let at = std::array::from_fn(|axis| origin[axis] + half * (j as u32 >> axis & 1));
+            self.node(depth + 1, levels - 1, at, &octants[j])
+        });
+        octants.iter_mut().for_each(Vec::clear);
+        self.scratch.push(octants);
+        join(depth, children, &mut self.output)
+    }
+}
+
+impl Node {
+    fn solid() -> Node {
+        Node { measure: Measure::full(), beams: Beams::full(), mask: 0, children: Vec::new() }
+    }
+
+    /// Whether the node is one opaque cube without a face in it.
+    fn is_terminal_solid(&self) -> bool {
+        self.measure.solid && self.mask == 0
+    }
+}
+
+/// The parent, at `depth`, of `children`; its grandchildren are fitted into `output`. `None`: there are no children.
+pub fn join(depth: usize, children: [Option<Box<Node>>; 8], output: &mut Output) -> Option<Box<Node>> {
+    if children.iter().all(Option::is_none) {
+        return None;
+    }
+    if children.iter().all(|c| c.as_ref().is_some_and(|c| c.is_terminal_solid())) {
+        return Some(Box::new(Node::solid()));
+    }
+    let union = Beams::unite(&children.each_ref().map(|c| c.as_ref().map(|c| &c.beams)), depth);
+    let measure = Measure::of_children(&children.each_ref().map(|c| c.as_ref().map(|c| &c.measure)), &union);
+    let mut cells = Vec::with_capacity(64);
+    let mut mask = 0;
+    for (j, child) in children.iter().enumerate() {
+        let Some(child) = child else { continue };
+        mask |= 1 << j;
+        let present = (0..8).filter(|g| child.mask >> g & 1 != 0);
+        for (g, (measure, mask)) in present.zip(&child.children) {
+            cells.push((Cell { at: place(j * 8 + g), measure }, *mask));
+        }
+    }
+    if !cells.is_empty() {
+        output.fit(depth + 2, &cells, &measure, 4);
+    }
+    let children = children.into_iter().flatten().map(|c| (c.measure, c.mask)).collect();
+    Some(Box::new(Node { measure, beams: union.beams, mask, children }))
+}
+
+/// Join the nodes of `depth`, given with their Morton codes in order, up to the root, and fit what is left. Gives the root.
+pub fn join_up(depth: usize, nodes: Vec<(u64, Box<Node>)>, output: &mut Output) -> Option<Measure> {
+    let (mut depth, mut nodes) = (depth, nodes);
+    while depth > 0 {
+        depth -= 1;
+        let mut parents: Vec<(u64, Box<Node>)> = Vec::new();
+        let mut nodes_left = nodes.into_iter().peekable();
+        while let Some(&(code, _)) = nodes_left.peek() {
+            let parent = code >> 3;
+            let mut children: [Option<Box<Node>>; 8] = Default::default();
+            while let Some((code, node)) = nodes_left.next_if(|(c, _)| c >> 3 == parent) {
+                children[(code & 7) as usize] = Some(node);
+            }
+            parents.extend(join(depth, children, output).map(|node| (parent, node)));
+        }
+        nodes = parents;
+    }
+    let root = nodes.into_iter().next()?.1;
+    // The root's children, then the root: blocks of their own.
+    let present = (0..8).filter(|j| root.mask >> j & 1 != 0);
+    let cells: Vec<(Cell, u8)> =
+        present.zip(&root.children).map(|(j, (measure, mask))| (Cell { at: place(j), measure }, *mask)).collect();
+    if !cells.is_empty() {
+        output.fit(1, &cells, &root.measure, 2);
+    }
+    output.fit(0, &[(Cell { at: [0; 3], measure: &root.measure }, root.mask)], &root.measure, 1);
+    Some(root.measure)
+}
