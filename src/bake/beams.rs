@@ -84,7 +84,6 @@ impl Projection {
         p
     }
 
-
     /// Where child `j`'s plane origin lies in its parent's plane, in child edges.
     pub fn child_offset(&self, j: usize) -> (usize, usize) {
         let bit = |axis: usize| (j >> axis & 1) as i32;
