@@ -153,7 +153,12 @@ impl Beams {
 
     /// Add the lines through `polygon` (voxel edges, within the unit voxel); `passes` may veto a line at the plane point
     /// (x, y) of the axis. Adds the lines found, before they are united, to `parts`.
-    pub fn add(&mut self, polygon: &Polygon, parts: &mut [u32; 13], mut passes: Option<&mut dyn FnMut(usize, f64, f64) -> bool>) {
+    pub fn add(
+        &mut self,
+        polygon: &Polygon,
+        parts: &mut [u32; 13],
+        mut passes: Option<&mut dyn FnMut(usize, f64, f64) -> bool>,
+    ) {
         for (k, projection) in PROJECTIONS.iter().enumerate() {
             let (mut lo, mut hi) = ([f64::INFINITY; 32], [f64::NEG_INFINITY; 32]);
             let (first, last) = spans(polygon, projection, &mut lo, &mut hi);
@@ -198,12 +203,8 @@ impl Beams {
 
     /// Unite up to eight children (in child order) whose voxels are of depth `depth`.
     pub fn unite(children: &[Option<&Beams>; 8], depth: usize) -> Union {
-        let mut all = Union {
-            beams: Beams::default(),
-            lines: [0; 13],
-            parts: [0; 13],
-            children: [[Seen::default(); 13]; 8],
-        };
+        let mut all =
+            Union { beams: Beams::default(), lines: [0; 13], parts: [0; 13], children: [[Seen::default(); 13]; 8] };
         let phase = depth & 1;
         for (k, p) in PROJECTIONS.iter().enumerate() {
             let mut thinned = [[0u32; 32]; 8];
@@ -294,7 +295,8 @@ const fn orders() -> [[[usize; 8]; 2]; 13] {
             let mut j = 0;
             while j < 8 {
                 let w = AXES13[k];
-                let along = w[0] as i32 * (j & 1) as i32 + w[1] as i32 * (j >> 1 & 1) as i32 + w[2] as i32 * (j >> 2) as i32;
+                let along =
+                    w[0] as i32 * (j & 1) as i32 + w[1] as i32 * (j >> 1 & 1) as i32 + w[2] as i32 * (j >> 2) as i32;
                 if along == level {
                     out[k][0][n] = j;
                     out[k][1][7 - n] = j;
@@ -385,7 +387,12 @@ mod tests {
 
     #[test]
     fn lines_of_a_facet_measure_its_area() {
-        let c = [DVec3::new(0.1, 0.2, 0.3), DVec3::new(0.9, 0.4, 0.2), DVec3::new(0.5, 0.8, 0.9), DVec3::new(0.2, 0.7, 0.8)];
+        let c = [
+            DVec3::new(0.1, 0.2, 0.3),
+            DVec3::new(0.9, 0.4, 0.2),
+            DVec3::new(0.5, 0.8, 0.9),
+            DVec3::new(0.2, 0.7, 0.8),
+        ];
         let p = Polygon::new(&c[..3], 0);
         let (mut beams, mut parts) = (Beams::default(), [0; 13]);
         beams.add(&p, &mut parts, None);

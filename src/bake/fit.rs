@@ -5,13 +5,14 @@
 //! LoDs for All-Scale Pre-Filtering*, EG 2017.
 
 use super::beams::{PROJECTIONS, axis_length, box_area, crossing};
+use super::chord::Chords;
 use super::measure::Measure;
 use crate::geom::{DVec3, directions13};
 use crate::volume::voxel::{RATE_MAX, encode_rate};
-use crate::volume::{Model, Sggx, Voxel, opacity};
+use crate::volume::{Model, Sggx, Voxel};
 
-/// Transmittance below which a voxel is taken for opaque.
-const OPAQUE: f64 = 0.004;
+/// Share of a support box from which on it is taken for opaque.
+const OPAQUE: f64 = 0.996;
 /// Lines a voxel edge on which a block is marched.
 const MARCH_LINES: usize = 2;
 /// Correlations at which a block is marched; the law is smooth in between.
@@ -28,10 +29,9 @@ pub struct Cell<'a> {
 struct Seen {
     lo: DVec3,
     hi: DVec3,
-    /// 1 − coverage of the box.
-    clear: [f64; 13],
-    /// Mean chord of the box.
-    chord: [f64; 13],
+    /// Share of the box that is blocked.
+    blocked: [f64; 13],
+    chords: [Chords; 13],
 }
 
 impl Seen {
@@ -40,13 +40,12 @@ impl Seen {
         let (lo, hi) = voxel.support_box();
         let (lo, hi) = (lo.as_dvec3(), hi.as_dvec3());
         let e = hi - lo;
-        let volume = e.x * e.y * e.z;
         let area: [f64; 13] = std::array::from_fn(|k| box_area(k, e));
         Seen {
             lo,
             hi,
-            clear: std::array::from_fn(|k| (1.0 - cell.cover[k] / area[k]).clamp(OPAQUE, 1.0)),
-            chord: std::array::from_fn(|k| volume * axis_length(k) / area[k]),
+            blocked: std::array::from_fn(|k| (cell.cover[k] / area[k]).clamp(0.0, OPAQUE)),
+            chords: std::array::from_fn(|k| Chords::new(k, e)),
         }
     }
 }
@@ -84,7 +83,7 @@ fn correlation(cells: &[Cell], seen: &[Seen], block: &Measure, width: usize) -> 
     }
     let rates: Vec<[[f32; 3]; 13]> = seen
         .iter()
-        .map(|s| std::array::from_fn(|k| TRIALS.map(|c| (opacity::depth_for(s.clear[k], c) / s.chord[k]) as f32)))
+        .map(|s| std::array::from_fn(|k| TRIALS.map(|c| s.chords[k].rate(s.blocked[k], c) as f32)))
         .collect();
     let blocks = (width * width) as f64;
     let mut overlap = [[0.0f64; 3]; 13];
@@ -163,7 +162,7 @@ fn exp_neg(x: f32) -> f32 {
 
 /// Rate and SGGX of one voxel from its coverage along the 13 axes.
 fn fit_rate(voxel: &mut Voxel, m: &Measure, seen: &Seen, c: f64) {
-    let rates: [f64; 13] = std::array::from_fn(|k| opacity::depth_for(seen.clear[k], c) / seen.chord[k]);
+    let rates: [f64; 13] = std::array::from_fn(|k| seen.chords[k].rate(seen.blocked[k], c));
     let areas: [f64; 13] = std::array::from_fn(|k| m.area[k] / axis_length(k));
     let _ = areas;
     let Some(s) = fit_sggx(&rates) else {

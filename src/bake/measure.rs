@@ -47,7 +47,13 @@ impl CutOut {
     /// `polygon` is in voxel edges, `origin` its voxel in the grid. `None`: nothing of it is there.
     fn new(staged: &dyn Staged, polygon: &Polygon, origin: DVec3, normal: DVec3) -> Option<CutOut> {
         let n = normal.abs();
-        let drop = if n.x >= n.y && n.x >= n.z { 0 } else if n.y >= n.z { 1 } else { 2 };
+        let drop = if n.x >= n.y && n.x >= n.z {
+            0
+        } else if n.y >= n.z {
+            1
+        } else {
+            2
+        };
         let (a, b) = ((drop + 1) % 3, (drop + 2) % 3);
         let corners = polygon.corners();
         let (lo, hi) = bounds(corners);
@@ -56,8 +62,17 @@ impl CutOut {
         let step = [(hi[a] - lo[a]) / size[0] as f64, (hi[b] - lo[b]) / size[1] as f64];
         let plane = (normal, normal.dot(corners[0]));
         let mut cut = CutOut {
-            a, b, min: [lo[a], lo[b]], step, cells: [0; 16], size, plane,
-            share: 0.0, albedo: DVec3::ZERO, lo: DVec3::INFINITY, hi: DVec3::NEG_INFINITY,
+            a,
+            b,
+            min: [lo[a], lo[b]],
+            step,
+            cells: [0; 16],
+            size,
+            plane,
+            share: 0.0,
+            albedo: DVec3::ZERO,
+            lo: DVec3::INFINITY,
+            hi: DVec3::NEG_INFINITY,
         };
         let (mut inside, mut there) = (0u32, 0u32);
         let seed = hash(polygon.facet);

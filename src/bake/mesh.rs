@@ -79,10 +79,21 @@ impl Source for MeshSource {
             // A mirrored part turns its triangles around.
             let mirrored = instance.transform.matrix3.determinant() < 0.0;
             let material = &self.model.materials[part.material];
-            pieces.push(Piece { part, material, corners, first: first as u32, mirrored, one_sided: self.one_sided.get(i) == Some(&true) });
+            pieces.push(Piece {
+                part,
+                material,
+                corners,
+                first: first as u32,
+                mirrored,
+                one_sided: self.one_sided.get(i) == Some(&true),
+            });
             first += part.triangles.len() as u64;
             if first > u64::from(u32::MAX) {
-                return Err(Error::Limit { what: "the number of triangles".into(), needed: first, allowed: u32::MAX.into() });
+                return Err(Error::Limit {
+                    what: "the number of triangles".into(),
+                    needed: first,
+                    allowed: u32::MAX.into(),
+                });
             }
         }
         let mut staged = StagedMesh { pieces, regions: Vec::new(), starts: Vec::new(), facets: Vec::new() };

@@ -4,6 +4,7 @@
 //! axes at every depth, and fits each voxel's directional rate, correlation and colour.
 
 mod beams;
+mod chord;
 mod clip;
 mod fit;
 mod measure;
