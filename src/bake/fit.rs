@@ -6,10 +6,11 @@
 
 use super::beams::{PROJECTIONS, axis_length, box_area, crossing};
 use super::chord::Chords;
+use super::ellipsoid::fit_sggx;
 use super::measure::Measure;
-use crate::geom::{DVec3, directions13};
+use crate::geom::DVec3;
 use crate::volume::voxel::{RATE_MAX, encode_rate};
-use crate::volume::{Model, Sggx, Voxel};
+use crate::volume::{Model, Voxel};
 
 /// Share of a support box from which on it is taken for opaque.
 const OPAQUE: f64 = 0.996;
@@ -66,7 +67,7 @@ pub fn fit_block(cells: &[Cell], block: &Measure, width: usize, model: Model, vo
         if m.solid {
             voxel.rate = RATE_MAX;
         } else {
-            fit_rate(voxel, m, seen, c);
+            fit_rate(voxel, seen, c);
         }
         voxel.set_albedo(m.albedo.to_array());
         if m.total > 0.0 {
@@ -161,10 +162,8 @@ fn exp_neg(x: f32) -> f32 {
 }
 
 /// Rate and SGGX of one voxel from its coverage along the 13 axes.
-fn fit_rate(voxel: &mut Voxel, m: &Measure, seen: &Seen, c: f64) {
+fn fit_rate(voxel: &mut Voxel, seen: &Seen, c: f64) {
     let rates: [f64; 13] = std::array::from_fn(|k| seen.chords[k].rate(seen.blocked[k], c));
-    let areas: [f64; 13] = std::array::from_fn(|k| m.area[k] / axis_length(k));
-    let _ = areas;
     let Some(s) = fit_sggx(&rates) else {
         voxel.rate = 0;
         return;
@@ -173,96 +172,9 @@ fn fit_rate(voxel: &mut Voxel, m: &Measure, seen: &Seen, c: f64) {
     voxel.rate = encode_rate(f64::from(s.scale()));
 }
 
-/// The symmetric positive S with sqrt(w^T S w) nearest to `values` in the 13 directions; `None` where all are 0.
-pub fn fit_sggx(values: &[f64; 13]) -> Option<Sggx> {
-    let mean = values.iter().sum::<f64>() / 13.0;
-    if !mean.is_finite() || mean <= 1e-12 {
-        return None;
-    }
-    // Normal equations of w^T S w = y^2, weighted by 1 / y^2 so that relative errors of y count.
-    let mut eq = [[0.0f64; 7]; 6];
-    for (w, &value) in directions13().iter().zip(values) {
-        let y2 = (value / mean) * (value / mean);
-        let weight = 1.0 / (y2 + 0.01);
-        let f = [w.x * w.x, w.y * w.y, w.z * w.z, 2.0 * w.x * w.y, 2.0 * w.x * w.z, 2.0 * w.y * w.z];
-        for i in 0..6 {
-            for j in i..6 {
-                eq[i][j] += weight * f[i] * f[j];
-            }
-            eq[i][6] += weight * f[i] * y2;
-        }
-    }
-    let x = solve(eq);
-    let [xx, yy, zz, xy, xz, yz] = positive(x).map(|v| (v * mean * mean) as f32);
-    Some(Sggx { xx, yy, zz, xy, xz, yz })
-}
-
-/// Solve the symmetric positive 6×6 system, given by its upper half and the right-hand side, by Gauss's elimination.
-fn solve(mut eq: [[f64; 7]; 6]) -> [f64; 6] {
-    for i in 0..6 {
-        eq[i][i] += 1e-9;
-        for r in i + 1..6 {
-            let f = eq[i][r] / eq[i][i];
-            for c in r..7 {
-                eq[r][c] -= f * eq[i][c];
-            }
-        }
-    }
-    let mut x = [0.0; 6];
-    for i in (0..6).rev() {
-        let rest: f64 = (i + 1..6).map(|j| eq[i][j] * x[j]).sum();
-        x[i] = (eq[i][6] - rest) / eq[i][i];
-    }
-    x
-}
-
-/// The matrix (xx yy zz xy xz yz) with its eigenvalues raised to 1e-4 of the largest: Jacobi's rotations.
-fn positive(s: [f64; 6]) -> [f64; 6] {
-    let mut a = [[s[0], s[3], s[4]], [s[3], s[1], s[5]], [s[4], s[5], s[2]]];
-    let mut v = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0f64]];
-    for _ in 0..8 {
-        for (p, q) in [(0usize, 1usize), (0, 2), (1, 2)] {
-            if a[p][q].abs() < 1e-15 {
-                continue;
-            }
-            let theta = (a[q][q] - a[p][p]) / (2.0 * a[p][q]);
-            let t = theta.signum() / (theta.abs() + (theta * theta + 1.0).sqrt());
-            let c = 1.0 / (t * t + 1.0).sqrt();
-            let sn = t * c;
-            for k in 0..3 {
-                let (x, y) = (a[k][p], a[k][q]);
-                (a[k][p], a[k][q]) = (c * x - sn * y, sn * x + c * y);
-            }
-            for k in 0..3 {
-                let (x, y) = (a[p][k], a[q][k]);
-                (a[p][k], a[q][k]) = (c * x - sn * y, sn * x + c * y);
-            }
-            for row in &mut v {
-                let (x, y) = (row[p], row[q]);
-                (row[p], row[q]) = (c * x - sn * y, sn * x + c * y);
-            }
-        }
-    }
-    let largest = a[0][0].max(a[1][1]).max(a[2][2]).max(0.0);
-    let l: [f64; 3] = std::array::from_fn(|i| a[i][i].max(1e-4 * largest));
-    let at = |i: usize, j: usize| (0..3).map(|e| l[e] * v[i][e] * v[j][e]).sum();
-    [at(0, 0), at(1, 1), at(2, 2), at(0, 1), at(0, 2), at(1, 2)]
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn a_single_facet_is_recovered() {
-        for n in [DVec3::X, DVec3::new(0.6, -0.8, 0.0), DVec3::new(0.48, 0.6, -0.64)] {
-            let s = fit_sggx(&directions13().map(|w| 2.5 * w.dot(n).abs())).unwrap();
-            for w in [DVec3::Y, DVec3::new(0.0, 0.6, 0.8), n] {
-                // Eigenvalues are raised to 1e-4 of the largest: sigma to .01 of it.
-                assert!((f64::from(s.sigma(w.as_vec3())) - 2.5 * w.dot(n).abs()).abs() < 0.03);
-            }
-        }
-    }
 
     #[test]
     fn exp_neg_is_exp() {

@@ -212,10 +212,10 @@ impl Measure {
         }
         m.albedo /= colour_weight;
         (m.lo, m.hi) = (m.lo.clamp(DVec3::ZERO, DVec3::ONE), m.hi.clamp(DVec3::ZERO, DVec3::ONE));
-        for k in 0..13 {
+        for (k, &parts) in parts.iter().enumerate() {
             let union = beams.count(k);
             // One facet covers its area exactly; several share lines as the lattice finds it.
-            let ratio = if parts[k] > 0 { f64::from(union) / f64::from(parts[k]) } else { 1.0 };
+            let ratio = if parts > 0 { f64::from(union) / f64::from(parts) } else { 1.0 };
             m.cover[k] = (m.area[k] * ratio).min(box_area(k, m.hi - m.lo).max(0.0));
         }
         Some(m)

@@ -148,7 +148,8 @@ impl StagedMesh<'_> {
                 let (piece, index) = self.find(facet as u32);
                 let t = piece.triangle(index);
                 let normal = (t[1] - t[0]).cross(t[2] - t[0]);
-                if !(normal.length_squared() > 0.0) {
+                let area = normal.length_squared();
+                if area.is_nan() || area <= 0.0 {
                     continue;
                 }
                 let lo = (t[0].min(t[1]).min(t[2]) / side).floor().clamp(DVec3::ZERO, DVec3::splat(last));
@@ -233,7 +234,7 @@ fn barycentric(t: [DVec3; 3], p: DVec3) -> [f64; 3] {
     let (e1, e2, d) = (t[1] - t[0], t[2] - t[0], p - t[0]);
     let n = e1.cross(e2);
     let nn = n.length_squared();
-    if !(nn > 0.0) {
+    if nn.is_nan() || nn <= 0.0 {
         return [1.0, 0.0, 0.0];
     }
     let w1 = (d.cross(e2).dot(n) / nn).clamp(0.0, 1.0);

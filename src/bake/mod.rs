@@ -6,6 +6,7 @@
 mod beams;
 mod chord;
 mod clip;
+mod ellipsoid;
 mod fit;
 mod measure;
 pub mod mesh;

@@ -1,0 +1,99 @@
+//! The ellipsoid of normals that fits values measured in 13 directions.
+//!
+//! Based on: E. Heitz et al., *The SGGX Microflake Distribution*, SIGGRAPH 2015; F. Neyret, *A General and Multiscale Model
+//! for Volumetric Textures*, GI 1995.
+
+use crate::geom::directions13;
+use crate::volume::Sggx;
+
+/// The symmetric positive S with sqrt(w^T S w) nearest to `values` in the 13 directions; `None` where all are 0.
+pub fn fit_sggx(values: &[f64; 13]) -> Option<Sggx> {
+    let mean = values.iter().sum::<f64>() / 13.0;
+    if !mean.is_finite() || mean <= 1e-12 {
+        return None;
+    }
+    // Normal equations of w^T S w = y^2, weighted by 1 / y^2 so that relative errors of y count.
+    let mut eq = [[0.0f64; 7]; 6];
+    for (w, &value) in directions13().iter().zip(values) {
+        let y2 = (value / mean) * (value / mean);
+        let weight = 1.0 / (y2 + 0.01);
+        let f = [w.x * w.x, w.y * w.y, w.z * w.z, 2.0 * w.x * w.y, 2.0 * w.x * w.z, 2.0 * w.y * w.z];
+        for i in 0..6 {
+            for j in i..6 {
+                eq[i][j] += weight * f[i] * f[j];
+            }
+            eq[i][6] += weight * f[i] * y2;
+        }
+    }
+    let x = solve(eq);
+    let [xx, yy, zz, xy, xz, yz] = positive(x).map(|v| (v * mean * mean) as f32);
+    Some(Sggx { xx, yy, zz, xy, xz, yz })
+}
+
+/// Solve the symmetric positive 6×6 system, given by its upper half and the right-hand side, by Gauss's elimination.
+fn solve(mut eq: [[f64; 7]; 6]) -> [f64; 6] {
+    for i in 0..6 {
+        eq[i][i] += 1e-9;
+        for r in i + 1..6 {
+            let f = eq[i][r] / eq[i][i];
+            for c in r..7 {
+                eq[r][c] -= f * eq[i][c];
+            }
+        }
+    }
+    let mut x = [0.0; 6];
+    for i in (0..6).rev() {
+        let rest: f64 = (i + 1..6).map(|j| eq[i][j] * x[j]).sum();
+        x[i] = (eq[i][6] - rest) / eq[i][i];
+    }
+    x
+}
+
+/// The matrix (xx yy zz xy xz yz) with its eigenvalues raised to 1e-4 of the largest: Jacobi's rotations.
+fn positive(s: [f64; 6]) -> [f64; 6] {
+    let mut a = [[s[0], s[3], s[4]], [s[3], s[1], s[5]], [s[4], s[5], s[2]]];
+    let mut v = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0f64]];
+    for _ in 0..8 {
+        for (p, q) in [(0usize, 1usize), (0, 2), (1, 2)] {
+            if a[p][q].abs() < 1e-15 {
+                continue;
+            }
+            let theta = (a[q][q] - a[p][p]) / (2.0 * a[p][q]);
+            let t = theta.signum() / (theta.abs() + (theta * theta + 1.0).sqrt());
+            let c = 1.0 / (t * t + 1.0).sqrt();
+            let sn = t * c;
+            let turn = |x: f64, y: f64| (c * x - sn * y, sn * x + c * y);
+            for row in &mut a {
+                (row[p], row[q]) = turn(row[p], row[q]);
+            }
+            let (rp, rq) = (a[p], a[q]);
+            for (k, (x, y)) in rp.into_iter().zip(rq).enumerate() {
+                (a[p][k], a[q][k]) = turn(x, y);
+            }
+            for row in &mut v {
+                (row[p], row[q]) = turn(row[p], row[q]);
+            }
+        }
+    }
+    let largest = a[0][0].max(a[1][1]).max(a[2][2]).max(0.0);
+    let l: [f64; 3] = std::array::from_fn(|i| a[i][i].max(1e-4 * largest));
+    let at = |i: usize, j: usize| (0..3).map(|e| l[e] * v[i][e] * v[j][e]).sum();
+    [at(0, 0), at(1, 1), at(2, 2), at(0, 1), at(0, 2), at(1, 2)]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geom::DVec3;
+
+    #[test]
+    fn a_single_facet_is_recovered() {
+        for n in [DVec3::X, DVec3::new(0.6, -0.8, 0.0), DVec3::new(0.48, 0.6, -0.64)] {
+            let s = fit_sggx(&directions13().map(|w| 2.5 * w.dot(n).abs())).unwrap();
+            for w in [DVec3::Y, DVec3::new(0.0, 0.6, 0.8), n] {
+                // Eigenvalues are raised to 1e-4 of the largest: sigma to .01 of it.
+                assert!((f64::from(s.sigma(w.as_vec3())) - 2.5 * w.dot(n).abs()).abs() < 0.03);
+            }
+        }
+    }
+}
