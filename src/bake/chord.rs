@@ -97,8 +97,8 @@ mod tests {
     #[test]
     fn agrees_with_lines_through_a_box() {
         let e = DVec3::new(0.9, 0.5, 0.25);
-        for k in 0..13 {
-            let (wa, wb) = PROJECTIONS[k].extent();
+        for (k, p) in PROJECTIONS.iter().enumerate() {
+            let (wa, wb) = p.extent();
             let chords = Chords::new(k, e);
             for (r, c) in [(0.5, 0.0), (2.0, 0.5), (3.0, 1.0), (9.0, 0.2), (20.0, 0.9)] {
                 let (mut n, mut sum) = (0, 0.0);

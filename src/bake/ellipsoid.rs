@@ -35,9 +35,10 @@ fn solve(mut eq: [[f64; 7]; 6]) -> [f64; 6] {
     for i in 0..6 {
         eq[i][i] += 1e-9;
         for r in i + 1..6 {
-            let f = eq[i][r] / eq[i][i];
-            for c in r..7 {
-                eq[r][c] -= f * eq[i][c];
+            let pivot = eq[i];
+            let f = pivot[r] / pivot[i];
+            for (x, p) in eq[r].iter_mut().zip(pivot).skip(r) {
+                *x -= f * p;
             }
         }
     }
