@@ -97,7 +97,11 @@ fn scenes() -> Vec<(&'static str, Soup)> {
     for _ in 0..3000 {
         let c = DVec3::new(random.unit(), random.unit(), 0.5);
         for k in 0..6 {
-            let on = |k: f64| DVec3::new((k * 1.0472).cos(), (k * 1.0472).sin(), 0.0) * 0.1 * h;
+            let on = |k: f64| {
+                DVec3::new((k * std::f64::consts::FRAC_PI_3).cos(), (k * std::f64::consts::FRAC_PI_3).sin(), 0.0)
+                    * 0.1
+                    * h
+            };
             let (p, q) = (c + on(k.into()), c + on((k + 1).into()));
             let up = DVec3::Z * 0.4;
             s.0.push([p - up, q - up, q + up]);
