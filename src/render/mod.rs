@@ -9,3 +9,6 @@ pub mod shade;
 pub mod vndf;
 
 pub use march::{DepthChoice, Hit, MarchStats, Sink, Stretch, march, transmittance};
+mod bvh;
+mod cells;
+mod shell;

@@ -1,0 +1,326 @@
+//! From texel coordinates to copies of the texel: each integer cell of (u, v, w) holds one, wrapped, and varied by a hash.
+//!
+//! Based on: F. Neyret, *Synthesizing Verdant Landscapes using Volumetric Textures*, RR-2846, 1996 (jittered copies);
+//! M. Jarzynski, M. Olano, *Hash Functions for GPU Rendering*, JCGT 2020 (pcg4d); J. Amanatides, A. Woo, *A Fast Voxel
+//! Traversal Algorithm for Ray Tracing*, 1987.
+
+use super::shell::Piece;
+use crate::geom::{Aabb, DMat3, DVec3};
+use crate::scene::shell::{CellWrap, Discrete, Layer, Orientations};
+
+/// A layer, ready for rays.
+#[derive(Debug, Clone)]
+pub struct Skin {
+    pub layer: Layer,
+    /// Texels to choose from with their cumulative share of the weight, and each one's content box.
+    pub choice: Vec<Choice>,
+}
+
+#[derive(Debug, Clone)]
+pub struct Choice {
+    pub texel: usize,
+    /// The chance of this or an earlier one, rising to 1.
+    pub below: f64,
+    pub content: Aabb,
+}
+
+/// A straight stretch of ray in one copy of a texel.
+#[derive(Debug, Clone, Copy)]
+pub struct Visit {
+    pub texel: usize,
+    pub cell: [i64; 3],
+    pub t0: f64,
+    pub t1: f64,
+    /// Texel space, the cube [0,1]^3: where the ray is at t0, and what it runs a unit of t.
+    pub origin: DVec3,
+    pub dir: DVec3,
+    /// Cell space → texel space: a signed permutation over the copy's scale.
+    pub linear: DMat3,
+    pub mirrored: bool,
+}
+
+/// The hash that varies copies. Normative: pcg4d on (u, v, w, seed), coordinates and seed as 32-bit two's complement.
+/// `hash(cell, seed)` gives numbers 0 … 3, `hash(cell, !seed)` numbers 4 … 7, each divided by 2^32 into [0, 1):
+/// 0 presence, 1 variant, 2 orientation, 3 scale, 4–6 displacement along u, v, w.
+pub fn hash(cell: [i64; 3], seed: u32) -> [u32; 4] {
+    let mut v = [cell[0] as u32, cell[1] as u32, cell[2] as u32, seed]
+        .map(|x| x.wrapping_mul(1_664_525).wrapping_add(1_013_904_223));
+    let mix = |v: &mut [u32; 4]| {
+        v[0] = v[0].wrapping_add(v[1].wrapping_mul(v[3]));
+        v[1] = v[1].wrapping_add(v[2].wrapping_mul(v[0]));
+        v[2] = v[2].wrapping_add(v[0].wrapping_mul(v[1]));
+        v[3] = v[3].wrapping_add(v[1].wrapping_mul(v[2]));
+    };
+    mix(&mut v);
+    v = v.map(|x| x ^ (x >> 16));
+    mix(&mut v);
+    v
+}
+
+fn unit(x: u32) -> f64 {
+    f64::from(x) * (1.0 / 4_294_967_296.0)
+}
+
+/// More copies than this along one straight stretch are not walked.
+const MOST_CELLS: u32 = 1 << 16;
+
+impl Skin {
+    /// The copies that a piece (in the layer's texel coordinates) runs through, in order, until `each` returns false.
+    /// False if stopped.
+    pub fn walk(&self, piece: &Piece, each: &mut dyn FnMut(&Visit) -> bool) -> bool {
+        let dir = (piece.q1 - piece.q0) / (piece.t1 - piece.t0);
+        if !dir.is_finite() {
+            return true;
+        }
+        let at = |t: f64| piece.q0 + (t - piece.t0) * dir;
+        let (mut t0, mut t1) = (piece.t0, piece.t1);
+        for k in (0..3).filter(|&k| self.layer.wrap[k] == CellWrap::Empty) {
+            let (q, d) = (piece.q0[k], dir[k]);
+            if d == 0.0 {
+                if !(0.0..1.0).contains(&q) {
+                    return true;
+                }
+                continue;
+            }
+            let (a, b) = (piece.t0 - q / d, piece.t0 + (1.0 - q) / d);
+            t0 = t0.max(a.min(b));
+            t1 = t1.min(a.max(b));
+        }
+        if t0.is_nan() || t1.is_nan() || t0 >= t1 {
+            return true;
+        }
+        let start = at(t0);
+        let mut cell = [0i64; 3];
+        for k in 0..3 {
+            // A start on a boundary belongs to the cell that the ray goes into.
+            let q = start[k];
+            cell[k] = if dir[k] < 0.0 { q.ceil() as i64 - 1 } else { q.floor() as i64 };
+            if self.layer.wrap[k] == CellWrap::Empty {
+                cell[k] = 0;
+            }
+        }
+        let leave = |cell: &[i64; 3], k: usize| {
+            if dir[k] == 0.0 || self.layer.wrap[k] == CellWrap::Empty {
+                return f64::INFINITY;
+            }
+            let edge = cell[k] as f64 + if dir[k] > 0.0 { 1.0 } else { 0.0 };
+            piece.t0 + (edge - piece.q0[k]) / dir[k]
+        };
+        let mut next = [leave(&cell, 0), leave(&cell, 1), leave(&cell, 2)];
+        for _ in 0..MOST_CELLS {
+            let axis = (0..3).fold(0, |best, k| if next[k] < next[best] { k } else { best });
+            let end = next[axis].min(t1);
+            if end > t0 {
+                if let Some(visit) = self.visit(cell, at(t0), dir, t0, end) {
+                    if !each(&visit) {
+                        return false;
+                    }
+                }
+                t0 = end;
+            }
+            if end >= t1 {
+                return true;
+            }
+            cell[axis] = cell[axis].saturating_add(if dir[axis] > 0.0 { 1 } else { -1 });
+            next[axis] = leave(&cell, axis);
+        }
+        true
+    }
+
+    /// The copy in `cell`, for the ray at `q` going along `dir` (cell space); `None` where the cell is empty.
+    fn visit(&self, cell: [i64; 3], q: DVec3, dir: DVec3, t0: f64, t1: f64) -> Option<Visit> {
+        let origin = DVec3::new(cell[0] as f64, cell[1] as f64, cell[2] as f64);
+        let mut p = q - origin;
+        let mut linear = DMat3::IDENTITY;
+        let mut mirrored = false;
+        for k in 0..3 {
+            if self.layer.wrap[k] == CellWrap::Mirror && cell[k] & 1 != 0 {
+                p[k] = 1.0 - p[k];
+                let col = linear.col_mut(k);
+                *col = -*col;
+                mirrored = !mirrored;
+            }
+        }
+        let first = self.choice.first()?;
+        let Some(discrete) = &self.layer.discrete else {
+            return Some(Visit { texel: first.texel, cell, t0, t1, origin: p, dir: linear * dir, linear, mirrored });
+        };
+        let (choice, place) = self.place(discrete, cell)?;
+        Some(Visit {
+            texel: choice.texel,
+            cell,
+            t0,
+            t1,
+            origin: place.linear * (p - place.origin) + BASE,
+            dir: place.linear * (linear * dir),
+            linear: place.linear * linear,
+            mirrored: mirrored ^ place.mirrored,
+        })
+    }
+
+    /// Where the hash puts the object of `cell`.
+    fn place(&self, discrete: &Discrete, cell: [i64; 3]) -> Option<(&Choice, Placed)> {
+        let h = hash(cell, discrete.seed).map(unit);
+        if h[0] >= discrete.presence {
+            return None;
+        }
+        let choice = self.choice.iter().find(|c| h[1] < c.below).or(self.choice.last())?;
+        let turn = match discrete.orientations {
+            Orientations::Identity => 0,
+            Orientations::W4 => (h[2] * 4.0) as usize,
+            Orientations::W8 => (h[2] * 8.0) as usize,
+        };
+        let scale = discrete.scale[0] + h[3] * (discrete.scale[1] - discrete.scale[0]);
+        // Texel → cell: mirror v (turn ≥ 4), a quarter turn about w for each of turn mod 4, scale, displace.
+        let (cos, sin) = [(1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)][turn & 3];
+        let mirrored = turn >= 4;
+        let m = if mirrored { -1.0 } else { 1.0 };
+        let forward = DMat3::from_cols(DVec3::new(cos, sin, 0.0), DVec3::new(-sin * m, cos * m, 0.0), DVec3::Z) * scale;
+        let extent = Aabb::around((0..8).map(|k| {
+            let corner = DVec3::select(
+                glam::BVec3::new(k & 1 != 0, k & 2 != 0, k & 4 != 0),
+                choice.content.max,
+                choice.content.min,
+            );
+            forward * (corner - BASE) + BASE
+        }));
+        let mut origin = BASE;
+        if discrete.displace.iter().any(|&d| d != 0.0) {
+            let h = hash(cell, !discrete.seed).map(unit);
+            for k in 0..3 {
+                let (least, most) = ((-extent.min[k]).min(0.0), (1.0 - extent.max[k]).max(0.0));
+                origin[k] += (discrete.displace[k] * (2.0 * h[k] - 1.0)).clamp(least, most);
+            }
+        }
+        let linear = forward.transpose() * (1.0 / (scale * scale));
+        Some((choice, Placed { linear, origin, mirrored }))
+    }
+}
+
+/// The point of a texel about which copies are scaled and turned: the middle of its floor.
+const BASE: DVec3 = DVec3::new(0.5, 0.5, 0.0);
+
+struct Placed {
+    /// Cell → texel.
+    linear: DMat3,
+    /// Where BASE is put, in the cell.
+    origin: DVec3,
+    mirrored: bool,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn skin(wrap: [CellWrap; 3], discrete: Option<Discrete>) -> Skin {
+        let layer = Layer {
+            texel: 0,
+            wrap,
+            offset: [0.0; 3],
+            scale: [1.0; 3],
+            opacity_scale: 1.0,
+            diffuse: [1.0; 3],
+            discrete,
+        };
+        let content = Aabb::new(DVec3::new(0.3, 0.2, 0.0), DVec3::new(0.6, 0.9, 0.8));
+        Skin { layer, choice: vec![Choice { texel: 0, below: 1.0, content }] }
+    }
+
+    fn piece(q0: DVec3, q1: DVec3) -> Piece {
+        Piece { t0: 2.0, t1: 5.0, q0, q1, to_texel: DMat3::IDENTITY }
+    }
+
+    const REPEAT: [CellWrap; 3] = [CellWrap::Repeat, CellWrap::Repeat, CellWrap::Empty];
+
+    /// Frozen: files that vary copies by the hash must look the same for ever.
+    #[test]
+    fn hash_vectors() {
+        assert_eq!(hash([0, 0, 0], 0), hash([1 << 32, 0, 0], 0));
+        assert_ne!(hash([1, 0, 0], 0), hash([0, 1, 0], 0));
+        assert_ne!(hash([-1, 0, 0], 7), hash([1, 0, 0], 7));
+        assert_eq!(hash([1, 2, 3], 4), reference([1, 2, 3, 4]));
+        assert_eq!(hash([-1, -2, 3], 4), reference([u32::MAX, u32::MAX - 1, 3, 4]));
+    }
+
+    /// pcg4d in 64-bit arithmetic, written apart.
+    fn reference(v: [u32; 4]) -> [u32; 4] {
+        let m = 1u64 << 32;
+        let [mut x, mut y, mut z, mut w] = v.map(|a| (u64::from(a) * 1_664_525 + 1_013_904_223) % m);
+        for round in 0..2 {
+            x = (x + y * w % m) % m;
+            y = (y + z * x % m) % m;
+            z = (z + x * y % m) % m;
+            w = (w + y * z % m) % m;
+            if round == 0 {
+                [x, y, z, w] = [x, y, z, w].map(|a| a ^ a >> 16);
+            }
+        }
+        [x as u32, y as u32, z as u32, w as u32]
+    }
+
+    /// Copies abut exactly, cover the part inside w in [0, 1], and stay in the cube.
+    #[test]
+    fn cells_partition_a_stretch() {
+        let cases = [
+            (DVec3::new(-2.3, 0.4, -0.5), DVec3::new(3.1, 2.2, 1.5)),
+            (DVec3::new(3.0, 2.0, 0.5), DVec3::new(-3.0, -2.0, 0.5)),
+            (DVec3::new(0.0, 0.0, 0.0), DVec3::new(4.0, 4.0, 1.0)),
+            (DVec3::new(1.0, 0.5, 1.0), DVec3::new(1.0, 0.5, 0.0)),
+        ];
+        for (q0, q1) in cases {
+            for wrap in [CellWrap::Repeat, CellWrap::Mirror] {
+                let (mut total, mut last) = (0.0, None);
+                let walked = skin([wrap, wrap, CellWrap::Empty], None).walk(&piece(q0, q1), &mut |v| {
+                    assert!(last.is_none_or(|t| t == v.t0));
+                    last = Some(v.t1);
+                    total += v.t1 - v.t0;
+                    for p in [v.origin, v.origin + (v.t1 - v.t0) * v.dir] {
+                        assert!((-1e-12..1.0 + 1e-12).contains(&p.min_element()) && p.max_element() < 1.0 + 1e-12, "{p}");
+                    }
+                    true
+                });
+                assert!(walked);
+                let inside = if q0.z < 0.0 { 1.5 } else { 3.0 };
+                assert!((total - inside).abs() < 1e-12, "{total}");
+            }
+        }
+    }
+
+    #[test]
+    fn discrete_copies_stay_in_their_cell() {
+        let discrete = Discrete {
+            seed: 5,
+            orientations: Orientations::W8,
+            scale: [0.5, 1.0],
+            displace: [0.4, 0.4, 0.4],
+            presence: 0.7,
+            variants: vec![],
+        };
+        let skin = skin(REPEAT, Some(discrete.clone()));
+        let mut present = 0;
+        for u in -20..20 {
+            for v in -20..20 {
+                let Some((choice, placed)) = skin.place(&discrete, [u, v, 0]) else { continue };
+                present += 1;
+                let back = placed.linear.inverse();
+                for corner in [choice.content.min, choice.content.max] {
+                    let p = back * (corner - BASE) + placed.origin;
+                    assert!(p.min_element() > -1e-12 && p.max_element() < 1.0 + 1e-12, "{p}");
+                }
+                assert_eq!(placed.linear.determinant() < 0.0, placed.mirrored);
+            }
+        }
+        // 1600 cells at .7: standard deviation 18.
+        assert!((present - 1120i32).abs() < 80, "{present}");
+    }
+
+    #[test]
+    fn endless_rows_are_left_after_a_bound() {
+        let mut n = 0u32;
+        skin(REPEAT, None).walk(&piece(DVec3::new(0.0, 0.5, 0.5), DVec3::new(1e12, 0.5, 0.5)), &mut |_| {
+            n += 1;
+            true
+        });
+        assert_eq!(n, MOST_CELLS);
+    }
+}

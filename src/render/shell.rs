@@ -1,0 +1,443 @@
+//! The boxes of a shell: one for each face, between the face and its copy pushed out by the height vectors; where a ray
+//! is inside, and the texel coordinates that it runs through there.
+//!
+//! Based on: F. Neyret, *Synthesizing Verdant Landscapes using Volumetric Textures*, RR-2846, 1996 (boxes on faces);
+//! S. Ogaki, *Nonlinear Ray Tracing for Displacement and Shell Mapping*, SIGGRAPH Asia 2023 (height along the ray is the
+//! root of a cubic); A. Reshetov, *Cool Patches*, Ray Tracing Gems, 2019 (walls are bilinear patches).
+//!
+//! Watertight: a wall is stored with its ends in a fixed order, so both its boxes compute the very same crossings; a
+//! crossing is never computed again from a moved origin; and which stretches between crossings are inside is decided at
+//! their middles, so that a crossing found twice or on a rim does no harm.
+
+use crate::geom::{Aabb, DMat3, DVec3, Ray};
+
+/// A corner of a face: base position, height vector, texel coordinate at the base, and how much w grows to the top.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Corner {
+    pub p: DVec3,
+    pub h: DVec3,
+    pub q: DVec3,
+    pub dw: f64,
+}
+
+/// A stretch of a ray on which texel coordinates are (nearly) linear in t: from `q0` at `t0` to `q1` at `t1`.
+#[derive(Debug, Clone, Copy)]
+pub struct Piece {
+    pub t0: f64,
+    pub t1: f64,
+    pub q0: DVec3,
+    pub q1: DVec3,
+    /// World → texel, the linear part.
+    pub to_texel: DMat3,
+}
+
+/// The half-space n · x ≤ c.
+#[derive(Debug, Clone, Copy)]
+struct Plane {
+    n: DVec3,
+    c: f64,
+    /// Turned against the stored order of the edge: then its points do not belong to the box (they do to the neighbour).
+    turned: bool,
+}
+
+/// `a` before `b` in a fixed order of positions.
+fn ordered(a: &Corner, b: &Corner) -> bool {
+    a.p.to_array().partial_cmp(&b.p.to_array()) != Some(std::cmp::Ordering::Greater)
+}
+
+/// The plane of a wall whose ends have the same height vector, in the fixed order of its ends.
+fn wall_plane(a: &Corner, b: &Corner) -> (DVec3, f64) {
+    let (a, b) = if ordered(a, b) { (a, b) } else { (b, a) };
+    let n = (b.p - a.p).cross(a.h);
+    (n, n.dot(a.p))
+}
+
+/// A box whose height vectors agree and whose dw is constant: a prism, on which texel coordinates are affine.
+#[derive(Debug, Clone)]
+pub struct Prism {
+    planes: [Plane; 6],
+    count: usize,
+    /// Texel coordinate = `to_texel` · x + `offset`.
+    to_texel: DMat3,
+    offset: DVec3,
+    bounds: Aabb,
+}
+
+impl Prism {
+    /// The prism over a convex face of 3 or 4 corners in a plane; `None` where it is not one, or has no volume.
+    pub fn new(face: &[Corner]) -> Option<Prism> {
+        let [a, b, c, ..] = face else { return None };
+        if face.len() > 4 || face.iter().any(|f| f.h != a.h || f.dw != a.dw) {
+            return None;
+        }
+        let edges = DMat3::from_cols(b.p - a.p, c.p - a.p, a.h);
+        let inverse = edges.inverse();
+        if edges.determinant() == 0.0 || !inverse.is_finite() {
+            return None;
+        }
+        let to_texel = DMat3::from_cols(b.q - a.q, c.q - a.q, a.dw * DVec3::Z) * inverse;
+        let offset = a.q - to_texel * a.p;
+        let up = inverse.transpose().z_axis;
+        let base = up.dot(a.p);
+        let mut planes = [Plane { n: -up, c: -base, turned: false }; 6];
+        planes[1] = Plane { n: up, c: 1.0 + base, turned: true };
+        let centre = face.iter().map(|f| f.p).sum::<DVec3>() / face.len() as f64;
+        for (k, f) in face.iter().enumerate() {
+            let (n, c) = wall_plane(f, &face[(k + 1) % face.len()]);
+            let turned = n.dot(centre) > c;
+            planes[2 + k] = if turned { Plane { n: -n, c: -c, turned } } else { Plane { n, c, turned } };
+        }
+        let bounds = Aabb::around(face.iter().flat_map(|f| [f.p, f.p + f.h]));
+        (to_texel.is_finite() && offset.is_finite())
+            .then_some(Prism { planes, count: 2 + face.len(), to_texel, offset, bounds })
+    }
+
+    fn span(&self, ray: &Ray, mut t0: f64, mut t1: f64) -> Option<(f64, f64)> {
+        for plane in &self.planes[..self.count] {
+            let (along, room) = (plane.n.dot(ray.dir), plane.c - plane.n.dot(ray.origin));
+            if along > 0.0 {
+                t1 = t1.min(room / along);
+            } else if along < 0.0 {
+                t0 = t0.max(room / along);
+            } else if room < 0.0 || (room == 0.0 && plane.turned) {
+                return None;
+            }
+        }
+        (t0 < t1).then_some((t0, t1))
+    }
+
+    fn texel(&self, x: DVec3) -> DVec3 {
+        self.to_texel * x + self.offset
+    }
+}
+
+/// A wall between two corners.
+#[derive(Debug, Clone, Copy)]
+enum Wall {
+    Plane {
+        n: DVec3,
+        c: f64,
+    },
+    /// a + s e + W (h + s g).
+    Patch {
+        a: DVec3,
+        e: DVec3,
+        h: DVec3,
+        g: DVec3,
+    },
+}
+
+impl Wall {
+    fn new(a: &Corner, b: &Corner) -> Wall {
+        if a.h == b.h {
+            let (n, c) = wall_plane(a, b);
+            return Wall::Plane { n, c };
+        }
+        let (a, b) = if ordered(a, b) { (a, b) } else { (b, a) };
+        Wall::Patch { a: a.p, e: b.p - a.p, h: a.h, g: b.h - a.h }
+    }
+
+    fn crossings(&self, ray: &Ray, found: &mut Crossings) {
+        match *self {
+            Wall::Plane { n, c } => found.push((c - n.dot(ray.origin)) / n.dot(ray.dir)),
+            Wall::Patch { a, e, h, g } => {
+                let (a, d) = (a - ray.origin, ray.dir);
+                let c0 = d.dot(a.cross(h));
+                let c1 = d.dot(a.cross(g) + e.cross(h));
+                let c2 = d.dot(e.cross(g));
+                for s in quadratic(c0, c1, c2) {
+                    // The ruling at s, and where on it the ray passes.
+                    let (foot, rise) = (a + s * e, h + s * g);
+                    let across = rise.cross(d);
+                    let w = -foot.cross(d).dot(across) / across.length_squared();
+                    if (-RIM..=1.0 + RIM).contains(&s) && (-RIM..=1.0 + RIM).contains(&w) {
+                        found.push((foot + w * rise).dot(d) / d.length_squared());
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// How far beyond its rim a wall still gives a crossing (a share of its size); an extra crossing is harmless.
+const RIM: f64 = 1e-6;
+
+/// Roots of c0 + c1 x + c2 x², without cancellation; NaN or infinite where there is none.
+fn quadratic(c0: f64, c1: f64, c2: f64) -> [f64; 2] {
+    let disc = c1 * c1 - 4.0 * c0 * c2;
+    // A negative discriminant by rounding alone, at a ray that touches the patch, is a double root.
+    let root = if disc < 0.0 && disc > -1e-13 * c1 * c1 { 0.0 } else { disc.sqrt() };
+    let s = -0.5 * (c1 + root.copysign(c1));
+    [s / c2, c0 / s]
+}
+
+/// Parameters at which a ray crosses a box's surface.
+struct Crossings {
+    t: [f64; 12],
+    n: usize,
+}
+
+impl Crossings {
+    fn push(&mut self, t: f64) {
+        if t.is_finite() && self.n < self.t.len() {
+            self.t[self.n] = t;
+            self.n += 1;
+        }
+    }
+}
+
+/// A box of any heights over a triangle; its walls are bilinear patches.
+#[derive(Debug, Clone)]
+pub struct Twisted {
+    corners: [Corner; 3],
+    walls: [Wall; 3],
+    /// Normal of the triangle at height W is n0 + W n1 + W² n2.
+    normal: [DVec3; 3],
+    bounds: Aabb,
+}
+
+/// A place in a box: weights of corners 1 and 2, and the height W in [0, 1].
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Place {
+    b: [f64; 2],
+    w: f64,
+    /// How far outside the box it is; ≤ 0 inside.
+    outside: f64,
+}
+
+impl Twisted {
+    /// `None` where the box has no volume at its middle.
+    pub fn new(face: &[Corner; 3]) -> Option<Twisted> {
+        let [a, b, c] = face;
+        let (e1, e2, g1, g2) = (b.p - a.p, c.p - a.p, b.h - a.h, c.h - a.h);
+        let normal = [e1.cross(e2), e1.cross(g2) + g1.cross(e2), g1.cross(g2)];
+        let bounds = Aabb::around(face.iter().flat_map(|f| [f.p, f.p + f.h]));
+        let it = Twisted {
+            corners: *face,
+            walls: [Wall::new(a, b), Wall::new(b, c), Wall::new(c, a)],
+            normal,
+            bounds,
+        };
+        let middle = it.edges(Place { b: [1.0 / 3.0; 2], w: 0.5, outside: 0.0 });
+        (middle.determinant() != 0.0 && middle.inverse().is_finite()).then_some(it)
+    }
+
+    /// Whether the box turns inside out somewhere: its volume element changes sign between corners.
+    pub fn folded(&self) -> bool {
+        let sign = |b: [f64; 2], w: f64| self.edges(Place { b, w, outside: 0.0 }).determinant().signum();
+        let all = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]].map(|b| [sign(b, 0.0), sign(b, 1.0)]);
+        all.iter().flatten().any(|&s| s != all[0][0])
+    }
+
+    /// dx/d(b1, b2, W).
+    fn edges(&self, at: Place) -> DMat3 {
+        let [a, b, c] = &self.corners;
+        let rise = (1.0 - at.b[0] - at.b[1]) * a.h + at.b[0] * b.h + at.b[1] * c.h;
+        DMat3::from_cols(b.p - a.p + at.w * (b.h - a.h), c.p - a.p + at.w * (c.h - a.h), rise)
+    }
+
+    fn texel(&self, at: Place) -> DVec3 {
+        let [a, b, c] = &self.corners;
+        let top = |k: &Corner| k.q + at.w * k.dw * DVec3::Z;
+        (1.0 - at.b[0] - at.b[1]) * top(a) + at.b[0] * top(b) + at.b[1] * top(c)
+    }
+
+    /// World → texel, the linear part, there.
+    fn to_texel(&self, at: Place) -> DMat3 {
+        let [a, b, c] = &self.corners;
+        let dw = (1.0 - at.b[0] - at.b[1]) * a.dw + at.b[0] * b.dw + at.b[1] * c.dw;
+        let up = |k: &Corner| k.q - a.q + at.w * (k.dw - a.dw) * DVec3::Z;
+        DMat3::from_cols(up(b), up(c), dw * DVec3::Z) * self.edges(at).inverse()
+    }
+
+    /// The place of a point: of the heights at which the triangle's plane holds it, the one least outside.
+    fn locate(&self, x: DVec3) -> Option<Place> {
+        let [a, b, c] = &self.corners;
+        let (r, [n0, n1, n2]) = (x - a.p, self.normal);
+        let k = [n0.dot(r), n1.dot(r) - n0.dot(a.h), n2.dot(r) - n1.dot(a.h), -n2.dot(a.h)];
+        let mut best: Option<Place> = None;
+        for w in cubic_in_unit(k).into_iter().flatten() {
+            let n = n0 + w * (n1 + w * n2);
+            let foot = r - w * a.h;
+            let (e1, e2) = (b.p - a.p + w * (b.h - a.h), c.p - a.p + w * (c.h - a.h));
+            let area = n.length_squared();
+            let (b1, b2) = (foot.cross(e2).dot(n) / area, e1.cross(foot).dot(n) / area);
+            let outside = (-b1).max(-b2).max(b1 + b2 - 1.0).max(-w).max(w - 1.0);
+            if outside.is_finite() && best.is_none_or(|p| outside < p.outside) {
+                best = Some(Place { b: [b1, b2], w, outside });
+            }
+        }
+        best
+    }
+
+    fn spans(&self, ray: &Ray, t0: f64, t1: f64, mut each: impl FnMut(f64, f64)) {
+        let mut found = Crossings { t: [0.0; 12], n: 0 };
+        let [a, b, c] = &self.corners;
+        for (p, q, r) in [(a.p, b.p, c.p), (a.p + a.h, b.p + b.h, c.p + c.h)] {
+            let n = (q - p).cross(r - p);
+            found.push(n.dot(p - ray.origin) / n.dot(ray.dir));
+        }
+        self.walls.iter().for_each(|w| w.crossings(ray, &mut found));
+        found.push(t0);
+        found.push(t1);
+        let all = &mut found.t[..found.n];
+        all.sort_unstable_by(f64::total_cmp);
+        let mut open: Option<f64> = None;
+        let mut last = t0;
+        for pair in all.windows(2) {
+            let (from, to) = (pair[0].max(t0), pair[1].min(t1));
+            if from >= to {
+                continue;
+            }
+            let inside = self.locate(ray.at(0.5 * (from + to))).is_some_and(|p| p.outside <= 1e-9);
+            match (inside, open) {
+                (true, None) => open = Some(from),
+                (false, Some(start)) => {
+                    each(start, from);
+                    open = None;
+                }
+                _ => {}
+            }
+            last = to;
+        }
+        if let Some(start) = open {
+            each(start, last);
+        }
+    }
+
+    /// Texel coordinate at t; `None` where the box is degenerate.
+    fn along(&self, ray: &Ray, t: f64) -> Option<(Place, DVec3)> {
+        let place = self.locate(ray.at(t))?;
+        Some((place, self.texel(place)))
+    }
+
+    /// Cut [t0, t1] until the coordinates in the middle and at a quarter of a piece are within `tolerance` of the chord.
+    fn pieces(
+        &self,
+        ray: &Ray,
+        t0: f64,
+        t1: f64,
+        tolerance: &dyn Fn(f64, &DMat3) -> f64,
+        each: &mut dyn FnMut(&Piece) -> bool,
+    ) -> bool {
+        let (Some((_, q0)), Some((_, q1))) = (self.along(ray, t0), self.along(ray, t1)) else { return true };
+        self.cut(ray, Piece { t0, t1, q0, q1, to_texel: DMat3::IDENTITY }, 0, tolerance, each)
+    }
+
+    fn cut(
+        &self,
+        ray: &Ray,
+        mut piece: Piece,
+        depth: u32,
+        tolerance: &dyn Fn(f64, &DMat3) -> f64,
+        each: &mut dyn FnMut(&Piece) -> bool,
+    ) -> bool {
+        const DEEPEST: u32 = 8;
+        let Piece { t0, t1, q0, q1, .. } = piece;
+        let mid = 0.5 * (t0 + t1);
+        let Some((place, q)) = self.along(ray, mid) else { return true };
+        let to_texel = self.to_texel(place);
+        if !to_texel.is_finite() {
+            return true;
+        }
+        let allowed = tolerance(mid, &to_texel);
+        let straight = q.distance(0.5 * (q0 + q1)) <= allowed
+            && self
+                .along(ray, 0.75 * t0 + 0.25 * t1)
+                .is_none_or(|(_, quarter)| quarter.distance(0.75 * q0 + 0.25 * q1) <= allowed);
+        if straight || depth == DEEPEST {
+            piece.to_texel = to_texel;
+            return each(&piece);
+        }
+        let (left, right) = (Piece { t1: mid, q1: q, ..piece }, Piece { t0: mid, q0: q, ..piece });
+        self.cut(ray, left, depth + 1, tolerance, each) && self.cut(ray, right, depth + 1, tolerance, each)
+    }
+}
+
+/// Roots of k0 + k1 x + k2 x² + k3 x³ in [0, 1] and a rim around it, by bisection-guarded Newton between the extrema.
+fn cubic_in_unit(k: [f64; 4]) -> [Option<f64>; 3] {
+    const LO: f64 = -RIM;
+    const HI: f64 = 1.0 + RIM;
+    let f = |x: f64| k[0] + x * (k[1] + x * (k[2] + x * k[3]));
+    let slope = |x: f64| k[1] + x * (2.0 * k[2] + x * 3.0 * k[3]);
+    let [a, b] = quadratic(k[1], 2.0 * k[2], 3.0 * k[3]);
+    let mut ends = [LO, a.clamp(LO, HI), b.clamp(LO, HI), HI].map(|x| if x.is_nan() { LO } else { x });
+    ends.sort_unstable_by(f64::total_cmp);
+    let mut roots = [None; 3];
+    for i in 0..3 {
+        let (mut lo, mut hi) = (ends[i], ends[i + 1]);
+        let (flo, fhi) = (f(lo), f(hi));
+        if lo >= hi || (flo > 0.0) == (fhi > 0.0) {
+            continue;
+        }
+        let rising = fhi > flo;
+        let mut x = lo + (hi - lo) * (flo / (flo - fhi)).clamp(0.0, 1.0);
+        for _ in 0..60 {
+            let y = f(x);
+            if (y > 0.0) == rising { hi = x } else { lo = x }
+            let step = x - y / slope(x);
+            let next = if step > lo && step < hi { step } else { 0.5 * (lo + hi) };
+            if next == x || (next - x).abs() < 1e-15 {
+                break;
+            }
+            x = next;
+        }
+        roots[i] = Some(x);
+    }
+    roots
+}
+
+/// A box of either kind.
+#[derive(Debug, Clone)]
+pub enum ShellBox {
+    Prism(Box<Prism>),
+    Twisted(Box<Twisted>),
+}
+
+impl ShellBox {
+    /// The box over a triangle; `None` where it has no volume.
+    pub fn new(face: &[Corner; 3]) -> Option<ShellBox> {
+        match Prism::new(face) {
+            Some(prism) => Some(ShellBox::Prism(Box::new(prism))),
+            None => Twisted::new(face).map(|t| ShellBox::Twisted(Box::new(t))),
+        }
+    }
+
+    pub fn bounds(&self) -> Aabb {
+        match self {
+            ShellBox::Prism(b) => b.bounds,
+            ShellBox::Twisted(b) => b.bounds,
+        }
+    }
+
+    /// The intervals of t in [t0, t1] in which the ray is inside, in order.
+    pub fn spans(&self, ray: &Ray, t0: f64, t1: f64, mut each: impl FnMut(f64, f64)) {
+        match self {
+            ShellBox::Prism(b) => {
+                if let Some((a, b)) = b.span(ray, t0, t1) {
+                    each(a, b);
+                }
+            }
+            ShellBox::Twisted(b) => b.spans(ray, t0, t1, each),
+        }
+    }
+
+    /// The straight pieces of [t0, t1], which lies in one of [`ShellBox::spans`], in order, until `each` returns false.
+    /// `tolerance(t, to_texel)` is how far a piece may stray from the true path, in texel units. False if stopped.
+    pub fn pieces(
+        &self,
+        ray: &Ray,
+        t0: f64,
+        t1: f64,
+        tolerance: &dyn Fn(f64, &DMat3) -> f64,
+        each: &mut dyn FnMut(&Piece) -> bool,
+    ) -> bool {
+        match self {
+            ShellBox::Prism(b) => {
+                let (q0, q1) = (b.texel(ray.at(t0)), b.texel(ray.at(t1)));
+                each(&Piece { t0, t1, q0, q1, to_texel: b.to_texel })
+            }
+            ShellBox::Twisted(b) => b.pieces(ray, t0, t1, tolerance, each),
+        }
+    }
+}
