@@ -441,3 +441,6 @@ impl ShellBox {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;
