@@ -1,0 +1,117 @@
+//! The picture: linear radiance, and how it is stored.
+
+use std::io::{BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+use crate::{Error, Result};
+
+/// Linear Rec. 709 radiance with the background behind it, and alpha: the share of the pixel that is not background.
+/// Over a black background that is premultiplied alpha.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Film {
+    pub width: u32,
+    pub height: u32,
+    /// Row by row from the upper left.
+    pub pixels: Vec<[f32; 4]>,
+}
+
+impl Film {
+    /// Multiply the radiance.
+    pub fn expose(&mut self, factor: f32) {
+        for p in &mut self.pixels {
+            p[..3].iter_mut().for_each(|c| *c *= factor);
+        }
+    }
+
+    /// Store as `.exr` (linear RGBA, 32-bit float) or `.png` (sRGB, 8 bit, clipped), by the path's extension. The file
+    /// appears under its name once it is whole.
+    pub fn save(&self, path: &Path) -> Result<()> {
+        let extension = path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
+        let bytes = match extension.as_deref() {
+            Some("exr") => self.exr(path)?,
+            Some("png") => self.png(path)?,
+            _ => {
+                let what = format!("{}: the picture's name must end in .png or .exr", path.display());
+                return Err(Error::Options(what));
+            }
+        };
+        replace(path, &bytes)
+    }
+
+    fn png(&self, path: &Path) -> Result<Vec<u8>> {
+        let rgb: Vec<u8> = self.pixels.iter().flat_map(|p| [p[0], p[1], p[2]].map(srgb)).collect();
+        let image = image::RgbImage::from_raw(self.width, self.height, rgb)
+            .ok_or_else(|| Error::input(path, "", "the film's size does not match its pixels"))?;
+        let mut out = std::io::Cursor::new(Vec::new());
+        image.write_to(&mut out, image::ImageFormat::Png).map_err(|e| Error::io(path, std::io::Error::other(e)))?;
+        Ok(out.into_inner())
+    }
+
+    fn exr(&self, path: &Path) -> Result<Vec<u8>> {
+        use exr::prelude::*;
+        let size = (self.width as usize, self.height as usize);
+        let pixel = |at: Vec2<usize>| {
+            let [r, g, b, a] = self.pixels.get(at.1 * size.0 + at.0).copied().unwrap_or_default();
+            (r, g, b, a)
+        };
+        let image = Image::from_channels(size, SpecificChannels::rgba(pixel));
+        let mut out = std::io::Cursor::new(Vec::new());
+        image.write().to_buffered(&mut out).map_err(|e| crate::Error::io(path, std::io::Error::other(e)))?;
+        Ok(out.into_inner())
+    }
+}
+
+/// The sRGB code of a linear value.
+fn srgb(linear: f32) -> u8 {
+    let v = if linear.is_nan() { 0.0 } else { linear.clamp(0.0, 1.0) };
+    let encoded = if v <= 0.003_130_8 { 12.92 * v } else { 1.055 * libm::powf(v, 1.0 / 2.4) - 0.055 };
+    (encoded * 255.0).round() as u8
+}
+
+/// Write beside `path`, then rename: what was there stays until the new bytes are whole.
+fn replace(path: &Path, bytes: &[u8]) -> Result<()> {
+    let mut part = path.as_os_str().to_owned();
+    part.push(".part");
+    let part = PathBuf::from(part);
+    let write = || -> std::io::Result<()> {
+        let mut file = BufWriter::new(std::fs::File::create(&part)?);
+        file.write_all(bytes)?;
+        file.into_inner().map_err(|e| e.into_error())?.sync_all()?;
+        std::fs::rename(&part, path)
+    };
+    write().map_err(|e| {
+        let _ = std::fs::remove_file(&part);
+        Error::io(path, e)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn srgb_ends_and_middle() {
+        assert_eq!([0.0, 1.0, 2.0, f32::NAN].map(srgb), [0, 255, 255, 0]);
+        // 18 % grey is code 118 (IEC 61966-2-1).
+        assert_eq!(srgb(0.18), 118);
+    }
+
+    #[test]
+    fn films_round_trip() {
+        let dir = tempfile::tempdir().unwrap();
+        let film = Film { width: 2, height: 1, pixels: vec![[0.25, 5.0, 0.0, 1.0], [0.0, 0.0, 1e-3, 0.5]] };
+        for name in ["a.exr", "b.png"] {
+            film.save(&dir.path().join(name)).unwrap();
+        }
+        let back = exr::prelude::read_first_rgba_layer_from_file(
+            dir.path().join("a.exr"),
+            |size, _| vec![[0.0f32; 4]; size.width() * size.height()],
+            |pixels, at, (r, g, b, a): (f32, f32, f32, f32)| pixels[at.y() * 2 + at.x()] = [r, g, b, a],
+        );
+        assert_eq!(back.unwrap().layer_data.channel_data.pixels, film.pixels);
+        assert_eq!(image::open(dir.path().join("b.png")).unwrap().to_rgb8().get_pixel(0, 0).0, [137, 255, 0]);
+        assert_eq!(std::fs::read_dir(&dir).unwrap().count(), 2);
+        assert!(film.save(&dir.path().join("c.jpeg")).is_err());
+        assert!(film.save(&dir.path().join("no/such/folder.png")).is_err());
+    }
+}

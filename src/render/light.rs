@@ -1,0 +1,120 @@
+//! Punctual lights (KHR_lights_punctual): where they are seen from a point, and the irradiance that they bring.
+
+use crate::geom::{DVec3, Vec3};
+use crate::scene::{Light, LightKind};
+
+/// A light in the renderer's space.
+#[derive(Debug, Clone)]
+pub struct Lamp {
+    /// Linear Rec. 709: irradiance of a directional light, radiant intensity of the others.
+    intensity: DVec3,
+    position: DVec3,
+    /// Unit: where it shines to.
+    axis: DVec3,
+    kind: LightKind,
+    /// Metres.
+    range: f64,
+    /// Metres in the renderer's unit of length.
+    unit: f64,
+}
+
+/// A light as a point sees it.
+#[derive(Debug, Clone, Copy)]
+pub struct Sight {
+    /// Unit, towards the light.
+    pub dir: DVec3,
+    /// Infinite for a directional light.
+    pub distance: f64,
+    /// On a surface that faces the light, if nothing stands between.
+    pub irradiance: Vec3,
+}
+
+impl Lamp {
+    /// The renderer's space is (world − eye) / unit. `None` for a light that gives nothing or has no direction.
+    pub fn new(light: &Light, eye: DVec3, unit: f64) -> Option<Lamp> {
+        let intensity = DVec3::from_array(light.intensity);
+        let axis = (-light.to_world.matrix3.z_axis).try_normalize().unwrap_or(DVec3::NEG_Z);
+        let position = (light.to_world.translation - eye) / unit;
+        let shines = intensity.is_finite() && intensity.max_element() > 0.0 && position.is_finite();
+        shines.then_some(Lamp { intensity, position, axis, kind: light.kind, range: light.range, unit })
+    }
+
+    /// The light from `x`; `None` where it gives nothing.
+    pub fn sight(&self, x: DVec3) -> Option<Sight> {
+        if self.kind == LightKind::Directional {
+            let irradiance = self.intensity.as_vec3();
+            return Some(Sight { dir: -self.axis, distance: f64::INFINITY, irradiance });
+        }
+        let to = self.position - x;
+        let distance = to.length();
+        let dir = to.try_normalize()?;
+        let metres = distance * self.unit;
+        let mut fall = 1.0 / (metres * metres);
+        if self.range.is_finite() {
+            // The extension's window, so that the light ends at its range.
+            fall *= (1.0 - (metres / self.range).powi(4)).clamp(0.0, 1.0);
+        }
+        if let LightKind::Spot { inner, outer } = self.kind {
+            let scale = 1.0 / (inner.cos() - outer.cos()).max(1e-3);
+            let cone = ((-dir.dot(self.axis) - outer.cos()) * scale).clamp(0.0, 1.0);
+            fall *= cone * cone;
+        }
+        let irradiance = (fall * self.intensity).as_vec3();
+        (irradiance.is_finite() && irradiance.max_element() > 0.0).then_some(Sight { dir, distance, irradiance })
+    }
+}
+
+/// The sun of a file without lights: from the left, behind and above the usual camera.
+pub fn default_sun() -> Light {
+    let towards = DVec3::new(-0.5, 0.75, 0.42).normalize();
+    Light {
+        name: "default sun".into(),
+        to_world: glam::DAffine3::from_quat(glam::DQuat::from_rotation_arc(DVec3::Z, towards)),
+        intensity: [3.0, 2.85, 2.6],
+        kind: LightKind::Directional,
+        range: f64::INFINITY,
+    }
+}
+
+/// Radiance of the sky where neither the file nor the caller says.
+pub const DEFAULT_SKY: [f64; 3] = [0.35, 0.42, 0.52];
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geom::DAffine3;
+
+    fn light(kind: LightKind, range: f64) -> Light {
+        let to_world = DAffine3::from_translation(DVec3::new(0.0, 0.0, 10.0));
+        Light { name: String::new(), to_world, intensity: [8.0, 4.0, 2.0], kind, range }
+    }
+
+    #[test]
+    fn falls_off_with_the_square_in_metres() {
+        let lamp = Lamp::new(&light(LightKind::Point, f64::INFINITY), DVec3::ZERO, 2.0).unwrap();
+        let sight = lamp.sight(DVec3::new(0.0, 0.0, 3.0)).unwrap();
+        assert_eq!(sight.distance, 2.0);
+        assert_eq!(sight.irradiance, Vec3::new(8.0, 4.0, 2.0) / 16.0);
+        assert_eq!(sight.dir, DVec3::Z);
+    }
+
+    #[test]
+    fn range_and_cone_end() {
+        let ranged = Lamp::new(&light(LightKind::Point, 5.0), DVec3::ZERO, 1.0).unwrap();
+        assert!(ranged.sight(DVec3::new(0.0, 0.0, 4.9)).is_none());
+        assert!(ranged.sight(DVec3::new(0.0, 0.0, 5.1)).is_some());
+        let spot = LightKind::Spot { inner: 0.2, outer: 0.4 };
+        let spot = Lamp::new(&light(spot, f64::INFINITY), DVec3::ZERO, 1.0).unwrap();
+        let at = |angle: f64| spot.sight(DVec3::new(angle.tan(), 0.0, 9.0)).map_or(0.0, |s| s.irradiance.x);
+        assert_eq!(at(0.0), 8.0);
+        assert_eq!(at(0.41), 0.0);
+        assert!(at(0.3) > 0.0 && at(0.3) < at(0.19));
+    }
+
+    #[test]
+    fn the_sun_is_the_same_everywhere() {
+        let sun = Lamp::new(&default_sun(), DVec3::splat(1e6), 1e3).unwrap();
+        let a = sun.sight(DVec3::ZERO).unwrap();
+        assert!(a.dir.y > 0.5 && a.distance.is_infinite());
+    }
+}

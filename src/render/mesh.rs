@@ -1,0 +1,278 @@
+//! Plain meshes: where a ray meets them, and what they look like there.
+//!
+//! Based on: S. Woop, C. Benthin, I. Wald, *Watertight Ray/Triangle Intersection*, JCGT 2013; J. Hanika, *Hacking the
+//! Shadow Terminator*, Ray Tracing Gems II, 2021.
+
+use super::bvh::Bvh;
+use crate::geom::{Aabb, DMat3, DVec3, Ray, Vec3};
+use crate::scene::{Alpha, Material, Model, Part};
+
+/// A triangle of the scene in the renderer's space.
+#[derive(Debug, Clone, Copy)]
+struct Triangle {
+    vertices: [u32; 3],
+    /// Index into [`Model::instances`], and the triangle in its part.
+    instance: u32,
+    index: u32,
+}
+
+/// All plain triangles.
+#[derive(Default)]
+pub struct Mesh {
+    vertices: Vec<DVec3>,
+    triangles: Vec<Triangle>,
+    bvh: Bvh,
+}
+
+/// Where a ray met a triangle.
+#[derive(Debug, Clone, Copy)]
+pub struct Contact {
+    pub t: f64,
+    pub triangle: u32,
+    /// Weights of its second and third corner.
+    b: [f64; 2],
+    /// In (0, 1].
+    pub alpha: f32,
+}
+
+/// What is seen at a contact.
+#[derive(Debug, Clone, Copy)]
+pub struct Surface {
+    pub point: DVec3,
+    /// Where shadow rays start: the point lifted to the surface that the normals suggest.
+    pub lifted: DVec3,
+    /// Unit, towards the viewer.
+    pub normal: DVec3,
+    /// Linear.
+    pub albedo: Vec3,
+    pub unlit: bool,
+}
+
+/// A ray prepared for triangles: its largest axis becomes z, and a shear makes it run along z.
+struct Shear {
+    axes: [usize; 3],
+    scale: DVec3,
+}
+
+impl Shear {
+    fn new(dir: DVec3) -> Shear {
+        let a = dir.abs();
+        let z = if a.x > a.y && a.x > a.z { 0 } else { 1 + usize::from(a.z >= a.y) };
+        let (mut x, mut y) = ((z + 1) % 3, (z + 2) % 3);
+        if dir[z] < 0.0 {
+            (x, y) = (y, x);
+        }
+        Shear { axes: [x, y, z], scale: DVec3::new(dir[x], dir[y], 1.0) / dir[z] }
+    }
+
+    /// (t, b1, b2) where the ray from the origin meets the triangle.
+    fn meet(&self, corners: [DVec3; 3]) -> Option<(f64, [f64; 2])> {
+        let [x, y, z] = self.axes;
+        let [a, b, c] =
+            corners.map(|p| DVec3::new(p[x] - self.scale.x * p[z], p[y] - self.scale.y * p[z], self.scale.z * p[z]));
+        let u = c.x * b.y - c.y * b.x;
+        let v = a.x * c.y - a.y * c.x;
+        let w = b.x * a.y - b.y * a.x;
+        if (u < 0.0 || v < 0.0 || w < 0.0) && (u > 0.0 || v > 0.0 || w > 0.0) {
+            return None;
+        }
+        let det = u + v + w;
+        let t = (u * a.z + v * b.z + w * c.z) / det;
+        t.is_finite().then_some((t, [v / det, w / det]))
+    }
+}
+
+/// Builds a [`Mesh`].
+#[derive(Default)]
+pub struct MeshBuilder {
+    vertices: Vec<DVec3>,
+    triangles: Vec<Triangle>,
+}
+
+impl MeshBuilder {
+    /// Add a placed part, whose positions were brought into the renderer's space.
+    pub fn add(&mut self, instance: usize, part: &Part, positions: &[DVec3]) {
+        let base = self.vertices.len() as u32;
+        self.vertices.extend_from_slice(positions);
+        for (index, t) in part.triangles.iter().enumerate() {
+            let known = t.iter().all(|&v| positions.get(v as usize).is_some_and(|p| p.is_finite()));
+            if known {
+                let vertices = t.map(|v| base + v);
+                self.triangles.push(Triangle { vertices, instance: instance as u32, index: index as u32 });
+            }
+        }
+    }
+
+    pub fn build(self) -> Mesh {
+        let MeshBuilder { vertices, triangles } = self;
+        let bounds = |t: &Triangle| Aabb::around(t.vertices.map(|v| vertices[v as usize]));
+        let bvh = Bvh::new(&triangles.iter().map(bounds).collect::<Vec<_>>());
+        Mesh { vertices, triangles, bvh }
+    }
+}
+
+impl Mesh {
+    pub fn is_empty(&self) -> bool {
+        self.triangles.is_empty()
+    }
+
+    fn corners(&self, t: &Triangle) -> [DVec3; 3] {
+        t.vertices.map(|v| self.vertices[v as usize])
+    }
+
+    /// The nearest contact in (0, t1) that lets nothing through; those before it that let light through are appended to
+    /// `veils`, in no order. `width_at(t)` is the width of the ray there.
+    pub fn nearest(
+        &self,
+        model: &Model,
+        ray: &Ray,
+        t1: f64,
+        width_at: impl Fn(f64) -> f64,
+        veils: &mut Vec<Contact>,
+    ) -> Option<Contact> {
+        let mut found = None;
+        let shear = Shear::new(ray.dir);
+        let end = self.bvh.nearest(ray, t1, |i, t1| {
+            match self.contact(model, &shear, ray, i, (0.0, t1), None, &width_at) {
+                Some(contact) if contact.alpha >= 1.0 => {
+                    found = Some(contact);
+                    contact.t
+                }
+                Some(contact) => {
+                    veils.push(contact);
+                    t1
+                }
+                None => t1,
+            }
+        });
+        veils.retain(|v| v.t < end);
+        found
+    }
+
+    /// The share of light that comes through from `ray`'s origin up to t1; `skip` is the triangle that it starts on.
+    pub fn transmittance(&self, model: &Model, ray: &Ray, t1: f64, skip: Option<u32>, width: f64) -> f32 {
+        let mut through = 1.0;
+        let shear = Shear::new(ray.dir);
+        let end = self.bvh.nearest(ray, t1, |i, t1| {
+            let Some(contact) = self.contact(model, &shear, ray, i, (1e-9, t1), skip, &|_| width) else { return t1 };
+            through *= 1.0 - contact.alpha;
+            if through <= 0.0 { -1.0 } else { t1 }
+        });
+        if end < 0.0 { 0.0 } else { through }
+    }
+
+    #[allow(clippy::too_many_arguments)]
+    fn contact(
+        &self,
+        model: &Model,
+        shear: &Shear,
+        ray: &Ray,
+        index: u32,
+        (t0, t1): (f64, f64),
+        skip: Option<u32>,
+        width_at: &impl Fn(f64) -> f64,
+    ) -> Option<Contact> {
+        if skip == Some(index) {
+            return None;
+        }
+        let triangle = &self.triangles[index as usize];
+        let corners = self.corners(triangle).map(|p| p - ray.origin);
+        let (t, b) = shear.meet(corners)?;
+        if !(t > t0 && t < t1) {
+            return None;
+        }
+        let mut contact = Contact { t, triangle: index, b, alpha: 1.0 };
+        let instance = &model.instances[triangle.instance as usize];
+        let part = &model.parts[instance.part];
+        let material = &model.materials[part.material];
+        if material.alpha != Alpha::Opaque {
+            let cosine = facing(&corners, ray.dir);
+            let [.., a] = self.color(part, material, triangle, &contact, width_at(t) / cosine);
+            contact.alpha = match material.alpha {
+                Alpha::Opaque => 1.0,
+                Alpha::Mask(cutoff) => f32::from(u8::from(a >= cutoff)),
+                Alpha::Blend => a.clamp(0.0, 1.0),
+            };
+        }
+        (contact.alpha > 0.0).then_some(contact)
+    }
+
+    /// Linear RGBA at a contact, over `width` of the surface.
+    fn color(&self, part: &Part, material: &Material, triangle: &Triangle, at: &Contact, width: f64) -> [f32; 4] {
+        let Some(corners) = part.triangles.get(triangle.index as usize) else { return [0.0; 4] };
+        let weights = [(1.0 - at.b[0] - at.b[1]) as f32, at.b[0] as f32, at.b[1] as f32];
+        let mut rgba = material.base_color;
+        if let Some(colors) = &part.colors {
+            for k in 0..4 {
+                let mixed: f32 =
+                    (0..3).map(|i| weights[i] * colors.get(corners[i] as usize).map_or(1.0, |c| c[k])).sum();
+                rgba[k] *= mixed;
+            }
+        }
+        if let Some(texture) = &material.texture {
+            let uvs = part.uvs.get(texture.tex_coord);
+            let uv = |i: usize| {
+                let uv = uvs.and_then(|u| u.get(corners[i] as usize)).copied().unwrap_or_default();
+                texture.map(uv)
+            };
+            let [a, b, c] = [uv(0), uv(1), uv(2)];
+            let mixed = [0, 1].map(|k| weights[0] * a[k] + weights[1] * b[k] + weights[2] * c[k]);
+            // Texels across the width: the root of the ratio of areas.
+            let size = [texture.texture.width as f32, texture.texture.height as f32];
+            let [e, f] = [[b[0] - a[0], b[1] - a[1]], [c[0] - a[0], c[1] - a[1]]];
+            let texels = f64::from((e[0] * f[1] - e[1] * f[0]).abs() * size[0] * size[1]);
+            let [p, q, r] = self.corners(triangle);
+            let area = (q - p).cross(r - p).length();
+            let footprint = if area > 0.0 { width * (texels / area).sqrt() } else { 0.0 };
+            let sampled = texture.texture.average(mixed, footprint as f32);
+            rgba.iter_mut().zip(sampled).for_each(|(c, s)| *c *= s);
+        }
+        rgba
+    }
+
+    /// What is seen at a contact of `ray`, whose cone is `width` wide there.
+    pub fn surface(&self, model: &Model, ray: &Ray, contact: &Contact, width: f64) -> Surface {
+        let triangle = &self.triangles[contact.triangle as usize];
+        let instance = &model.instances[triangle.instance as usize];
+        let part = &model.parts[instance.part];
+        let material = &model.materials[part.material];
+        let corners = self.corners(triangle);
+        let weights = [1.0 - contact.b[0] - contact.b[1], contact.b[0], contact.b[1]];
+        let point = (0..3).map(|i| weights[i] * corners[i]).sum::<DVec3>();
+        let flat = (corners[1] - corners[0]).cross(corners[2] - corners[0]).normalize_or(-ray.dir);
+        let (mut normal, mut lifted) = (flat, point);
+        let indices = part.triangles.get(triangle.index as usize);
+        if let (Some(normals), Some(indices)) = (&part.normals, indices) {
+            let turn = cofactor(instance.transform.matrix3);
+            let at = indices.map(|i| {
+                let n = normals.get(i as usize).map_or(DVec3::ZERO, |n| DVec3::from_array(n.map(f64::from)));
+                (turn * n).try_normalize().unwrap_or(flat)
+            });
+            normal = (0..3).map(|i| weights[i] * at[i]).sum::<DVec3>().try_normalize().unwrap_or(flat);
+            let side = if normal.dot(ray.dir) > 0.0 { -1.0 } else { 1.0 };
+            let lift = |i: usize| {
+                let n = side * at[i];
+                point - (point - corners[i]).dot(n).min(0.0) * n
+            };
+            lifted = (0..3).map(|i| weights[i] * lift(i)).sum::<DVec3>();
+        }
+        if normal.dot(ray.dir) > 0.0 {
+            normal = -normal;
+        }
+        let cosine = facing(&corners, ray.dir);
+        let [r, g, b, _] = self.color(part, material, triangle, contact, width / cosine);
+        Surface { point, lifted, normal, albedo: Vec3::new(r, g, b), unlit: material.unlit }
+    }
+}
+
+/// Cosine between a ray and a triangle's normal, at least .05: how much wider a cone is on the surface.
+fn facing(corners: &[DVec3; 3], dir: DVec3) -> f64 {
+    let n = (corners[1] - corners[0]).cross(corners[2] - corners[0]).normalize_or_zero();
+    n.dot(dir).abs().max(0.05)
+}
+
+/// How normals transform: the cofactor matrix, for outward normals of mirrored parts too.
+fn cofactor(m: DMat3) -> DMat3 {
+    let c = DMat3::from_cols(m.y_axis.cross(m.z_axis), m.z_axis.cross(m.x_axis), m.x_axis.cross(m.y_axis));
+    if m.determinant() < 0.0 { c * -1.0 } else { c }
+}

@@ -1,0 +1,66 @@
+//! What a caller chooses about a picture.
+
+use crate::geom::DVec3;
+
+/// Options of [`super::render`]; the default is what `vtex render` does without flags.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Options {
+    /// Pixels, width and height, each 1 … 65 536.
+    pub size: [u32; 2],
+    pub camera: CameraChoice,
+    /// Radiance of the sky that lights the scene, linear; over the file's.
+    pub sky: Option<[f64; 3]>,
+    /// Radiance that an escaped camera ray sees, linear; over the file's.
+    pub background: Option<[f64; 3]>,
+    pub ambient: Ambient,
+    /// Cones a pixel: 1, 2, 4, 8 or 16.
+    pub lanes: u32,
+    /// Stops: the film is multiplied by 2^exposure.
+    pub exposure: f64,
+    /// 0: all cores.
+    pub threads: usize,
+    /// Added to the depth that fits a cone: −1 is one coarser.
+    pub depth_bias: f64,
+    /// Whether lights are tested for what stands before them.
+    pub shadows: bool,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Options {
+            size: [1280, 720],
+            camera: CameraChoice::Default,
+            sky: None,
+            background: None,
+            ambient: Ambient::Constant,
+            lanes: 1,
+            exposure: 0.0,
+            threads: 0,
+            depth_bias: 0.0,
+            shadows: true,
+        }
+    }
+}
+
+/// Which camera looks.
+#[derive(Debug, Clone, PartialEq)]
+pub enum CameraChoice {
+    /// The file's first camera; without one, the scene is framed.
+    Default,
+    /// The file's camera of that name, or of that number.
+    Named(String),
+    /// The scene is framed, whatever the file says.
+    Framed,
+    /// Perspective from `eye` to `target`, metres; vertical field of view in radians.
+    LookAt { eye: DVec3, target: DVec3, yfov: f64 },
+}
+
+/// How much of the sky a point sees.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Ambient {
+    /// All of it: the figure used in comparisons.
+    #[default]
+    Constant,
+    /// As much as a few cones find open.
+    Occluded,
+}
