@@ -1,0 +1,280 @@
+//! From a scene to what rays need: everything in one space around the camera, with hierarchies over it.
+//!
+//! That space is (world − eye) / unit, with `unit` a power of two about as large as the scene. So neither where a scene
+//! lies nor how large it is changes a picture, and numbers near the camera keep their precision.
+
+use super::bvh::Bvh;
+use super::camera::View;
+use super::cells::{Choice, Skin};
+use super::faces;
+use super::light::{DEFAULT_SKY, Lamp, default_sun};
+use super::mesh::{Mesh, MeshBuilder};
+use super::options::{CameraChoice, Options};
+use super::shell::ShellBox;
+use crate::geom::{Aabb, DAffine3, DVec3, Vec3};
+use crate::scene::shell::ShellMaterial;
+use crate::scene::{Part, Projection, Scene};
+use crate::volume::Octree;
+use crate::{Error, Result, Warnings};
+
+/// A texel with what the scene says of it.
+pub struct Texel {
+    pub tree: Octree,
+    /// Deepest depth to be used.
+    pub finest: u8,
+}
+
+/// A scene, ready for rays.
+pub struct World<'a> {
+    pub scene: &'a Scene,
+    pub view: View,
+    /// Metres in a unit of length.
+    pub unit: f64,
+    pub mesh: Mesh,
+    pub boxes: Vec<ShellBox>,
+    /// For each box, its index into `skins`.
+    pub box_skin: Vec<u32>,
+    pub shells: Bvh,
+    /// The layers of each material that has some.
+    pub skins: Vec<Vec<Skin>>,
+    /// As the scene's texels; `None` for those that nothing uses.
+    pub texels: Vec<Option<Texel>>,
+    pub lamps: Vec<Lamp>,
+    pub sky: Vec3,
+    pub background: Vec3,
+    pub warnings: Warnings,
+    /// What was chosen for want of better, in words.
+    pub notes: Vec<String>,
+}
+
+/// Which texels any shell of the scene uses.
+pub fn used_texels(scene: &Scene) -> Vec<bool> {
+    let mut used = vec![false; scene.texels.len()];
+    for instance in &scene.model.instances {
+        let Some(shell) = shell_of(scene, instance.part).map(|s| s.1) else { continue };
+        for layer in &shell.layers {
+            let variants = layer.discrete.iter().flat_map(|d| d.variants.iter().map(|v| v.0));
+            for texel in std::iter::once(layer.texel).chain(variants) {
+                if let Some(slot) = used.get_mut(texel) {
+                    *slot = true;
+                }
+            }
+        }
+    }
+    used
+}
+
+fn shell_of(scene: &Scene, part: usize) -> Option<(&Part, &ShellMaterial)> {
+    let part = scene.model.parts.get(part)?;
+    let material = scene.model.materials.get(part.material)?;
+    material.shell.as_deref().map(|s| (part, s))
+}
+
+impl<'a> World<'a> {
+    /// `texels[i]` is the scene's texel i, opened; needed for those of [`used_texels`].
+    pub fn new(scene: &'a Scene, texels: Vec<Option<Octree>>, options: &Options) -> Result<World<'a>> {
+        let mut notes = Vec::new();
+        let mut warnings = Warnings::default();
+        let bounds = bounds(scene);
+        let view = view(scene, &bounds, options, &mut notes)?;
+        let reach = (bounds.min - view.eye).abs().max((bounds.max - view.eye).abs()).max_element();
+        // 2^k, exact, and within what f64 squares without loss.
+        let unit = if reach.is_finite() && reach > 0.0 {
+            libm::exp2(libm::log2(reach).ceil().clamp(-300.0, 300.0))
+        } else {
+            1.0
+        };
+        let texels: Vec<Option<Texel>> = texels
+            .into_iter()
+            .zip(&scene.texels)
+            .map(|(tree, said)| Some(Texel { tree: tree?, finest: said.max_depth.unwrap_or(u8::MAX) }))
+            .collect();
+        let mut world = World {
+            scene,
+            unit,
+            mesh: Mesh::default(),
+            boxes: Vec::new(),
+            box_skin: Vec::new(),
+            shells: Bvh::default(),
+            skins: Vec::new(),
+            lamps: lamps(scene, view.eye, unit, &mut notes),
+            view,
+            texels,
+            sky: Vec3::ZERO,
+            background: Vec3::ZERO,
+            warnings: Warnings::default(),
+            notes: Vec::new(),
+        };
+        world.place(&mut warnings)?;
+        let environment = &scene.environment;
+        let sky = options.sky.or(environment.sky).unwrap_or_else(|| {
+            notes.push("no sky in the file: a plain one lights the scene (--sky r,g,b)".into());
+            DEFAULT_SKY
+        });
+        world.sky = Vec3::from_array(sky.map(|v| v as f32));
+        let background = options.background.or(environment.background).unwrap_or(sky);
+        world.background = Vec3::from_array(background.map(|v| v as f32));
+        if world.boxes.is_empty() && world.mesh.is_empty() {
+            warnings.add("nothing to see: the scene has no triangle that could be drawn");
+        }
+        (world.warnings, world.notes) = (warnings, notes);
+        Ok(world)
+    }
+
+    /// Bring instances into the renderer's space, as triangles and boxes.
+    fn place(&mut self, warnings: &mut Warnings) -> Result<()> {
+        let model = &self.scene.model;
+        let mut mesh = MeshBuilder::default();
+        let mut skin_of = vec![None; model.materials.len()];
+        let mut lost = 0;
+        for (index, instance) in model.instances.iter().enumerate() {
+            let Some(part) = model.parts.get(instance.part) else { continue };
+            let placed = relative(instance.transform, self.view.eye, self.unit);
+            let shell = shell_of(self.scene, instance.part).map(|s| s.1);
+            if let Some(shell) = shell {
+                let skin = match skin_of[part.material] {
+                    Some(skin) => skin,
+                    None => {
+                        let skin = self.skins.len() as u32;
+                        self.skins.push(skins(shell, &self.texels)?);
+                        skin_of[part.material] = Some(skin);
+                        skin
+                    }
+                };
+                let before = self.boxes.len();
+                self.boxes.extend(faces::boxes(part, shell, placed, warnings));
+                self.box_skin.resize(self.boxes.len(), skin);
+                lost += self.boxes[before..].iter().filter(|b| !finite(&b.bounds())).count();
+            }
+            if shell.is_none_or(|s| s.surface_visible) && !part.triangles.is_empty() {
+                let at = |p: &[f32; 3]| placed.transform_point3(DVec3::from_array(p.map(f64::from)));
+                mesh.add(index, part, &part.positions.iter().map(at).collect::<Vec<_>>());
+            }
+        }
+        if lost > 0 {
+            return Err(Error::Options("the scene's height vectors are too large to be rendered".into()));
+        }
+        self.mesh = mesh.build();
+        self.shells = Bvh::new(&self.boxes.iter().map(ShellBox::bounds).collect::<Vec<_>>());
+        Ok(())
+    }
+}
+
+fn finite(b: &Aabb) -> bool {
+    b.min.as_vec3().is_finite() && b.max.as_vec3().is_finite()
+}
+
+/// `transform`, then (x − eye) / unit.
+fn relative(transform: DAffine3, eye: DVec3, unit: f64) -> DAffine3 {
+    DAffine3 {
+        matrix3: transform.matrix3 * (1.0 / unit),
+        translation: (transform.translation - eye) / unit,
+    }
+}
+
+/// The box of all that may be seen, world space.
+fn bounds(scene: &Scene) -> Aabb {
+    let mut bounds = Aabb::EMPTY;
+    for instance in &scene.model.instances {
+        let Some(part) = scene.model.parts.get(instance.part) else { continue };
+        if part.triangles.is_empty() {
+            continue;
+        }
+        let mut own = Aabb::around(part.positions.iter().map(|p| DVec3::from_array(p.map(f64::from))));
+        if let Some((part, shell)) = shell_of(scene, instance.part) {
+            let high = |h: &[f32; 3]| DVec3::from_array(h.map(f64::from)).abs();
+            let reach = match &part.heights {
+                Some(h) => h.iter().fold(DVec3::ZERO, |m, h| m.max(high(h))),
+                None => DVec3::splat(shell.thickness.abs()),
+            };
+            own = Aabb::new(own.min - reach, own.max + reach);
+        }
+        if !own.is_empty() {
+            let corner = |k: usize| {
+                let pick = |a: usize| if k >> a & 1 == 0 { own.min[a] } else { own.max[a] };
+                instance.transform.transform_point3(DVec3::new(pick(0), pick(1), pick(2)))
+            };
+            bounds = bounds.union(Aabb::around((0..8).map(corner).filter(|p| p.is_finite())));
+        }
+    }
+    bounds
+}
+
+fn view(scene: &Scene, bounds: &Aabb, options: &Options, notes: &mut Vec<String>) -> Result<View> {
+    let size = options.size;
+    let cameras = &scene.model.cameras;
+    let framed = || {
+        let bounds = if bounds.is_empty() { Aabb::UNIT } else { *bounds };
+        View::framing(&bounds, size).ok_or_else(|| Error::Options("the scene is too large to be framed".into()))
+    };
+    let of_file = |camera: &crate::scene::Camera| {
+        View::new(camera, size)
+            .ok_or_else(|| Error::Options(format!("camera {:?} has no direction or no field of view", camera.name)))
+    };
+    match &options.camera {
+        CameraChoice::Framed => framed(),
+        CameraChoice::Default => match cameras.first() {
+            Some(camera) => {
+                if cameras.len() > 1 {
+                    notes.push(format!("camera {:?}, the first of {} (--camera)", camera.name, cameras.len()));
+                }
+                of_file(camera)
+            }
+            None => {
+                notes.push("no camera in the file: the scene is framed (--eye, --look-at)".into());
+                framed()
+            }
+        },
+        CameraChoice::Named(name) => {
+            let numbered = name.parse().ok().and_then(|k: usize| cameras.get(k));
+            match cameras.iter().find(|c| c.name == *name).or(numbered) {
+                Some(camera) => of_file(camera),
+                None => {
+                    let names: Vec<_> = cameras.iter().map(|c| format!("{:?}", c.name)).collect();
+                    let known = if names.is_empty() { "none".into() } else { names.join(", ") };
+                    Err(Error::Options(format!("no camera {name:?} in the file; it has {known}")))
+                }
+            }
+        }
+        CameraChoice::LookAt { eye, target, yfov } => {
+            View::towards(*eye, *target - *eye, DVec3::Y, size, Projection::Perspective { yfov: *yfov }).ok_or_else(
+                || Error::Options("--eye and --look-at must differ, and the field of view lie in 0 … 180 degrees".into()),
+            )
+        }
+    }
+}
+
+fn lamps(scene: &Scene, eye: DVec3, unit: f64, notes: &mut Vec<String>) -> Vec<Lamp> {
+    if scene.model.lights.is_empty() {
+        notes.push("no light in the file: a sun from the upper left was added".into());
+        return Lamp::new(&default_sun(), eye, unit).into_iter().collect();
+    }
+    scene.model.lights.iter().filter_map(|l| Lamp::new(l, eye, unit)).collect()
+}
+
+fn skins(shell: &ShellMaterial, texels: &[Option<Texel>]) -> Result<Vec<Skin>> {
+    shell
+        .layers
+        .iter()
+        .map(|layer| {
+            let variants = layer.discrete.iter().flat_map(|d| d.variants.iter().copied());
+            let mut choice: Vec<(usize, f64)> = variants.filter(|v| v.1 > 0.0).collect();
+            if choice.is_empty() {
+                choice.push((layer.texel, 1.0));
+            }
+            let total: f64 = choice.iter().map(|c| c.1).sum();
+            let mut below = 0.0;
+            let choice = choice
+                .into_iter()
+                .map(|(texel, weight)| {
+                    let Some(Some(opened)) = texels.get(texel) else {
+                        return Err(Error::Options(format!("the scene's shells use texel {texel}, which is not there")));
+                    };
+                    below += weight / total;
+                    Ok(Choice { texel, below, content: opened.tree.info().content })
+                })
+                .collect::<Result<Vec<_>>>()?;
+            Ok(Skin { layer: layer.clone(), choice })
+        })
+        .collect()
+}

@@ -1,0 +1,54 @@
+//! What a render did: counts of what its rays met, time by stage, memory.
+
+use std::time::Duration;
+
+use super::march::MarchStats;
+
+/// Counts of one thread's rays, or of all together.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Counts {
+    /// Camera cones.
+    pub cones: u64,
+    /// Stretches of a ray inside a shell's box.
+    pub boxes: u64,
+    /// Shadow rays, and rays to the sky.
+    pub shadow_rays: u64,
+    /// Camera and shadow rays together.
+    pub march: MarchStats,
+}
+
+impl Counts {
+    pub fn merge(&mut self, other: &Counts) {
+        self.cones += other.cones;
+        self.boxes += other.boxes;
+        self.shadow_rays += other.shadow_rays;
+        self.march.merge(&other.march);
+    }
+}
+
+/// What a render did.
+#[derive(Debug, Clone, Default)]
+pub struct Stats {
+    pub counts: Counts,
+    /// Boxes in the scene, triangles apart.
+    pub shell_boxes: u64,
+    /// Bytes of the `.vtex` files that were read, of those that they have.
+    pub bytes_read: u64,
+    pub bytes_in_files: u64,
+    /// Pages of voxels decoded (a page holds 4096), and voxels in them.
+    pub bricks: u64,
+    pub voxels: u64,
+    /// Deepest depth of which voxels were decoded.
+    pub deepest: usize,
+    /// Stage and wall-clock time, in order.
+    pub times: Vec<(&'static str, Duration)>,
+    /// Most memory that the process has had, where the system tells.
+    pub peak_bytes: Option<u64>,
+}
+
+/// The most memory that the process has had (Linux), in bytes.
+pub fn peak_memory() -> Option<u64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = status.lines().find(|l| l.starts_with("VmHWM:"))?;
+    line.split_whitespace().nth(1)?.parse::<u64>().ok().map(|k| k * 1024)
+}
