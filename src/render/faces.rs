@@ -52,12 +52,7 @@ pub fn boxes(part: &Part, material: &ShellMaterial, place: DAffine3, warnings: &
 }
 
 /// Each vertex as a corner; `None` (with a warning) where the part has no texel coordinates.
-fn corners(
-    part: &Part,
-    material: &ShellMaterial,
-    place: DAffine3,
-    warnings: &mut Warnings,
-) -> Option<Vec<Corner>> {
+fn corners(part: &Part, material: &ShellMaterial, place: DAffine3, warnings: &mut Warnings) -> Option<Vec<Corner>> {
     let uvs = part.uvs.get(material.tex_coord);
     if part.uvw.is_none() && uvs.is_none() {
         let tex_coord = material.tex_coord;

@@ -1,8 +1,10 @@
 //! The picture: linear radiance, and how it is stored.
 
-use std::io::{BufWriter, Write};
-use std::path::{Path, PathBuf};
+use std::io::Write;
+use std::path::Path;
 
+use super::image_io::srgb8;
+use crate::format::PartFile;
 use crate::{Error, Result};
 
 /// Linear Rec. 709 radiance with the background behind it, and alpha: the share of the pixel that is not background.
@@ -35,11 +37,13 @@ impl Film {
                 return Err(Error::Options(what));
             }
         };
-        replace(path, &bytes)
+        let mut file = PartFile::create(path)?;
+        file.write_all(&bytes).map_err(|e| Error::io(path, e))?;
+        file.finish()
     }
 
     fn png(&self, path: &Path) -> Result<Vec<u8>> {
-        let rgb: Vec<u8> = self.pixels.iter().flat_map(|p| [p[0], p[1], p[2]].map(srgb)).collect();
+        let rgb: Vec<u8> = self.pixels.iter().flat_map(|p| [p[0], p[1], p[2]].map(srgb8)).collect();
         let image = image::RgbImage::from_raw(self.width, self.height, rgb)
             .ok_or_else(|| Error::input(path, "", "the film's size does not match its pixels"))?;
         let mut out = std::io::Cursor::new(Vec::new());
@@ -61,40 +65,9 @@ impl Film {
     }
 }
 
-/// The sRGB code of a linear value.
-fn srgb(linear: f32) -> u8 {
-    let v = if linear.is_nan() { 0.0 } else { linear.clamp(0.0, 1.0) };
-    let encoded = if v <= 0.003_130_8 { 12.92 * v } else { 1.055 * libm::powf(v, 1.0 / 2.4) - 0.055 };
-    (encoded * 255.0).round() as u8
-}
-
-/// Write beside `path`, then rename: what was there stays until the new bytes are whole.
-fn replace(path: &Path, bytes: &[u8]) -> Result<()> {
-    let mut part = path.as_os_str().to_owned();
-    part.push(".part");
-    let part = PathBuf::from(part);
-    let write = || -> std::io::Result<()> {
-        let mut file = BufWriter::new(std::fs::File::create(&part)?);
-        file.write_all(bytes)?;
-        file.into_inner().map_err(|e| e.into_error())?.sync_all()?;
-        std::fs::rename(&part, path)
-    };
-    write().map_err(|e| {
-        let _ = std::fs::remove_file(&part);
-        Error::io(path, e)
-    })
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn srgb_ends_and_middle() {
-        assert_eq!([0.0, 1.0, 2.0, f32::NAN].map(srgb), [0, 255, 255, 0]);
-        // 18 % grey is code 118 (IEC 61966-2-1).
-        assert_eq!(srgb(0.18), 118);
-    }
 
     #[test]
     fn films_round_trip() {

@@ -132,8 +132,8 @@ impl Mesh {
     ) -> Option<Contact> {
         let mut found = None;
         let shear = Shear::new(ray.dir);
-        let end = self.bvh.nearest(ray, t1, |i, t1| {
-            match self.contact(model, &shear, ray, i, (0.0, t1), None, &width_at) {
+        let end =
+            self.bvh.nearest(ray, t1, |i, t1| match self.contact(model, &shear, ray, i, (0.0, t1), None, &width_at) {
                 Some(contact) if contact.alpha >= 1.0 => {
                     found = Some(contact);
                     contact.t
@@ -143,8 +143,7 @@ impl Mesh {
                     t1
                 }
                 None => t1,
-            }
-        });
+            });
         veils.retain(|v| v.t < end);
         found
     }

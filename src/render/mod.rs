@@ -1,14 +1,233 @@
-//! Scene → film.
+//! Scene → film: one cone a pixel through plain meshes and shells full of texels.
+//!
+//! Units: world space in metres, radiance linear Rec. 709. A directional light's intensity is the irradiance on a surface
+//! that faces it; a diffuse facet reflects albedo / π · E · max(0, n·l) · visibility + albedo · sky.
 
+mod bvh;
+mod camera;
+mod cells;
 mod descent;
+mod faces;
+mod film;
 pub mod image_io;
+mod light;
 pub mod march;
+mod mesh;
 pub mod metrics;
+mod options;
+mod passage;
+mod pixel;
+mod prepare;
 pub mod preview;
 pub mod shade;
+mod shell;
+mod stats;
+#[cfg(test)]
+mod tests;
+mod trace;
 pub mod vndf;
 
+use std::sync::Arc;
+use std::time::Instant;
+
+pub use cells::hash;
+pub use film::Film;
 pub use march::{DepthChoice, Hit, MarchStats, Sink, Stretch, march, transmittance};
-mod bvh;
-mod cells;
-mod shell;
+pub use options::{Ambient, CameraChoice, Options};
+pub use stats::{Counts, Stats, peak_memory};
+pub use trace::{Met, Trace};
+
+use crate::format::{Limits, Reader};
+use crate::geom::Vec3;
+use crate::progress::Progress;
+use crate::scene::Scene;
+use crate::volume::Octree;
+use crate::{Error, Result, Warnings, par};
+use pixel::Tracer;
+use prepare::World;
+
+/// A picture, and what was said on the way.
+#[derive(Debug, Clone)]
+pub struct Rendered {
+    pub film: Film,
+    pub stats: Stats,
+    pub warnings: Warnings,
+    /// What was chosen for want of better, a line each.
+    pub notes: Vec<String>,
+}
+
+/// Render a scene. Its texels are opened where the scene says, and read only as far as some cone needs.
+pub fn render(scene: &Scene, options: &Options, progress: &dyn Progress) -> Result<Rendered> {
+    let opened = Opened::new(scene)?;
+    let mut rendered = render_with(scene, opened.trees()?, options, progress)?;
+    opened.count(&mut rendered.stats, &mut rendered.warnings);
+    Ok(rendered)
+}
+
+/// Render with texels at hand: `texels[i]` stands for the scene's texel i, whatever file it names.
+pub fn render_with(
+    scene: &Scene,
+    texels: Vec<Option<Octree>>,
+    options: &Options,
+    progress: &dyn Progress,
+) -> Result<Rendered> {
+    check(options)?;
+    par::with_threads(options.threads, || {
+        let start = Instant::now();
+        progress.stage("prepare", 0);
+        let mut world = World::new(scene, texels, options)?;
+        let prepared = Instant::now();
+        let (film, counts) = film(&world, options, progress);
+        let mut stats = Stats {
+            counts,
+            shell_boxes: world.boxes.len() as u64,
+            times: vec![("prepare", prepared - start), ("trace", prepared.elapsed())],
+            peak_bytes: peak_memory(),
+            ..Stats::default()
+        };
+        for texel in world.texels.iter_mut().flatten() {
+            if let Some(failure) = texel.tree.take_failure() {
+                return Err(failure);
+            }
+            let opened = texel.tree.opened();
+            stats.bricks += opened.pages;
+            stats.voxels += opened.voxels;
+            stats.deepest = stats.deepest.max(opened.deepest);
+        }
+        Ok(Rendered {
+            film,
+            stats,
+            warnings: std::mem::take(&mut world.warnings),
+            notes: std::mem::take(&mut world.notes),
+        })
+    })?
+}
+
+/// What the rays of the pixel (x, y), from the upper left, meet.
+pub fn trace_pixel(scene: &Scene, options: &Options, at: [u32; 2]) -> Result<Trace> {
+    check(options)?;
+    if at[0] >= options.size[0] || at[1] >= options.size[1] {
+        return Err(Error::Options(format!(
+            "--pixel {},{} lies outside of the {}×{} picture",
+            at[0], at[1], options.size[0], options.size[1]
+        )));
+    }
+    let world = World::new(scene, Opened::new(scene)?.trees()?, options)?;
+    let mut tracer = Tracer::new(&world, options);
+    tracer.trace = Some(Trace::new());
+    pixel_of(&mut tracer, at[0], at[1]);
+    Ok(tracer.trace.take().unwrap_or_default())
+}
+
+fn check(options: &Options) -> Result<()> {
+    let [width, height] = options.size;
+    if !(1..=65_536).contains(&width) || !(1..=65_536).contains(&height) {
+        return Err(Error::Options(format!("a picture of {width}×{height} pixels: each side must be 1 … 65536")));
+    }
+    if !matches!(options.lanes, 1 | 2 | 4 | 8 | 16) {
+        return Err(Error::Options(format!("{} lanes: it must be 1, 2, 4, 8 or 16", options.lanes)));
+    }
+    Ok(())
+}
+
+/// The files of the texels that a scene's shells use.
+struct Opened {
+    readers: Vec<Option<Arc<Reader>>>,
+}
+
+impl Opened {
+    fn new(scene: &Scene) -> Result<Opened> {
+        let used = prepare::used_texels(scene);
+        let open = |(texel, used): (&crate::scene::shell::TexelRef, bool)| match texel.frames.first() {
+            Some(path) if used => Reader::open(path, &Limits::default()).map(|r| Some(Arc::new(r))),
+            _ => Ok(None),
+        };
+        Ok(Opened { readers: scene.texels.iter().zip(used).map(open).collect::<Result<_>>()? })
+    }
+
+    fn trees(&self) -> Result<Vec<Option<Octree>>> {
+        let tree = |r: &Option<Arc<Reader>>| r.as_ref().map(|r| Octree::new(Arc::clone(r))).transpose();
+        self.readers.iter().map(tree).collect()
+    }
+
+    fn count(&self, stats: &mut Stats, warnings: &mut Warnings) {
+        for reader in self.readers.iter().flatten() {
+            stats.bytes_read += reader.bytes_read();
+            stats.bytes_in_files += reader.file_bytes();
+            warnings.merge(reader.warnings());
+        }
+    }
+}
+
+/// Pixels a side of the tiles that threads take.
+const TILE: u32 = 16;
+
+fn film(world: &World<'_>, options: &Options, progress: &dyn Progress) -> (Film, Counts) {
+    let [width, height] = options.size;
+    let (across, down) = (width.div_ceil(TILE), height.div_ceil(TILE));
+    let tiles = across as usize * down as usize;
+    progress.stage("render", tiles as u64);
+    let traced = par::map(tiles, |i| {
+        let (x0, y0) = (i as u32 % across * TILE, i as u32 / across * TILE);
+        let mut tracer = Tracer::new(world, options);
+        let mut pixels = Vec::with_capacity((TILE * TILE) as usize);
+        for y in y0..(y0 + TILE).min(height) {
+            for x in x0..(x0 + TILE).min(width) {
+                pixels.push(pixel_of(&mut tracer, x, y));
+            }
+        }
+        progress.advance(1);
+        (pixels, tracer.counts)
+    });
+    let mut film = Film { width, height, pixels: vec![[0.0; 4]; width as usize * height as usize] };
+    let mut counts = Counts::default();
+    for (i, (pixels, own)) in traced.into_iter().enumerate() {
+        counts.merge(&own);
+        let (x0, y0) = (i as u32 % across * TILE, i as u32 / across * TILE);
+        let columns = (width - x0).min(TILE) as usize;
+        for (row, chunk) in pixels.chunks(columns).enumerate() {
+            let start = (y0 as usize + row) * width as usize + x0 as usize;
+            film.pixels[start..start + columns].copy_from_slice(chunk);
+        }
+    }
+    film.expose((options.exposure as f32).exp2());
+    (film, counts)
+}
+
+/// The mean over the pixel's lanes, before exposure.
+fn pixel_of(tracer: &mut Tracer<'_>, x: u32, y: u32) -> [f32; 4] {
+    let (world, lanes) = (tracer.world, tracer.options.lanes);
+    let (mut sum, mut cover) = (Vec3::ZERO, 0.0);
+    for lane in 0..lanes {
+        let [dx, dy] = lane_offset(lane, lanes);
+        let cone = world.view.cone(f64::from(x) + dx, f64::from(y) + dy, world.unit);
+        if let Some(trace) = &mut tracer.trace {
+            let width = cone.width * world.unit;
+            trace.push(Met::Cone { direction: cone.ray.dir.to_array(), width, growth: cone.growth });
+        }
+        let threshold = threshold(x, y, lane, lanes);
+        let (radiance, alpha) = tracer.cone(&cone, threshold);
+        if let Some(trace) = &mut tracer.trace {
+            trace.push(Met::Radiance { rgb: radiance.to_array(), alpha });
+        }
+        sum += radiance;
+        cover += alpha;
+    }
+    let share = 1.0 / lanes as f32;
+    [sum.x * share, sum.y * share, sum.z * share, cover * share]
+}
+
+/// Where in its pixel a lane looks: a rotated grid, row i at column bit-reversed i.
+fn lane_offset(lane: u32, lanes: u32) -> [f64; 2] {
+    let bits = lanes.trailing_zeros();
+    let column = if bits == 0 { 0 } else { lane.reverse_bits() >> (32 - bits) };
+    [f64::from(column), f64::from(lane)].map(|k| (k + 0.5) / f64::from(lanes))
+}
+
+/// The threshold in [0, 1) between two depths: ordered over a pixel's lanes, and over neighbouring pixels by interleaved
+/// gradient noise (J. Jimenez, *Next Generation Post Processing in Call of Duty*, SIGGRAPH 2014 courses).
+fn threshold(x: u32, y: u32, lane: u32, lanes: u32) -> f32 {
+    let ramp = 0.067_110_56 * f64::from(x) + 0.005_837_15 * f64::from(y);
+    let noise = (52.982_918_9 * ramp.fract()).fract();
+    ((noise + f64::from(lane)) / f64::from(lanes)) as f32 % 1.0
+}

@@ -166,10 +166,7 @@ fn finite(b: &Aabb) -> bool {
 
 /// `transform`, then (x − eye) / unit.
 fn relative(transform: DAffine3, eye: DVec3, unit: f64) -> DAffine3 {
-    DAffine3 {
-        matrix3: transform.matrix3 * (1.0 / unit),
-        translation: (transform.translation - eye) / unit,
-    }
+    DAffine3 { matrix3: transform.matrix3 * (1.0 / unit), translation: (transform.translation - eye) / unit }
 }
 
 /// The box of all that may be seen, world space.
@@ -238,7 +235,11 @@ fn view(scene: &Scene, bounds: &Aabb, options: &Options, notes: &mut Vec<String>
         }
         CameraChoice::LookAt { eye, target, yfov } => {
             View::towards(*eye, *target - *eye, DVec3::Y, size, Projection::Perspective { yfov: *yfov }).ok_or_else(
-                || Error::Options("--eye and --look-at must differ, and the field of view lie in 0 … 180 degrees".into()),
+                || {
+                    Error::Options(
+                        "--eye and --look-at must differ, and the field of view lie in 0 … 180 degrees".into(),
+                    )
+                },
             )
         }
     }
@@ -268,7 +269,9 @@ fn skins(shell: &ShellMaterial, texels: &[Option<Texel>]) -> Result<Vec<Skin>> {
                 .into_iter()
                 .map(|(texel, weight)| {
                     let Some(Some(opened)) = texels.get(texel) else {
-                        return Err(Error::Options(format!("the scene's shells use texel {texel}, which is not there")));
+                        return Err(Error::Options(format!(
+                            "the scene's shells use texel {texel}, which is not there"
+                        )));
                     };
                     below += weight / total;
                     Ok(Choice { texel, below, content: opened.tree.info().content })

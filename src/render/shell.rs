@@ -88,8 +88,13 @@ impl Prism {
             planes[2 + k] = if turned { Plane { n: -n, c: -c, turned } } else { Plane { n, c, turned } };
         }
         let bounds = Aabb::around(face.iter().flat_map(|f| [f.p, f.p + f.h]));
-        (to_texel.is_finite() && offset.is_finite())
-            .then_some(Prism { planes, count: 2 + face.len(), to_texel, offset, bounds })
+        (to_texel.is_finite() && offset.is_finite()).then_some(Prism {
+            planes,
+            count: 2 + face.len(),
+            to_texel,
+            offset,
+            bounds,
+        })
     }
 
     fn span(&self, ray: &Ray, mut t0: f64, mut t1: f64) -> Option<(f64, f64)> {
@@ -212,12 +217,7 @@ impl Twisted {
         let (e1, e2, g1, g2) = (b.p - a.p, c.p - a.p, b.h - a.h, c.h - a.h);
         let normal = [e1.cross(e2), e1.cross(g2) + g1.cross(e2), g1.cross(g2)];
         let bounds = Aabb::around(face.iter().flat_map(|f| [f.p, f.p + f.h]));
-        let it = Twisted {
-            corners: *face,
-            walls: [Wall::new(a, b), Wall::new(b, c), Wall::new(c, a)],
-            normal,
-            bounds,
-        };
+        let it = Twisted { corners: *face, walls: [Wall::new(a, b), Wall::new(b, c), Wall::new(c, a)], normal, bounds };
         let middle = it.edges(Place { b: [1.0 / 3.0; 2], w: 0.5, outside: 0.0 });
         (middle.determinant() != 0.0 && middle.inverse().is_finite()).then_some(it)
     }
@@ -374,7 +374,11 @@ fn cubic_in_unit(k: [f64; 4]) -> [Option<f64>; 3] {
         let mut x = lo + (hi - lo) * (flo / (flo - fhi)).clamp(0.0, 1.0);
         for _ in 0..60 {
             let y = f(x);
-            if (y > 0.0) == rising { hi = x } else { lo = x }
+            if (y > 0.0) == rising {
+                hi = x
+            } else {
+                lo = x
+            }
             let step = x - y / slope(x);
             let next = if step > lo && step < hi { step } else { 0.5 * (lo + hi) };
             if next == x || (next - x).abs() < 1e-15 {

@@ -1,0 +1,107 @@
+//! A ray's way through one box: the straight stretches in the copies of texels that it passes; and how much light they
+//! let through.
+
+use super::cells::Visit;
+use super::march::{DepthChoice, Stretch, transmittance};
+use super::prepare::World;
+use super::shell::Piece;
+use super::stats::Counts;
+use crate::geom::{DMat3, DVec3, Ray};
+
+/// A stretch in one copy, ready to be marched.
+pub struct Stretched {
+    pub visit: Visit,
+    pub stretch: Stretch,
+    /// World → texel, the linear part.
+    pub to_texel: DMat3,
+    /// Cube edges in a unit of length across the ray.
+    pub scale: f64,
+}
+
+/// How far a straight piece may stray from the path, in widths of the cone.
+const STRAY: f64 = 0.25;
+/// And at the least, in cells: finer than a voxel of depth 10.
+const LEAST_STRAY: f64 = 1.0 / 4096.0;
+
+/// Stretches of `ray` in [t0, t1] of a box, of one layer or of all, in order of depth a layer, until `each` returns false.
+/// False if stopped.
+pub fn passage(
+    world: &World<'_>,
+    ray: &Ray,
+    index: u32,
+    layer: Option<u32>,
+    (t0, t1): (f64, f64),
+    width_at: &dyn Fn(f64) -> f64,
+    each: &mut dyn FnMut(&Stretched) -> bool,
+) -> bool {
+    let skins = &world.skins[world.box_skin[index as usize] as usize];
+    let skins = match layer {
+        Some(layer) => &skins[layer as usize..=layer as usize],
+        None => &skins[..],
+    };
+    let tolerance = |t: f64, m: &DMat3| (STRAY * width_at(t) * across(m, ray.dir)).max(LEAST_STRAY);
+    world.boxes[index as usize].pieces(ray, t0, t1, &tolerance, &mut |piece| {
+        skins.iter().all(|skin| {
+            let (scale, offset) = (DVec3::from_array(skin.layer.scale), DVec3::from_array(skin.layer.offset));
+            let to_cell = DMat3::from_diagonal(scale) * piece.to_texel;
+            let piece =
+                Piece { q0: piece.q0 * scale + offset, q1: piece.q1 * scale + offset, to_texel: to_cell, ..*piece };
+            let edges = across(&to_cell, ray.dir);
+            skin.walk(&piece, &mut |visit| {
+                let scale = edges * visit.zoom;
+                let (w0, w1) = (width_at(visit.t0), width_at(visit.t1));
+                let length = visit.t1 - visit.t0;
+                let stretch = Stretch {
+                    origin: visit.origin.as_vec3(),
+                    dir: visit.dir.as_vec3(),
+                    length: length as f32,
+                    footprint: (w0 * scale) as f32,
+                    growth: ((w1 - w0) / length * scale) as f32,
+                    opacity_scale: skin.layer.opacity_scale as f32,
+                };
+                each(&Stretched { visit: *visit, stretch, to_texel: visit.linear * to_cell, scale })
+            })
+        })
+    })
+}
+
+/// How many texel units a unit of length across the unit direction `d` is: the root of the ratio of areas.
+fn across(m: &DMat3, d: DVec3) -> f64 {
+    let along = (*m * d).length();
+    if along > 0.0 { (m.determinant().abs() / along).sqrt() } else { 0.0 }
+}
+
+/// The share of light that comes through all that stands along `ray` up to t1, 0 below `stop`. The ray starts on the
+/// triangle `skip`; its cone is `width.0` wide at the start and grows by `width.1`.
+#[allow(clippy::too_many_arguments)]
+pub fn visibility(
+    world: &World<'_>,
+    ray: &Ray,
+    t1: f64,
+    skip: Option<u32>,
+    width: (f64, f64),
+    choice: DepthChoice,
+    stop: f32,
+    counts: &mut Counts,
+) -> f32 {
+    let mut through = world.mesh.transmittance(&world.scene.model, ray, t1, skip, width.0);
+    if through < stop {
+        return 0.0;
+    }
+    let width_at = |t: f64| width.0 + width.1 * t;
+    let end = world.shells.nearest(ray, t1, |index, t1| {
+        let mut open = true;
+        world.boxes[index as usize].spans(ray, 0.0, t1, |a, b| {
+            counts.boxes += 1;
+            open = open
+                && passage(world, ray, index, None, (a, b), &width_at, &mut |step| {
+                    let Some(Some(texel)) = world.texels.get(step.visit.texel) else { return true };
+                    let choice = DepthChoice { finest: texel.finest, ..choice };
+                    through *= transmittance(&texel.tree, &step.stretch, choice, stop / through, &mut counts.march);
+                    through >= stop
+                });
+        });
+        if open { t1 } else { -1.0 }
+    });
+    if end < 0.0 { 0.0 } else { through }
+}
