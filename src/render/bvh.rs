@@ -85,10 +85,6 @@ impl Bvh {
         Bvh { nodes: built.nodes.iter().map(node).collect(), items: built.primitive_indices }
     }
 
-    pub fn is_empty(&self) -> bool {
-        self.nodes.is_empty()
-    }
-
     /// Calls `hit(item, t)` for items whose boxes the ray may meet before `t`, nearer nodes first; `hit` returns the new,
     /// never larger `t`. A negative `t` ends the walk.
     pub fn nearest(&self, ray: &Ray, t: f64, mut hit: impl FnMut(u32, f64) -> f64) -> f64 {

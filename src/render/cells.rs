@@ -131,7 +131,8 @@ impl Skin {
     /// The copy in `cell`, for the ray at `q` going along `dir` (cell space); `None` where the cell is empty.
     fn visit(&self, cell: [i64; 3], q: DVec3, dir: DVec3, t0: f64, t1: f64) -> Option<Visit> {
         let origin = DVec3::new(cell[0] as f64, cell[1] as f64, cell[2] as f64);
-        let mut p = q - origin;
+        // A start on a face may lie outside by rounding.
+        let mut p = (q - origin).clamp(DVec3::ZERO, DVec3::ONE);
         let mut linear = DMat3::IDENTITY;
         for k in 0..3 {
             if self.layer.wrap[k] == CellWrap::Mirror && cell[k] & 1 != 0 {

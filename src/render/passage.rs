@@ -6,7 +6,7 @@ use super::march::{DepthChoice, Stretch, transmittance};
 use super::prepare::World;
 use super::shell::Piece;
 use super::stats::Counts;
-use crate::geom::{DMat3, DVec3, Ray};
+use crate::geom::{DMat3, DVec3, Ray, Vec3};
 
 /// A stretch in one copy, ready to be marched.
 pub struct Stretched {
@@ -52,7 +52,7 @@ pub fn passage(
                 let (w0, w1) = (width_at(visit.t0), width_at(visit.t1));
                 let length = visit.t1 - visit.t0;
                 let stretch = Stretch {
-                    origin: visit.origin.as_vec3(),
+                    origin: inside(visit.origin),
                     dir: visit.dir.as_vec3(),
                     length: length as f32,
                     footprint: (w0 * scale) as f32,
@@ -63,6 +63,12 @@ pub fn passage(
             })
         })
     })
+}
+
+/// To f32, so that what is inside of a cube's upper faces stays so: a ray along one lies in one cube only.
+fn inside(origin: DVec3) -> Vec3 {
+    let rounded = origin.as_vec3();
+    Vec3::select(rounded.cmpeq(Vec3::ONE) & origin.cmplt(DVec3::ONE), Vec3::splat(1.0f32.next_down()), rounded)
 }
 
 /// How many texel units a unit of length across the unit direction `d` is: the root of the ratio of areas.

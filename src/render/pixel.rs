@@ -219,10 +219,19 @@ impl<'w> Tracer<'w> {
         let count = events.partition_point(|e| e.t < frontier);
         let settled = &mut events[..count];
         // From here on an event's alpha is its share of the whole cone.
-        for event in settled.iter_mut() {
-            let weight = *through * event.alpha;
-            *through -= weight;
-            event.alpha = weight;
+        for tied in settled.chunk_by_mut(|a, b| a.t == b.t) {
+            // Voxels in one place (layers of one box) share what they stop together by their optical depths.
+            let depth = |alpha: f32| -(1.0 - alpha).max(1e-6).ln();
+            let passed = *through * tied.iter().map(|e| 1.0 - e.alpha).product::<f32>();
+            let stopped = *through - passed;
+            match tied {
+                [one] => one.alpha = stopped,
+                many => {
+                    let total: f32 = many.iter().map(|e| depth(e.alpha)).sum();
+                    many.iter_mut().for_each(|e| e.alpha = stopped * (depth(e.alpha) / total));
+                }
+            }
+            *through = passed;
         }
         // Each copy's voxels together, so that they share shadow rays.
         let place = |e: &Event| match e.source {

@@ -1,3 +1,5 @@
+//! Boxes against oracles: dense inversion, closed shells, degenerate faces.
+
 use super::*;
 
 /// A small deterministic source of numbers in [0, 1).
