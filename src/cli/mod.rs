@@ -5,6 +5,8 @@
 #[cfg(feature = "render")]
 mod compare;
 mod inspect;
+#[cfg(feature = "render")]
+mod render;
 mod truncate;
 mod ui;
 mod verify;
@@ -42,6 +44,9 @@ enum Command {
     #[cfg(feature = "render")]
     Compare(compare::Args),
     Inspect(inspect::Args),
+    /// Render a landscape: one cone a pixel, the texels read only as far as they are seen
+    #[cfg(feature = "render")]
+    Render(render::Args),
     Verify(verify::Args),
     Truncate(truncate::Args),
     /// Print the completion script of a shell
@@ -56,11 +61,31 @@ pub fn vtex() -> ExitCode {
     report(&Ui::new(cli.global.quiet, cli.global.strict), |ui| run(cli.command, ui))
 }
 
+/// Render a landscape covered with texels.
+#[cfg(feature = "render")]
+#[derive(Parser)]
+#[command(name = "vtex-render", version)]
+struct VtexRender {
+    #[command(flatten)]
+    args: render::Args,
+    #[command(flatten)]
+    global: Global,
+}
+
+/// `main` of `vtex-render`.
+#[cfg(feature = "render")]
+pub fn vtex_render() -> ExitCode {
+    let cli = VtexRender::parse();
+    report(&Ui::new(cli.global.quiet, cli.global.strict), |ui| render::run(&cli.args, ui))
+}
+
 fn run(command: Command, ui: &Ui) -> crate::Result<()> {
     match command {
         #[cfg(feature = "render")]
         Command::Compare(args) => compare::run(&args, ui),
         Command::Inspect(args) => inspect::run(&args, ui),
+        #[cfg(feature = "render")]
+        Command::Render(args) => render::run(&args, ui),
         Command::Verify(args) => verify::run(&args, ui),
         Command::Truncate(args) => truncate::run(&args, ui),
         Command::Completions { shell } => {

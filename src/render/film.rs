@@ -25,18 +25,22 @@ impl Film {
         }
     }
 
+    /// Whether [`Film::save`] knows the path's extension.
+    pub fn check_name(path: &Path) -> Result<()> {
+        match extension(path).as_deref() {
+            Some("exr" | "png") => Ok(()),
+            _ => {
+                let what = format!("{}: the picture's name must end in .png or .exr", path.display());
+                Err(Error::Options(what))
+            }
+        }
+    }
+
     /// Store as `.exr` (linear RGBA, 32-bit float) or `.png` (sRGB, 8 bit, clipped), by the path's extension. The file
     /// appears under its name once it is whole.
     pub fn save(&self, path: &Path) -> Result<()> {
-        let extension = path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
-        let bytes = match extension.as_deref() {
-            Some("exr") => self.exr(path)?,
-            Some("png") => self.png(path)?,
-            _ => {
-                let what = format!("{}: the picture's name must end in .png or .exr", path.display());
-                return Err(Error::Options(what));
-            }
-        };
+        Self::check_name(path)?;
+        let bytes = if extension(path).as_deref() == Some("exr") { self.exr(path)? } else { self.png(path)? };
         let mut file = PartFile::create(path)?;
         file.write_all(&bytes).map_err(|e| Error::io(path, e))?;
         file.finish()
@@ -63,6 +67,10 @@ impl Film {
         image.write().to_buffered(&mut out).map_err(|e| crate::Error::io(path, std::io::Error::other(e)))?;
         Ok(out.into_inner())
     }
+}
+
+fn extension(path: &Path) -> Option<String> {
+    path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase)
 }
 
 #[cfg(test)]

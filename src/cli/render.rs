@@ -1,0 +1,237 @@
+//! `vtex render`, and `vtex-render`: a landscape to a picture.
+
+use std::path::PathBuf;
+use std::time::Instant;
+
+use super::Ui;
+use crate::geom::DVec3;
+use crate::render::{self, Ambient, CameraChoice, Met, Options, Stats};
+use crate::scene::gltf;
+use crate::{Error, Result};
+
+#[derive(clap::Args)]
+pub struct Args {
+    /// The landscape: .gltf or .glb
+    landscape: PathBuf,
+    /// The picture: .png (sRGB) or .exr (linear, with alpha)
+    #[arg(short, long, required_unless_present = "pixel")]
+    output: Option<PathBuf>,
+    /// Pixels
+    #[arg(long, value_name = "WxH", default_value = "1280x720", value_parser = size)]
+    size: [u32; 2],
+    /// A camera of the file, by name or number; the first by default
+    #[arg(long, value_name = "NAME", conflicts_with_all = ["eye", "frame"])]
+    camera: Option<String>,
+    /// Look from here, metres
+    #[arg(long, value_name = "X,Y,Z", value_parser = triple, requires = "look_at", allow_hyphen_values = true)]
+    eye: Option<[f64; 3]>,
+    /// Look there, metres
+    #[arg(long, value_name = "X,Y,Z", value_parser = triple, requires = "eye", allow_hyphen_values = true)]
+    look_at: Option<[f64; 3]>,
+    /// Vertical field of view with --eye, degrees
+    #[arg(long, value_name = "DEGREES", default_value_t = 40.0, requires = "eye")]
+    fov: f64,
+    /// Frame the whole scene, whatever cameras the file has
+    #[arg(long, conflicts_with = "eye")]
+    frame: bool,
+    /// The scene of the file, by name or number
+    #[arg(long, value_name = "NAME")]
+    scene: Option<String>,
+    /// Radiance of the sky that lights the scene, linear; over the file's
+    #[arg(long, value_name = "R,G,B", value_parser = colour)]
+    sky: Option<[f64; 3]>,
+    /// Radiance behind the scene, linear; the sky's by default
+    #[arg(long, value_name = "R,G,B", value_parser = colour)]
+    background: Option<[f64; 3]>,
+    /// How much of the sky each point sees: all of it, or what a few cones find open
+    #[arg(long, value_enum, default_value = "constant")]
+    ambient: AmbientArg,
+    /// Cones a pixel: 1, 2, 4, 8 or 16
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    lanes: u32,
+    /// Make the picture brighter, stops
+    #[arg(long, value_name = "STOPS", default_value_t = 0.0, allow_hyphen_values = true)]
+    exposure: f64,
+    /// Threads; 0: one a core
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    threads: usize,
+    /// Added to the depth that fits a pixel: −1 is one coarser
+    #[arg(long, value_name = "DEPTHS", default_value_t = 0.0, allow_hyphen_values = true)]
+    depth_bias: f64,
+    /// Lights shine through everything
+    #[arg(long)]
+    no_shadows: bool,
+    /// Print what the rays of one pixel meet, instead of a picture
+    #[arg(long, value_name = "X,Y", value_parser = pixel, conflicts_with = "output")]
+    pixel: Option<[u32; 2]>,
+    /// Print what was read, marched and how long it took
+    #[arg(long)]
+    stats: bool,
+    /// Print --stats or --pixel as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Clone, Copy, clap::ValueEnum)]
+enum AmbientArg {
+    Constant,
+    Occluded,
+}
+
+fn size(text: &str) -> std::result::Result<[u32; 2], String> {
+    let (w, h) = text.split_once(['x', 'X', '×']).ok_or("wanted WIDTHxHEIGHT, as 1280x720")?;
+    let side = |s: &str| s.trim().parse().map_err(|_| format!("{s:?} is not a number of pixels"));
+    Ok([side(w)?, side(h)?])
+}
+
+fn pixel(text: &str) -> std::result::Result<[u32; 2], String> {
+    let (x, y) = text.split_once(',').ok_or("wanted X,Y")?;
+    let part = |s: &str| s.trim().parse().map_err(|_| format!("{s:?} is not a pixel"));
+    Ok([part(x)?, part(y)?])
+}
+
+fn triple(text: &str) -> std::result::Result<[f64; 3], String> {
+    let parts: Vec<f64> =
+        text.split(',').map(|s| s.trim().parse().map_err(|_| format!("{s:?} is not a number"))).collect::<std::result::Result<_, _>>()?;
+    match parts[..] {
+        [x, y, z] if parts.iter().all(|v| v.is_finite()) => Ok([x, y, z]),
+        _ => Err("wanted three finite numbers, as 1,2.5,0".into()),
+    }
+}
+
+fn colour(text: &str) -> std::result::Result<[f64; 3], String> {
+    let rgb = triple(text)?;
+    if rgb.iter().all(|&v| v >= 0.0) { Ok(rgb) } else { Err("a radiance is not negative".into()) }
+}
+
+impl Args {
+    fn options(&self) -> Options {
+        let camera = match (&self.camera, self.eye.zip(self.look_at)) {
+            (Some(name), _) => CameraChoice::Named(name.clone()),
+            (None, Some((eye, target))) => CameraChoice::LookAt {
+                eye: DVec3::from_array(eye),
+                target: DVec3::from_array(target),
+                yfov: self.fov.to_radians(),
+            },
+            (None, None) if self.frame => CameraChoice::Framed,
+            (None, None) => CameraChoice::Default,
+        };
+        Options {
+            size: self.size,
+            camera,
+            sky: self.sky,
+            background: self.background,
+            ambient: match self.ambient {
+                AmbientArg::Constant => Ambient::Constant,
+                AmbientArg::Occluded => Ambient::Occluded,
+            },
+            lanes: self.lanes,
+            exposure: self.exposure,
+            threads: self.threads,
+            depth_bias: self.depth_bias,
+            shadows: !self.no_shadows,
+        }
+    }
+}
+
+pub fn run(args: &Args, ui: &Ui) -> Result<()> {
+    let options = args.options();
+    if let Some(path) = &args.output {
+        render::Film::check_name(path)?;
+    }
+    let start = Instant::now();
+    let read = gltf::ReadOptions { scene: args.scene.clone(), ..Default::default() };
+    let scene = gltf::read(&args.landscape, &read)?;
+    let reading = start.elapsed();
+    ui.warn(&scene.model.warnings)?;
+    if let Some(at) = args.pixel {
+        return print_trace(&render::trace_pixel(&scene, &options, at)?, args.json);
+    }
+    let Some(output) = &args.output else {
+        return Err(Error::Options("--output or --pixel is needed".into()));
+    };
+    let mut done = render::render(&scene, &options, ui)?;
+    ui.finish();
+    for note in &done.notes {
+        ui.say(note);
+    }
+    ui.warn(&done.warnings)?;
+    let saving = Instant::now();
+    done.film.save(output)?;
+    done.stats.times.insert(0, ("read", reading));
+    done.stats.times.push(("save", saving.elapsed()));
+    if args.stats {
+        print_stats(&done.stats, args.json);
+    }
+    let total: f64 = done.stats.times.iter().map(|t| t.1.as_secs_f64()).sum();
+    let [width, height] = options.size;
+    ui.say(&format!("{}: {width}×{height} in {total:.2} s", output.display()));
+    Ok(())
+}
+
+fn print_stats(stats: &Stats, json: bool) {
+    let c = &stats.counts;
+    let share = 100.0 * stats.bytes_read as f64 / (stats.bytes_in_files.max(1)) as f64;
+    if json {
+        let times: serde_json::Map<_, _> =
+            stats.times.iter().map(|(name, t)| ((*name).to_owned(), t.as_secs_f64().into())).collect();
+        let all = serde_json::json!({
+            "bytes_read": stats.bytes_read,
+            "bytes_in_files": stats.bytes_in_files,
+            "bricks_decoded": stats.bricks,
+            "voxels_decoded": stats.voxels,
+            "deepest_depth": stats.deepest,
+            "shell_boxes": stats.shell_boxes,
+            "cones": c.cones,
+            "boxes_entered": c.boxes,
+            "copies_marched": c.march.stretches,
+            "cells_marched": c.march.cells,
+            "voxels_met": c.march.voxels,
+            "shadow_rays": c.shadow_rays,
+            "seconds": times,
+            "peak_bytes": stats.peak_bytes,
+        });
+        println!("{all:#}");
+        return;
+    }
+    let row = |name: &str, value: String| println!("{name:<16} {value}");
+    row("bytes read", format!("{} of {} in the texels' files ({share:.1} %)", stats.bytes_read, stats.bytes_in_files));
+    row("bricks decoded", format!("{}, {} voxels, down to depth {}", stats.bricks, stats.voxels, stats.deepest));
+    row("boxes entered", format!("{} of {} in the scene", c.boxes, stats.shell_boxes));
+    row("cells marched", format!("{} in {} copies of texels, {} voxels met", c.march.cells, c.march.stretches, c.march.voxels));
+    row("cones", c.cones.to_string());
+    row("shadow rays", c.shadow_rays.to_string());
+    let times: Vec<_> = stats.times.iter().map(|(name, t)| format!("{name} {:.2}", t.as_secs_f64())).collect();
+    row("seconds", times.join(", "));
+    if let Some(peak) = stats.peak_bytes {
+        row("peak memory", format!("{:.1} MiB", peak as f64 / f64::from(1 << 20)));
+    }
+}
+
+fn print_trace(trace: &[Met], json: bool) -> Result<()> {
+    if json {
+        let text = serde_json::to_string_pretty(trace).map_err(|e| Error::Options(format!("--json: {e}")))?;
+        println!("{text}");
+        return Ok(());
+    }
+    for met in trace {
+        match met {
+            Met::Cone { direction: [x, y, z], width, growth } => {
+                println!("cone      along {x:.4} {y:.4} {z:.4}, {width:.3e} m wide, growing {growth:.3e} a metre");
+            }
+            Met::Box { index, layer, metres: [a, b] } => println!("box       {index}, layer {layer}: {a:.4} … {b:.4} m"),
+            Met::Cell { texel, cell: [u, v, w], metres: [a, b], depth, voxels, before, after } => {
+                let depth = depth.map_or("nothing".into(), |d| format!("{voxels} voxels at depth {d}"));
+                println!("  copy    {texel} in cell {u} {v} {w}: {a:.4} … {b:.4} m, {depth}, T {before:.4} → {after:.4}");
+            }
+            Met::Surface { metres, albedo: [r, g, b], normal: [x, y, z], through } => println!(
+                "surface   at {metres:.4} m, albedo {r:.3} {g:.3} {b:.3}, normal {x:.3} {y:.3} {z:.3}, {through:.4} of the light"
+            ),
+            Met::Shadow { origin: [x, y, z], light: [r, g, b], seen } => {
+                println!("  shadow  from {x:.3} {y:.3} {z:.3}: {seen:.4} of {r:.4} {g:.4} {b:.4}");
+            }
+            Met::Radiance { rgb: [r, g, b], alpha } => println!("radiance  {r:.5} {g:.5} {b:.5}, alpha {alpha:.4}"),
+        }
+    }
+    Ok(())
+}
