@@ -91,8 +91,10 @@ fn pixel(text: &str) -> std::result::Result<[u32; 2], String> {
 }
 
 fn triple(text: &str) -> std::result::Result<[f64; 3], String> {
-    let parts: Vec<f64> =
-        text.split(',').map(|s| s.trim().parse().map_err(|_| format!("{s:?} is not a number"))).collect::<std::result::Result<_, _>>()?;
+    let parts: Vec<f64> = text
+        .split(',')
+        .map(|s| s.trim().parse().map_err(|_| format!("{s:?} is not a number")))
+        .collect::<std::result::Result<_, _>>()?;
     match parts[..] {
         [x, y, z] if parts.iter().all(|v| v.is_finite()) => Ok([x, y, z]),
         _ => Err("wanted three finite numbers, as 1,2.5,0".into()),
@@ -198,7 +200,10 @@ fn print_stats(stats: &Stats, json: bool) {
     row("bytes read", format!("{} of {} in the texels' files ({share:.1} %)", stats.bytes_read, stats.bytes_in_files));
     row("bricks decoded", format!("{}, {} voxels, down to depth {}", stats.bricks, stats.voxels, stats.deepest));
     row("boxes entered", format!("{} of {} in the scene", c.boxes, stats.shell_boxes));
-    row("cells marched", format!("{} in {} copies of texels, {} voxels met", c.march.cells, c.march.stretches, c.march.voxels));
+    row(
+        "cells marched",
+        format!("{} in {} copies of texels, {} voxels met", c.march.cells, c.march.stretches, c.march.voxels),
+    );
     row("cones", c.cones.to_string());
     row("shadow rays", c.shadow_rays.to_string());
     let times: Vec<_> = stats.times.iter().map(|(name, t)| format!("{name} {:.2}", t.as_secs_f64())).collect();
@@ -219,10 +224,14 @@ fn print_trace(trace: &[Met], json: bool) -> Result<()> {
             Met::Cone { direction: [x, y, z], width, growth } => {
                 println!("cone      along {x:.4} {y:.4} {z:.4}, {width:.3e} m wide, growing {growth:.3e} a metre");
             }
-            Met::Box { index, layer, metres: [a, b] } => println!("box       {index}, layer {layer}: {a:.4} … {b:.4} m"),
+            Met::Box { index, layer, metres: [a, b] } => {
+                println!("box       {index}, layer {layer}: {a:.4} … {b:.4} m")
+            }
             Met::Cell { texel, cell: [u, v, w], metres: [a, b], depth, voxels, before, after } => {
                 let depth = depth.map_or("nothing".into(), |d| format!("{voxels} voxels at depth {d}"));
-                println!("  copy    {texel} in cell {u} {v} {w}: {a:.4} … {b:.4} m, {depth}, T {before:.4} → {after:.4}");
+                println!(
+                    "  copy    {texel} in cell {u} {v} {w}: {a:.4} … {b:.4} m, {depth}, T {before:.4} → {after:.4}"
+                );
             }
             Met::Surface { metres, albedo: [r, g, b], normal: [x, y, z], through } => println!(
                 "surface   at {metres:.4} m, albedo {r:.3} {g:.3} {b:.3}, normal {x:.3} {y:.3} {z:.3}, {through:.4} of the light"

@@ -112,10 +112,10 @@ impl Skin {
             let axis = (0..3).fold(0, |best, k| if next[k] < next[best] { k } else { best });
             let end = next[axis].min(t1);
             if end > t0 {
-                if let Some(visit) = self.visit(cell, at(t0), dir, t0, end) {
-                    if !each(&visit) {
-                        return false;
-                    }
+                if let Some(visit) = self.visit(cell, at(t0), dir, t0, end)
+                    && !each(&visit)
+                {
+                    return false;
                 }
                 t0 = end;
             }

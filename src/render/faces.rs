@@ -26,10 +26,10 @@ pub fn boxes(part: &Part, material: &ShellMaterial, place: DAffine3, warnings: &
             flat += 1;
             continue;
         };
-        match partner[i] {
+        match &partner[i] {
             Partner::Second => continue,
             Partner::First(quad) => {
-                if let Some(prism) = Prism::new(&quad) {
+                if let Some(prism) = Prism::new(quad.as_slice()) {
                     out.push(ShellBox::Prism(Box::new(prism)));
                     continue;
                 }
@@ -148,18 +148,17 @@ fn average(groups: &[u32], vectors: &mut [DVec3]) -> u64 {
     sums.iter().filter(|s| s.2).count() as u64
 }
 
-#[derive(Clone, Copy)]
 enum Partner {
     None,
     /// This face and another are one convex quadrilateral prism.
-    First([Corner; 4]),
+    First(Box<[Corner; 4]>),
     /// The other one.
     Second,
 }
 
 /// Pairs of faces that share their longest edge and one affine map: a tile of the ground is then one box.
 fn partners(part: &Part, faces: &[Option<[Corner; 3]>], groups: &[u32]) -> Vec<Partner> {
-    let mut out = vec![Partner::None; faces.len()];
+    let mut out: Vec<Partner> = faces.iter().map(|_| Partner::None).collect();
     // (edge, face, the corner opposite to it)
     let mut edges: Vec<([u32; 2], usize, usize)> = Vec::new();
     for (i, face) in faces.iter().enumerate() {
@@ -178,11 +177,11 @@ fn partners(part: &Part, faces: &[Option<[Corner; 3]>], groups: &[u32]) -> Vec<P
         if edge != other {
             continue;
         }
-        if let (Some(f), Some(g)) = (&faces[i], &faces[j]) {
-            if let Some(quad) = quad([f[a], f[(a + 1) % 3], f[(a + 2) % 3]], [g[d], g[(d + 1) % 3], g[(d + 2) % 3]]) {
-                (out[i], out[j]) = (Partner::First(quad), Partner::Second);
-                k += 1;
-            }
+        if let (Some(f), Some(g)) = (&faces[i], &faces[j])
+            && let Some(quad) = quad([f[a], f[(a + 1) % 3], f[(a + 2) % 3]], [g[d], g[(d + 1) % 3], g[(d + 2) % 3]])
+        {
+            (out[i], out[j]) = (Partner::First(Box::new(quad)), Partner::Second);
+            k += 1;
         }
     }
     out

@@ -85,14 +85,14 @@ pub fn render_with(
             peak_bytes: peak_memory(),
             ..Stats::default()
         };
-        for texel in world.texels.iter_mut().flatten() {
-            if let Some(failure) = texel.tree.take_failure() {
-                return Err(failure);
-            }
+        for texel in std::mem::take(&mut world.texels).into_iter().flatten() {
             let opened = texel.tree.opened();
             stats.bricks += opened.pages;
             stats.voxels += opened.voxels;
             stats.deepest = stats.deepest.max(opened.deepest);
+            if let Some(failure) = texel.tree.into_failure() {
+                return Err(failure);
+            }
         }
         Ok(Rendered {
             film,

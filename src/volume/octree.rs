@@ -285,15 +285,9 @@ impl Octree {
         self.failure.get()
     }
 
-<<<<<<< HEAD
     /// [`Octree::failure`], owned.
     pub fn into_failure(self) -> Option<Error> {
         self.failure.into_inner()
-=======
-    /// [`Octree::failure`], to be handed on.
-    pub fn take_failure(&mut self) -> Option<Error> {
-        self.failure.take()
->>>>>>> 3e7e874 (Render: sweep over boxes, events merged by depth, surfaces and shadows)
     }
 }
 
