@@ -7,6 +7,7 @@ mod compare;
 mod inspect;
 #[cfg(feature = "render")]
 mod render;
+mod map;
 mod truncate;
 mod ui;
 mod verify;
@@ -49,6 +50,8 @@ enum Command {
     Render(render::Args),
     Verify(verify::Args),
     Truncate(truncate::Args),
+    /// Cover a plain glTF mesh with texels
+    Map(map::Args),
     /// Print the completion script of a shell
     Completions {
         shell: clap_complete::Shell,
@@ -88,6 +91,7 @@ fn run(command: Command, ui: &Ui) -> crate::Result<()> {
         Command::Render(args) => render::run(&args, ui),
         Command::Verify(args) => verify::run(&args, ui),
         Command::Truncate(args) => truncate::run(&args, ui),
+        Command::Map(args) => map::run(&args, ui),
         Command::Completions { shell } => {
             clap_complete::generate(shell, &mut Vtex::command(), "vtex", &mut std::io::stdout());
             Ok(())

@@ -201,12 +201,12 @@ fn meshopt_extension(others: &Map<String, Value>) -> Option<&Value> {
     others.get("KHR_meshopt_compression").or_else(|| others.get("EXT_meshopt_compression"))
 }
 
-fn is_glb(path: &Path) -> bool {
+pub fn is_glb(path: &Path) -> bool {
     path.extension().is_some_and(|e| e.eq_ignore_ascii_case("glb"))
 }
 
 /// The JSON and BIN chunks of a GLB container.
-fn split_glb(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>), String> {
+pub fn split_glb(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>), String> {
     let word = |at: usize| {
         bytes.get(at..at + 4).and_then(|b| b.try_into().ok()).map(u32::from_le_bytes).ok_or("the header is cut short")
     };

@@ -1,16 +1,19 @@
 //! glTF 2.0 files (`.gltf`, `.glb`) → [`Scene`]: the one place that knows the format.
 
 mod accessor;
+mod chart;
 mod document;
 mod extension;
 mod filters;
 mod light;
+pub mod map;
 mod material;
 mod meshopt;
 mod nodes;
 mod primitive;
 mod skin;
 mod support;
+mod write;
 
 use std::path::Path;
 

@@ -1,0 +1,177 @@
+//! `vtex map`: cover a plain glTF mesh with texels.
+
+use std::path::PathBuf;
+
+use clap::ValueEnum;
+
+use super::Ui;
+use crate::format::{Limits, Reader};
+use crate::geom::DVec3;
+use crate::scene::gltf::map::{Cells, Chart, Heights, MapOptions, Mapped, map};
+use crate::scene::shell::Orientations;
+use crate::volume::Pages;
+use crate::{Error, Result};
+
+#[derive(clap::Args)]
+pub struct Args {
+    /// The mesh to cover: .gltf or .glb
+    input: PathBuf,
+    /// A .vtex file; given several times, every copy is one of them
+    #[arg(long = "texel", required = true, value_name = "FILE")]
+    texels: Vec<PathBuf>,
+    /// Where the landscape goes: .gltf or .glb
+    #[arg(long, short, value_name = "FILE")]
+    output: PathBuf,
+    /// Cover the primitives of this material, by name or index; may be given several times [default: all]
+    #[arg(long = "material", value_name = "NAME")]
+    materials: Vec<String>,
+    /// Copies along u and v of the unit square of texture coordinates, or of the mesh's extent with --planar
+    #[arg(long, value_name = "N|U,V", value_parser = pair, conflicts_with = "cell")]
+    repeat: Option<[f64; 2]>,
+    /// Width of a copy in metres [default: as wide as the texel's source]
+    #[arg(long, value_name = "METRES")]
+    cell: Option<f64>,
+    /// Height of the shell in metres [default: in proportion to the width of a copy]
+    #[arg(long, value_name = "METRES")]
+    thickness: Option<f64>,
+    /// Where copies grow to: `normals` or a direction [default: 0,1,0 where the mesh mostly faces up, else normals]
+    #[arg(long, value_name = "normals|X,Y,Z", value_parser = heights, allow_hyphen_values = true)]
+    height_along: Option<Heights>,
+    /// Take u and v from world coordinates seen along this axis
+    #[arg(long, value_enum, conflicts_with = "uv")]
+    planar: Option<Axis>,
+    /// Take u and v from this set of texture coordinates [default: 0, or --planar y where there is none]
+    #[arg(long, value_name = "SET")]
+    uv: Option<usize>,
+    /// Write _VTEX_UVW and _VTEX_HEIGHT even where the material alone would do
+    #[arg(long)]
+    attributes: bool,
+    /// How copies are turned at random: not at all, by quarter turns, or also mirrored
+    #[arg(long, value_enum, default_value_t = Turns::W8)]
+    orientations: Turns,
+    /// Random size of copies, as a share of the cell
+    #[arg(long, value_name = "MIN,MAX", value_parser = pair, default_value = "0.8,1")]
+    scale: [f64; 2],
+    /// Largest random displacement of copies, in cells
+    #[arg(long, value_name = "D|U,V,W", value_parser = displacement, default_value = "0.1")]
+    displace: [f64; 3],
+    /// Share of the cells that hold a copy
+    #[arg(long, default_value_t = 1.0)]
+    presence: f64,
+    /// Seed of the random choices
+    #[arg(long, default_value_t = 0)]
+    seed: u32,
+    /// Whether the covered faces themselves are drawn
+    #[arg(long, value_enum, default_value_t = Surface::Visible)]
+    surface: Surface,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum Axis {
+    X,
+    Y,
+    Z,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum Turns {
+    Identity,
+    W4,
+    W8,
+}
+
+#[derive(Clone, Copy, PartialEq, ValueEnum)]
+enum Surface {
+    Visible,
+    Hidden,
+}
+
+/// Cover the mesh, and say what came of it.
+pub fn run(args: &Args, ui: &Ui) -> Result<()> {
+    if args.output.file_name().is_none() {
+        return Err(Error::Options("--output must name a file".into()));
+    }
+    let texels = args.texels.iter().map(|path| {
+        let reader = Reader::open(path, &Limits::default())?;
+        Ok((path.clone(), reader.info().clone()))
+    });
+    let options = MapOptions {
+        texels: texels.collect::<Result<_>>()?,
+        materials: args.materials.clone(),
+        cells: match (args.repeat, args.cell) {
+            (Some(n), _) => Cells::Repeat(n),
+            (None, Some(metres)) => Cells::Wide(metres),
+            (None, None) => Cells::Texel,
+        },
+        thickness: args.thickness,
+        heights: args.height_along.unwrap_or(Heights::Auto),
+        chart: match (args.planar, args.uv) {
+            (Some(axis), _) => Chart::Planar(axis as usize),
+            (None, Some(set)) => Chart::Uv(set),
+            (None, None) => Chart::Auto,
+        },
+        attributes: args.attributes,
+        orientations: match args.orientations {
+            Turns::Identity => Orientations::Identity,
+            Turns::W4 => Orientations::W4,
+            Turns::W8 => Orientations::W8,
+        },
+        scale: args.scale,
+        displace: args.displace,
+        presence: args.presence,
+        seed: args.seed,
+        surface_visible: args.surface == Surface::Visible,
+    };
+    let mapped = map(&args.input, &options, &args.output)?;
+    say(&mapped, ui);
+    ui.warn(&mapped.saved.warnings)?;
+    ui.say(&format!("wrote {}", args.output.display()));
+    Ok(())
+}
+
+/// What was done, in a few lines.
+pub fn say(mapped: &Mapped, ui: &Ui) {
+    for note in &mapped.notes {
+        ui.say(note);
+    }
+    let [u, v] = mapped.cell;
+    ui.say(&format!(
+        "covered {}: copies {u:.3} × {v:.3} m, {:.3} m high, about {:.0} of them",
+        mapped.materials.join(", "),
+        mapped.thickness,
+        mapped.copies
+    ));
+    for copy in &mapped.saved.copied {
+        ui.say(&format!("copied {} beside the output", copy.display()));
+    }
+}
+
+fn numbers(text: &str) -> Result<Vec<f64>, String> {
+    text.split(',').map(|x| x.trim().parse().map_err(|_| format!("{x:?} is not a number"))).collect()
+}
+
+fn pair(text: &str) -> Result<[f64; 2], String> {
+    match numbers(text)?[..] {
+        [a] => Ok([a, a]),
+        [a, b] => Ok([a, b]),
+        _ => Err("one or two numbers are needed".into()),
+    }
+}
+
+fn displacement(text: &str) -> Result<[f64; 3], String> {
+    match numbers(text)?[..] {
+        [d] => Ok([d, d, 0.0]),
+        [u, v, w] => Ok([u, v, w]),
+        _ => Err("one number (along u and v) or three are needed".into()),
+    }
+}
+
+fn heights(text: &str) -> Result<Heights, String> {
+    if text == "normals" {
+        return Ok(Heights::Normals);
+    }
+    match numbers(text).ok().as_deref() {
+        Some(&[x, y, z]) => Ok(Heights::Along(DVec3::new(x, y, z))),
+        _ => Err("`normals` or three numbers are needed".into()),
+    }
+}

@@ -1,0 +1,344 @@
+//! A glTF file under edit: its JSON as it was read, new arrays of numbers, and URIs that still resolve where it is saved.
+
+use std::ffi::OsStr;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use percent_encoding::{AsciiSet, NON_ALPHANUMERIC, utf8_percent_encode};
+use serde_json::{Value, json};
+
+use super::document::{is_glb, split_glb};
+use crate::format::PartFile;
+use crate::scene::files::{self, Target};
+use crate::{Error, Result, Warnings};
+
+/// What a path segment of a URI may hold besides letters and digits (RFC 3986, pchar, without `:`).
+const SEGMENT: &AsciiSet =
+    &NON_ALPHANUMERIC.remove(b'-').remove(b'.').remove(b'_').remove(b'~').remove(b'@').remove(b'+');
+
+/// The file, and what was added to it.
+pub struct Editor {
+    path: PathBuf,
+    pub json: Value,
+    bin: Option<Vec<u8>>,
+    /// Bytes of the new buffer views, and which views those are.
+    added: Vec<u8>,
+    views: Vec<usize>,
+    limit: u64,
+}
+
+/// What was written besides the glTF file.
+#[derive(Debug, Default)]
+pub struct Saved {
+    /// Files that were copied beside the output because they lie outside its folder.
+    pub copied: Vec<PathBuf>,
+    pub warnings: Warnings,
+}
+
+impl Editor {
+    /// Read the JSON and the BIN chunk of a file of at most `limit` bytes.
+    pub fn open(path: &Path, limit: u64) -> Result<Self> {
+        let bytes = files::read(path, limit)?;
+        let (text, bin) = if bytes.starts_with(b"glTF") || is_glb(path) {
+            split_glb(&bytes).map_err(|what| Error::input(path, "GLB container", what))?
+        } else {
+            (bytes.as_slice(), None)
+        };
+        let text = text.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(text);
+        let json: Value = serde_json::from_slice(text).map_err(|e| Error::input(path, "JSON", e.to_string()))?;
+        if !json.is_object() {
+            return Err(Error::input(path, "JSON", "is not an object"));
+        }
+        let bin = bin.map(<[u8]>::to_vec);
+        Ok(Editor { path: path.to_path_buf(), json, bin, added: Vec::new(), views: Vec::new(), limit })
+    }
+
+    /// The object under `key` of `parent`, made where it is absent; an error where something else is there.
+    pub fn object<'a>(path: &Path, parent: &'a mut Value, key: &str) -> Result<&'a mut Value> {
+        let wrong = || Error::input(path, key, "is not an object");
+        let slot = parent.as_object_mut().ok_or_else(wrong)?.entry(key).or_insert_with(|| json!({}));
+        if slot.is_object() { Ok(slot) } else { Err(wrong()) }
+    }
+
+    /// Append to the array under `key` of the root; the index there.
+    pub fn push(&mut self, key: &str, value: Value) -> Result<usize> {
+        let wrong = || Error::input(&self.path, key, "is not an array");
+        let slot = self.json.as_object_mut().ok_or_else(wrong)?.entry(key).or_insert_with(|| json!([]));
+        let array = slot.as_array_mut().ok_or_else(wrong)?;
+        array.push(value);
+        Ok(array.len() - 1)
+    }
+
+    /// Name an extension in `extensionsUsed`.
+    pub fn use_extension(&mut self, name: &str) -> Result<()> {
+        let used = self.json.get("extensionsUsed").and_then(Value::as_array);
+        if !used.is_some_and(|used| used.iter().any(|n| n == name)) {
+            self.push("extensionsUsed", json!(name))?;
+        }
+        Ok(())
+    }
+
+    /// Add an accessor of three floats an element, with its bounds; its index.
+    pub fn add_vec3(&mut self, values: &[[f32; 3]]) -> Result<usize> {
+        let offset = self.added.len();
+        self.added.extend(values.iter().flatten().flat_map(|x| x.to_le_bytes()));
+        let length = self.added.len() - offset;
+        let view = json!({"buffer": 0, "byteOffset": offset, "byteLength": length, "target": 34962});
+        let view = self.push("bufferViews", view)?;
+        self.views.push(view);
+        let bound = |pick: fn(f32, f32) -> f32, start: f32| {
+            values.iter().fold([start; 3], |b, v| [pick(b[0], v[0]), pick(b[1], v[1]), pick(b[2], v[2])])
+        };
+        let (min, max) = (bound(f32::min, f32::INFINITY), bound(f32::max, f32::NEG_INFINITY));
+        let accessor = json!({"bufferView": view, "componentType": 5126, "count": values.len(), "type": "VEC3",
+            "min": min, "max": max});
+        self.push("accessors", accessor)
+    }
+
+    /// Make the references that the file has resolve from where it will be saved; files outside that folder are copied
+    /// into it. To be called before anything is added.
+    ///
+    /// # Errors
+    /// Where a file cannot be read or written, and where a copy would replace a different file of the same name.
+    pub fn settle(&mut self, output: &Path, saved: &mut Saved) -> Result<()> {
+        if is_glb(output) && self.bin.is_none() {
+            self.take_first_buffer()?;
+        }
+        self.relocate(output, saved)
+    }
+
+    /// Write the file as `.glb` or, by any other name, as `.gltf`; what was added goes into the BIN chunk or a file beside.
+    pub fn save(mut self, output: &Path) -> Result<()> {
+        let glb = is_glb(output);
+        let stem = output.file_stem().and_then(OsStr::to_str).unwrap_or("landscape").to_owned();
+        let shell = self.unused(&stem);
+        self.place_added(glb, &shell)?;
+        let folder = output.parent().unwrap_or(Path::new(""));
+        if glb {
+            let mut text = self.json.to_string().into_bytes();
+            text.resize(text.len().next_multiple_of(4), b' ');
+            let mut chunks = vec![(*b"JSON", text)];
+            chunks.extend(self.bin.map(|mut bin| {
+                bin.resize(bin.len().next_multiple_of(4), 0);
+                (*b"BIN\0", bin)
+            }));
+            let length = 12 + chunks.iter().map(|(_, c)| 8 + c.len()).sum::<usize>();
+            let too_long =
+                |_| Error::Limit { what: "a .glb file".into(), needed: length as u64, allowed: u32::MAX.into() };
+            let mut head = b"glTF\x02\0\0\0".to_vec();
+            head.extend(u32::try_from(length).map_err(too_long)?.to_le_bytes());
+            let mut pieces = vec![head];
+            for (kind, chunk) in chunks {
+                pieces.push([&(chunk.len() as u32).to_le_bytes()[..], &kind[..]].concat());
+                pieces.push(chunk);
+            }
+            write(output, &pieces)?;
+        } else {
+            if let Some(bin) = self.bin.take() {
+                let name = format!("{stem}.bin");
+                self.json["buffers"][0]["uri"] = json!(encode(&name));
+                self.json["buffers"][0]["byteLength"] = json!(bin.len());
+                write(&folder.join(name), &[bin])?;
+            } else if !self.added.is_empty() {
+                write(&folder.join(shell), &[std::mem::take(&mut self.added)])?;
+            }
+            let text =
+                serde_json::to_vec_pretty(&self.json).map_err(|e| Error::input(output, "JSON", e.to_string()))?;
+            write(output, &[text])?;
+        }
+        Ok(())
+    }
+
+    /// A name for a new buffer that no other buffer of the file has.
+    fn unused(&self, stem: &str) -> String {
+        let buffers = self.json.get("buffers").and_then(Value::as_array).map_or(&[][..], Vec::as_slice);
+        let taken = |name: &str| buffers.iter().any(|b| b.get("uri").is_some_and(|uri| *uri == encode(name)));
+        let first = format!("{stem}.shell.bin");
+        let more = (2..).map(|n| format!("{stem}.shell{n}.bin"));
+        std::iter::once(first.clone()).chain(more).find(|name| !taken(name)).unwrap_or(first)
+    }
+
+    /// Move what `buffers[0]` names into the BIN chunk, so that a `.glb` can hold more in it.
+    fn take_first_buffer(&mut self) -> Result<()> {
+        let Some(buffer) = self.json.pointer_mut("/buffers/0") else {
+            return Ok(());
+        };
+        let Some(uri) = buffer.get("uri").and_then(Value::as_str).map(str::to_owned) else { return Ok(()) };
+        let folder = self.path.parent().unwrap_or(Path::new(""));
+        let bytes = match files::target(&uri).map_err(|what| Error::input(&self.path, "buffers[0]", what))? {
+            Target::Data(bytes) => bytes,
+            Target::File(name) => files::read(&folder.join(&*name), self.limit)?,
+        };
+        if let Some(buffer) = buffer.as_object_mut() {
+            buffer.shift_remove("uri");
+        }
+        self.bin = Some(bytes);
+        Ok(())
+    }
+
+    /// Give the new views their buffer: the BIN chunk where there is one, else a new file beside the output.
+    fn place_added(&mut self, glb: bool, name: &str) -> Result<()> {
+        if self.added.is_empty() {
+            return Ok(());
+        }
+        let (buffer, base) = match &mut self.bin {
+            Some(bin) => {
+                bin.resize(bin.len().next_multiple_of(4), 0);
+                let base = bin.len();
+                bin.append(&mut self.added);
+                self.json["buffers"][0]["byteLength"] = json!(bin.len());
+                (0, base)
+            }
+            None if glb && self.json.pointer("/buffers/0").is_none() => {
+                let bin = std::mem::take(&mut self.added);
+                self.push("buffers", json!({"byteLength": bin.len()}))?;
+                self.bin = Some(bin);
+                (0, 0)
+            }
+            None if glb => {
+                let what =
+                    "buffers[0] has no bytes of its own, so nothing can be added to a .glb; write a .gltf instead";
+                return Err(Error::unsupported(&self.path, what));
+            }
+            None => {
+                let uri = encode(name);
+                let length = self.added.len();
+                (self.push("buffers", json!({"uri": uri, "byteLength": length}))?, 0)
+            }
+        };
+        for &view in &self.views {
+            let view = &mut self.json["bufferViews"][view];
+            let offset = view["byteOffset"].as_u64().unwrap_or(0) + base as u64;
+            view["buffer"] = json!(buffer);
+            view["byteOffset"] = json!(offset);
+        }
+        Ok(())
+    }
+
+    /// Make every relative URI resolve from the output's folder.
+    fn relocate(&mut self, output: &Path, saved: &mut Saved) -> Result<()> {
+        let folder = |path: &Path| match path.parent() {
+            Some(p) if !p.as_os_str().is_empty() => p.to_path_buf(),
+            _ => PathBuf::from("."),
+        };
+        let (from, to) = (folder(&self.path), folder(output));
+        let to_real = to.canonicalize().map_err(|e| Error::io(&to, e))?;
+        if from.canonicalize().is_ok_and(|from| from == to_real) {
+            return Ok(());
+        }
+        let mut uris: Vec<&mut Value> = Vec::new();
+        let Some(root) = self.json.as_object_mut() else { return Ok(()) };
+        for (key, value) in root.iter_mut() {
+            match key.as_str() {
+                "buffers" | "images" => uris.extend(entries(value).filter_map(|v| v.get_mut("uri"))),
+                "extensions" => {
+                    for texel in value
+                        .get_mut(super::extension::NAME)
+                        .and_then(|e| e.get_mut("texels"))
+                        .into_iter()
+                        .flat_map(entries)
+                    {
+                        let Some(texel) = texel.as_object_mut() else { continue };
+                        for (key, value) in texel.iter_mut() {
+                            match key.as_str() {
+                                "frames" => uris.extend(entries(value).filter_map(|v| v.get_mut("uri"))),
+                                "geometry" => uris.extend(value.get_mut("uri")),
+                                _ => {}
+                            }
+                        }
+                    }
+                }
+                _ => {}
+            }
+        }
+        for slot in uris {
+            let Some(uri) = slot.as_str() else { continue };
+            let Ok(Target::File(name)) = files::target(uri) else { continue };
+            let Some(source) = files::find(&from, &name, false) else {
+                saved.warnings.add(format!("{name} is missing beside the input; its reference was left as it is"));
+                continue;
+            };
+            *slot = json!(bring(&source, &to, &to_real, saved)?);
+        }
+        Ok(())
+    }
+}
+
+fn entries(value: &mut Value) -> impl Iterator<Item = &mut Value> {
+    value.as_array_mut().into_iter().flatten()
+}
+
+/// The URI of `file` for a glTF file in `folder`: a path below the folder, or the name of a copy in it.
+///
+/// # Errors
+/// Where a different file of that name is in the folder.
+pub fn reference(file: &Path, output: &Path, saved: &mut Saved) -> Result<String> {
+    let folder = match output.parent() {
+        Some(p) if !p.as_os_str().is_empty() => p,
+        _ => Path::new("."),
+    };
+    let real = folder.canonicalize().map_err(|e| Error::io(folder, e))?;
+    bring(file, folder, &real, saved)
+}
+
+fn bring(file: &Path, folder: &Path, folder_real: &Path, saved: &mut Saved) -> Result<String> {
+    let real = file.canonicalize().map_err(|e| Error::io(file, e))?;
+    if let Ok(below) = real.strip_prefix(folder_real) {
+        let segments: Option<Vec<String>> = below.iter().map(|s| s.to_str().map(encode)).collect();
+        return segments
+            .map(|s| s.join("/"))
+            .ok_or_else(|| Error::Options(format!("{}: a file name must be UTF-8 to be referred to", file.display())));
+    }
+    let name = real.file_name().and_then(OsStr::to_str);
+    let name =
+        name.ok_or_else(|| Error::Options(format!("{}: a file name must be UTF-8 to be copied", file.display())))?;
+    let copy = folder.join(name);
+    if copy.exists() {
+        if !same_bytes(&real, &copy).map_err(|e| Error::io(&copy, e))? {
+            return Err(Error::Options(format!(
+                "{} lies outside the output's folder, and a different {name} is already there; write to another folder",
+                file.display()
+            )));
+        }
+    } else {
+        let mut source = std::fs::File::open(&real).map_err(|e| Error::io(&real, e))?;
+        let mut part = PartFile::create(&copy)?;
+        std::io::copy(&mut source, &mut part).map_err(|e| Error::io(&copy, e))?;
+        part.finish()?;
+        saved.copied.push(copy);
+    }
+    Ok(encode(name))
+}
+
+fn same_bytes(a: &Path, b: &Path) -> std::io::Result<bool> {
+    use std::io::{BufRead, BufReader};
+    let (a, b) = (std::fs::File::open(a)?, std::fs::File::open(b)?);
+    if a.metadata()?.len() != b.metadata()?.len() {
+        return Ok(false);
+    }
+    let (mut a, mut b) = (BufReader::new(a), BufReader::new(b));
+    loop {
+        let (x, y) = (a.fill_buf()?, b.fill_buf()?);
+        let n = x.len().min(y.len());
+        if n == 0 {
+            return Ok(x.len() == y.len());
+        }
+        if x[..n] != y[..n] {
+            return Ok(false);
+        }
+        a.consume(n);
+        b.consume(n);
+    }
+}
+
+fn encode(name: &str) -> String {
+    utf8_percent_encode(name, SEGMENT).to_string()
+}
+
+fn write(path: &Path, pieces: &[Vec<u8>]) -> Result<()> {
+    let mut part = PartFile::create(path)?;
+    for piece in pieces {
+        part.write_all(piece).map_err(|e| Error::io(path, e))?;
+    }
+    part.finish()
+}
