@@ -5,9 +5,9 @@
 #[cfg(feature = "render")]
 mod compare;
 mod inspect;
+mod map;
 #[cfg(feature = "render")]
 mod render;
-mod map;
 mod truncate;
 mod ui;
 mod verify;

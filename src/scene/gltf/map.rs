@@ -350,7 +350,7 @@ impl Plan {
             scale[1] = -scale[1];
         }
         let top = options.texels.iter().map(|(_, info)| info.content.max.z).fold(0.0, f64::max);
-        let dw = if options.displace[2] > 0.0 || !(top > 0.0) { 1.0 } else { (top * 1.001).min(1.0) };
+        let dw = if options.displace[2] > 0.0 || top <= 0.0 { 1.0 } else { (top * 1.001).min(1.0) };
         let thickness = options.thickness.unwrap_or_else(|| (cell[0] * cell[1]).sqrt() * dw);
         let scaled = sheets.iter().any(|s| (s.world.matrix3.determinant().abs() - 1.0).abs() > 1e-3);
         let bare = sheets.iter().any(|s| s.normals.is_none());
