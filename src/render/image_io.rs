@@ -1,22 +1,24 @@
-//! Pictures as plain data, read from PNG and EXR files, written as PNG.
+//! Pictures as plain data, read from and written to PNG and EXR files.
 
-use std::fs::File;
-use std::io::{BufWriter, Cursor};
+use std::collections::BTreeMap;
+use std::io::{Cursor, Write};
 use std::path::Path;
 
-use exr::prelude::{ReadChannels, ReadLayers};
+use exr::prelude::{AttributeValue, ReadChannels, ReadLayers};
 
+use crate::format::PartFile;
 use crate::{Error, Result};
 
 /// Pictures of more pixels than this are refused: 2^28, a 16 K square.
 pub const MAX_PIXELS: u64 = 1 << 28;
 
-/// A picture in linear Rec. 709, colour premultiplied by alpha; row 0 is the top.
+/// A picture in linear Rec. 709; row 0 is the top.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Image {
     pub width: usize,
     pub height: usize,
-    /// `width * height` pixels, row by row; alpha is the share of the pixel that is covered, 1 where the file has none.
+    /// `width * height` pixels, row by row: colour as it is seen (over black, where the file has straight alpha), and the
+    /// share of the pixel that is covered, 1 where the file does not say.
     pub rgba: Vec<[f32; 4]>,
 }
 
@@ -114,6 +116,34 @@ fn read_png(path: &Path) -> Result<Image> {
 }
 
 fn read_exr(path: &Path) -> Result<Image> {
+    let Planes { width, height, mut planes, .. } = read_planes(path)?;
+    let mut take = |name: &str| planes.remove(name);
+    let alpha = take("A");
+    let alpha = |i: usize| alpha.as_ref().map_or(1.0, |a| a[i]);
+    let rgba = match (take("R"), take("G"), take("B"), take("Y")) {
+        (Some(r), Some(g), Some(b), _) => (0..width * height).map(|i| [r[i], g[i], b[i], alpha(i)]).collect(),
+        (None, None, None, Some(y)) => (0..width * height).map(|i| [y[i], y[i], y[i], alpha(i)]).collect(),
+        _ => return Err(Error::unsupported(path, "an EXR layer without channels R, G and B, or Y")),
+    };
+    Ok(Image { width, height, rgba })
+}
+
+/// Everything in the first layer of an EXR file.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Planes {
+    pub width: usize,
+    pub height: usize,
+    /// Channels by name, `width * height` values each.
+    pub planes: BTreeMap<String, Vec<f32>>,
+    /// The layer's own attributes that are text.
+    pub texts: BTreeMap<String, String>,
+}
+
+/// Read the first layer of an EXR file; subsampled channels are left out.
+///
+/// # Errors
+/// As [`read`].
+pub fn read_planes(path: &Path) -> Result<Planes> {
     let broken = |e: exr::error::Error| match e {
         exr::error::Error::NotSupported(e) => Error::unsupported(path, e.into_owned()),
         e => Error::input(path, "", format!("cannot be read as an EXR: {e}")),
@@ -122,7 +152,8 @@ fn read_exr(path: &Path) -> Result<Image> {
     // The sizes stand in the header: they are checked before the crate takes memory for the pixels.
     let meta = exr::meta::MetaData::read_from_buffered(Cursor::new(&bytes), false).map_err(broken)?;
     for header in &meta.headers {
-        check_size(path, header.layer_size.width() as u64, header.layer_size.height() as u64, bytes.len() as u64)?;
+        let size = header.layer_size;
+        check_size(path, size.width() as u64, size.height() as u64, bytes.len() as u64)?;
     }
     let layer = exr::prelude::read()
         .no_deep_data()
@@ -134,41 +165,61 @@ fn read_exr(path: &Path) -> Result<Image> {
         .map_err(broken)?
         .layer_data;
     let (width, height) = (layer.size.width(), layer.size.height());
-    let channel = |name: &str| -> Option<Vec<f32>> {
-        let found = layer.channel_data.list.iter().find(|c| c.name.eq_case_insensitive(name))?;
-        let values: Vec<f32> = found.sample_data.values_as_f32().collect();
-        (values.len() == width * height).then_some(values)
-    };
-    let alpha = channel("A");
-    let alpha = |i: usize| alpha.as_ref().map_or(1.0, |a| a[i]);
-    let rgba = match (channel("R"), channel("G"), channel("B"), channel("Y")) {
-        (Some(r), Some(g), Some(b), _) => (0..width * height).map(|i| [r[i], g[i], b[i], alpha(i)]).collect(),
-        (None, None, None, Some(y)) => (0..width * height).map(|i| [y[i], y[i], y[i], alpha(i)]).collect(),
-        _ => return Err(Error::unsupported(path, "an EXR layer without channels R, G and B, or Y")),
-    };
-    Ok(Image { width, height, rgba })
+    let mut found = Planes { width, height, ..Planes::default() };
+    for channel in &layer.channel_data.list {
+        let values: Vec<f32> = channel.sample_data.values_as_f32().collect();
+        if values.len() == width * height {
+            found.planes.insert(channel.name.to_string(), values);
+        }
+    }
+    for (name, value) in &layer.attributes.other {
+        if let AttributeValue::Text(text) = value {
+            found.texts.insert(name.to_string(), text.to_string());
+        }
+    }
+    Ok(found)
 }
 
-/// Write `width * height` sRGB pixels as an 8-bit PNG: beside `path` first, then renamed over it.
+/// Write an EXR file of 32-bit floats; it appears under its name once it is whole.
 ///
 /// # Errors
 /// `Io` where the file cannot be written; then nothing is left behind, and an older file under that name stays.
+pub fn write_planes(path: &Path, planes: &Planes) -> Result<()> {
+    use exr::prelude::{AnyChannel, AnyChannels, Encoding, FlatSamples, Image, Layer, LayerAttributes, WritableImage};
+    let channels = planes.planes.iter().map(|(name, values)| {
+        AnyChannel::new(name.as_str(), FlatSamples::F32(values.clone()))
+    });
+    let mut attributes = LayerAttributes::default();
+    for (name, text) in &planes.texts {
+        attributes.other.insert(name.as_str().into(), AttributeValue::Text(text.as_str().into()));
+    }
+    let size = (planes.width, planes.height);
+    let layer = Layer::new(size, attributes, Encoding::default(), AnyChannels::sort(channels.collect()));
+    let mut bytes = Cursor::new(Vec::new());
+    Image::from_layer(layer)
+        .write()
+        .to_buffered(&mut bytes)
+        .map_err(|e| Error::io(path, std::io::Error::other(e)))?;
+    write_whole(path, bytes.get_ref())
+}
+
+/// Write `width * height` sRGB pixels as an 8-bit PNG; it appears under its name once it is whole.
+///
+/// # Errors
+/// As [`write_planes`].
 pub fn write_png(path: &Path, width: usize, height: usize, rgb: &[[u8; 3]]) -> Result<()> {
     use image::{ExtendedColorType, ImageEncoder, codecs::png::PngEncoder};
-    let mut part = path.as_os_str().to_owned();
-    part.push(".part");
-    let part = Path::new(&part);
-    let write = || -> Result<()> {
-        let mut out = BufWriter::new(File::create(part).map_err(|e| Error::io(path, e))?);
-        PngEncoder::new(&mut out)
-            .write_image(rgb.as_flattened(), width as u32, height as u32, ExtendedColorType::Rgb8)
-            .map_err(|e| Error::io(path, std::io::Error::other(e)))?;
-        out.into_inner().map_err(|e| Error::io(path, e.into_error()))?.sync_all().map_err(|e| Error::io(path, e))?;
-        std::fs::rename(part, path).map_err(|e| Error::io(path, e))
-    };
-    write().inspect_err(|_| {
-        let _ = std::fs::remove_file(part);
-    })
+    let mut bytes = Vec::new();
+    PngEncoder::new(&mut bytes)
+        .write_image(rgb.as_flattened(), width as u32, height as u32, ExtendedColorType::Rgb8)
+        .map_err(|e| Error::io(path, std::io::Error::other(e)))?;
+    write_whole(path, &bytes)
+}
+
+fn write_whole(path: &Path, bytes: &[u8]) -> Result<()> {
+    let mut file = PartFile::create(path)?;
+    file.write_all(bytes).map_err(|e| Error::io(path, e))?;
+    file.finish()
 }
 
 #[cfg(test)]
@@ -216,6 +267,20 @@ mod tests {
         assert_eq!(read(&path).unwrap().rgba, [[0.0, 3.5, -1.0, 0.25], [1.0, 3.5, -1.0, 0.25]]);
         write_rgb_file(&path, 1, 1, |_, _| (f16::from_f32(0.5), f16::ONE, f16::ZERO)).unwrap();
         assert_eq!(read(&path).unwrap().rgba, [[0.5, 1.0, 0.0, 1.0]]);
+    }
+
+    #[test]
+    fn planes_are_read_as_they_were_written() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("a.exr");
+        let planes = ["R", "G", "B", "even.R"].iter().enumerate();
+        let planes = planes.map(|(k, name)| (name.to_string(), vec![k as f32, -0.5, 1e-20, 7e20, 0.0, 3.25])).collect();
+        let texts = BTreeMap::from([("vtex:samples".to_owned(), "256".to_owned())]);
+        let planes = Planes { width: 2, height: 3, planes, texts };
+        write_planes(&path, &planes).unwrap();
+        assert_eq!(read_planes(&path).unwrap(), planes);
+        assert_eq!(read(&path).unwrap().rgba[0], [0.0, 1.0, 2.0, 1.0]);
+        assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 1);
     }
 
     #[test]
