@@ -7,6 +7,7 @@ use std::path::Path;
 use exr::prelude::{AttributeValue, ReadChannels, ReadLayers};
 
 use crate::format::PartFile;
+use crate::scene::texture::srgb_to_linear;
 use crate::{Error, Result};
 
 /// Pictures of more pixels than this are refused: 2^28, a 16 K square.
@@ -106,8 +107,7 @@ fn read_png(path: &Path) -> Result<Image> {
         let pixel = |p: &image::Rgba<u16>| [decode(p[0]), decode(p[1]), decode(p[2]), f32::from(p[3]) / 65535.0];
         pixels.pixels().map(|p| premultiply(pixel(p))).collect()
     } else {
-        let table: [f32; 256] = std::array::from_fn(|c| srgb_decode(c as f32 / 255.0));
-        let decode = |c: u8| table[usize::from(c)];
+        let decode = srgb_to_linear;
         let pixels = decoded.into_rgba8();
         let pixel = |p: &image::Rgba<u8>| [decode(p[0]), decode(p[1]), decode(p[2]), f32::from(p[3]) / 255.0];
         pixels.pixels().map(|p| premultiply(pixel(p))).collect()
@@ -186,9 +186,8 @@ pub fn read_planes(path: &Path) -> Result<Planes> {
 /// `Io` where the file cannot be written; then nothing is left behind, and an older file under that name stays.
 pub fn write_planes(path: &Path, planes: &Planes) -> Result<()> {
     use exr::prelude::{AnyChannel, AnyChannels, Encoding, FlatSamples, Image, Layer, LayerAttributes, WritableImage};
-    let channels = planes.planes.iter().map(|(name, values)| {
-        AnyChannel::new(name.as_str(), FlatSamples::F32(values.clone()))
-    });
+    let channels =
+        planes.planes.iter().map(|(name, values)| AnyChannel::new(name.as_str(), FlatSamples::F32(values.clone())));
     let mut attributes = LayerAttributes::default();
     for (name, text) in &planes.texts {
         attributes.other.insert(name.as_str().into(), AttributeValue::Text(text.as_str().into()));
@@ -196,10 +195,7 @@ pub fn write_planes(path: &Path, planes: &Planes) -> Result<()> {
     let size = (planes.width, planes.height);
     let layer = Layer::new(size, attributes, Encoding::default(), AnyChannels::sort(channels.collect()));
     let mut bytes = Cursor::new(Vec::new());
-    Image::from_layer(layer)
-        .write()
-        .to_buffered(&mut bytes)
-        .map_err(|e| Error::io(path, std::io::Error::other(e)))?;
+    Image::from_layer(layer).write().to_buffered(&mut bytes).map_err(|e| Error::io(path, std::io::Error::other(e)))?;
     write_whole(path, bytes.get_ref())
 }
 
