@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use super::Ui;
 use crate::render::image_io::{self, srgb_decode};
 use crate::render::metrics::{self, Comparison, Measures, flip, picture};
+use crate::render::reference::Reference;
 use crate::{Error, Result, Warnings};
 
 #[derive(clap::Args)]
@@ -59,6 +60,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
     for (path, n) in [&args.a, &args.b].into_iter().zip(comparison.not_finite) {
         warnings.add_many(format!("{}: a pixel is not a finite number; taken for black", path.display()), n);
     }
+    let noise = Reference::load(&args.b, None).and_then(|reference| reference.noise(args.ppd)).ok();
     let errors = picture::false_colour(&comparison.flip_map);
     if let Some(path) = &args.map {
         image_io::write_png(path, a.width, a.height, &errors)?;
@@ -69,10 +71,19 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
         image_io::write_png(path, columns, a.height, &sheet)?;
     }
     if args.json {
-        println!("{:#}", serde_json::json!(comparison));
+        let mut found = serde_json::json!(comparison);
+        if let Some(noise) = &noise {
+            found["reference_noise"] =
+                serde_json::json!({ "rmse": 0.5 * noise.all.rmse, "flip_of_halves": noise.all.flip });
+        }
+        println!("{found:#}");
     } else {
         println!("{} against {}, {}×{}", args.a.display(), args.b.display(), a.width, a.height);
         print!("{}", table(&comparison));
+        if let Some(noise) = &noise {
+            let (rmse, flip) = (0.5 * noise.all.rmse, noise.all.flip);
+            println!("noise of B        RMSE {rmse:.6}, FLIP {flip:.5} between its halves");
+        }
     }
     ui.warn(&warnings)
 }

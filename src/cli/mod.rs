@@ -7,6 +7,8 @@ mod compare;
 mod inspect;
 mod map;
 #[cfg(feature = "render")]
+mod reference;
+#[cfg(feature = "render")]
 mod render;
 mod truncate;
 mod ui;

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::time::Instant;
 
-use super::Ui;
+use super::{Ui, reference};
 use crate::geom::DVec3;
 use crate::render::{self, Ambient, CameraChoice, Met, Options, Stats};
 use crate::scene::gltf;
@@ -64,6 +64,12 @@ pub struct Args {
     /// Print what the rays of one pixel meet, instead of a picture
     #[arg(long, value_name = "X,Y", value_parser = pixel, conflicts_with = "output")]
     pixel: Option<[u32; 2]>,
+    /// Trace the texels' source geometry instead, this many samples a pixel: the truth to compare with
+    #[arg(long, value_name = "SAMPLES", value_parser = clap::value_parser!(u32).range(1..=1 << 24), conflicts_with = "pixel")]
+    reference: Option<u32>,
+    /// Go on from the samples that the output, an .exr, already has
+    #[arg(long, requires = "reference")]
+    resume: bool,
     /// Print what was read, marched and how long it took
     #[arg(long)]
     stats: bool,
@@ -152,6 +158,17 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
     let Some(output) = &args.output else {
         return Err(Error::Options("--output or --pixel is needed".into()));
     };
+    if let Some(samples) = args.reference {
+        let (landscape, scene_name) = (args.landscape.as_path(), args.scene.as_deref());
+        let job = reference::Job { landscape, scene: &scene, scene_name, options: &options, samples, output };
+        let (done, noise) = job.run(args.resume, ui)?;
+        if args.stats {
+            print_stats(&done.stats, args.json);
+        } else if args.json {
+            println!("{noise:#}");
+        }
+        return Ok(());
+    }
     let mut done = render::render(&scene, &options, ui)?;
     ui.finish();
     for note in &done.notes {

@@ -3,7 +3,7 @@
 use std::io::Write;
 use std::path::Path;
 
-use super::image_io::srgb8;
+use super::image_io::{Image, srgb8};
 use crate::format::PartFile;
 use crate::{Error, Result};
 
@@ -18,6 +18,11 @@ pub struct Film {
 }
 
 impl Film {
+    /// The picture, to be compared with others.
+    pub fn image(&self) -> Image {
+        Image { width: self.width as usize, height: self.height as usize, rgba: self.pixels.clone() }
+    }
+
     /// Multiply the radiance.
     pub fn expose(&mut self, factor: f32) {
         for p in &mut self.pixels {

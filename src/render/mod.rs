@@ -19,6 +19,7 @@ mod passage;
 mod pixel;
 mod prepare;
 pub mod preview;
+pub mod reference;
 pub mod shade;
 mod shell;
 mod stats;
