@@ -103,3 +103,106 @@ fn damaged_files_give_an_error_or_a_warning() {
         }
     }
 }
+
+/// Triangles, lines, points and extent of every OBJ; counts of corners by hand (a face of n corners has n − 2).
+const OBJ: &[(&str, [usize; 3], [f64; 3])] = &[
+    ("obj/obj2gltf/box-complex-material-alpha/box-complex-material-alpha.obj", [12, 0, 0], [2.0, 2.0, 2.0]),
+    ("obj/obj2gltf/box-negative-indices/box-negative-indices.obj", [12, 0, 0], [2.0, 2.0, 2.0]),
+    ("obj/obj2gltf/box-objects-groups-materials/box-objects-groups-materials.obj", [36, 0, 0], [7.0, 2.0, 7.0]),
+    ("obj/obj2gltf/box-texture-options/box-texture-options.obj", [12, 0, 0], [2.0, 2.0, 2.0]),
+    ("obj/obj2gltf/box-unnamed-material/box-unnamed-material.obj", [12, 0, 0], [2.0, 2.0, 2.0]),
+    ("obj/obj2gltf/box-windows-paths/box-windows-paths.obj", [12, 0, 0], [2.0, 2.0, 2.0]),
+    ("obj/obj2gltf/box-with-tabs/box-with-tabs.obj", [12, 0, 0], [2.0, 2.0, 2.0]),
+    ("obj/obj2gltf/concave/concave.obj", [16, 0, 0], [2.0, 0.727, 2.0]),
+    ("obj/spot/spot_triangulated.obj", [5856, 0, 0], [0.943, 1.690, 1.718]),
+    ("obj/tinyobjloader/catmark_torus_creases0.obj", [64, 0, 0], [2.501, 2.501, 0.707]),
+    ("obj/tinyobjloader/cornell_box.obj", [36, 0, 0], [556.0, 548.8, 559.2]),
+    ("obj/tinyobjloader/cube-vertexcol.obj", [12, 0, 0], [2.0, 2.0, 2.0]),
+    // One of its two triangles has an index of 0.
+    ("obj/tinyobjloader/issue-140-zero-face-idx.obj", [1, 0, 0], [1.0, 1.0, 0.0]),
+    ("obj/tinyobjloader/issue-295-trianguation-failure.obj", [28, 0, 0], [1.0, 1.0, 3.0]),
+    // One triangle of a polygon with a straight corner has no area.
+    ("obj/tinyobjloader/issue-319-002.obj", [13, 0, 0], [22.736, 30.549, 46.713]),
+    ("obj/tinyobjloader/leading-decimal-dot-issue-201.obj", [1, 0, 0], [0.860, 71.0, 11.429]),
+    ("obj/tinyobjloader/line-prim.obj", [0, 6, 0], [2.0, 2.0, 2.0]),
+    ("obj/tinyobjloader/missing_material_file.obj", [36, 0, 0], [556.0, 548.8, 559.2]),
+    ("obj/tinyobjloader/mtl filename with whitespace issue46.obj", [12, 0, 0], [2.0, 2.0, 2.0]),
+    ("obj/tinyobjloader/points-prim.obj", [0, 0, 8], [2.0, 2.0, 2.0]),
+    ("obj/tinyobjloader/smoothing-normal.obj", [6, 0, 0], [2.0, 2.0, 2.0]),
+    ("obj/tinyobjloader/texture-options-issue-85.obj", [1, 0, 0], [1.288, 2.219, 11.429]),
+    ("obj/tinyobjloader/usemtl-issue-104.obj", [6, 0, 0], [552.8, 0.0, 559.2]),
+    ("obj/tobj/empty_name_triangle.obj", [1, 0, 0], [1.0, 1.0, 0.0]),
+    ("obj/tobj/lines.obj", [0, 3, 0], [1.0, 1.0, 0.0]),
+    ("obj/tobj/quad_colored_merge.obj", [2, 0, 0], [1.0, 1.0, 0.0]),
+    ("plants/kaykit-obj/Tree_1_C_Color1.obj", [1364, 0, 0], [6.691, 7.814, 5.753]),
+    ("plants/quaternius-obj/Grass_Common_Tall.obj", [326, 0, 0], [0.895, 1.873, 0.993]),
+    ("plants/quaternius-obj/Pine_5.obj", [1646, 0, 0], [6.420, 8.724, 6.222]),
+];
+
+fn obj(path: &Path) -> vtex::Result<Model> {
+    vtex::bake::obj::read(path, &ReadOptions::default())
+}
+
+#[test]
+fn real_objs_read_as_listed() {
+    let Some(dir) = assets() else { return };
+    let files = listed(&dir, &["obj/", "plants/"], &[".obj"]);
+    assert_eq!(files.len(), OBJ.len());
+    for (path, _) in files {
+        let (_, counts, extent) =
+            OBJ.iter().find(|o| o.0 == path).unwrap_or_else(|| panic!("{path} is not in the table"));
+        let model = obj(&dir.join(&path)).unwrap();
+        let (triangles, size) = measure(&model);
+        let sum = |f: fn(&vtex::scene::Part) -> usize| model.parts.iter().map(f).sum::<usize>();
+        assert_eq!([triangles, sum(|p| p.lines.len()), sum(|p| p.points.len())], *counts, "{path}");
+        assert!((size - DVec3::from(*extent)).abs().max_element() <= 6e-4, "{path}: {size}");
+    }
+}
+
+#[test]
+fn the_same_tree_as_obj_and_gltf_is_the_same() {
+    let Some(dir) = assets() else { return };
+    let area = |model: &Model| {
+        let part = |p: &vtex::scene::Part| {
+            let at = |i: u32| DVec3::from(p.positions[i as usize].map(f64::from));
+            p.triangles.iter().map(|&[a, b, c]| (at(b) - at(a)).cross(at(c) - at(a)).length() / 2.0).sum::<f64>()
+        };
+        model.parts.iter().map(part).sum::<f64>()
+    };
+    let a = area(&obj(&dir.join("plants/quaternius-obj/Pine_5.obj")).unwrap());
+    let b = area(&gltf(&dir.join("plants/quaternius/Pine_5.gltf")).unwrap().model);
+    // The text has six decimals, about 1e-6 of each edge.
+    assert!((a - b).abs() < 1e-4 * a, "{a} {b}");
+}
+
+#[test]
+fn damaged_objs_and_images_give_an_error_or_a_warning() {
+    let Some(dir) = assets() else { return };
+    let files = listed(&dir, &["bad/obj/"], &[".obj"]);
+    assert_eq!(files.len(), 5);
+    for (path, _) in files {
+        if let Ok(model) = obj(&dir.join(&path)) {
+            assert!(!model.warnings.is_empty(), "{path}");
+        }
+    }
+    // Each damaged image as the texture of a square.
+    let work = tempfile::tempdir().unwrap();
+    let mut broken = 0;
+    for (path, _) in listed(&dir, &["bad/png/"], &[".png"]) {
+        std::fs::copy(dir.join(&path), work.path().join("t.png")).unwrap();
+        std::fs::write(work.path().join("t.gltf"), SQUARE).unwrap();
+        let model = gltf(&work.path().join("t.gltf")).unwrap().model;
+        let textured = model.materials[0].texture.is_some();
+        assert!(textured != model.warnings.iter().any(|(w, _)| w.contains("cannot be read")), "{path}");
+        broken += usize::from(!textured);
+    }
+    // The decoder reads on where only an optional checksum is wrong.
+    assert!(broken >= 12, "{broken}");
+}
+
+/// A square of side 1, textured with t.png.
+const SQUARE: &str = r#"{"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":[0]}],"nodes":[{"mesh":0}],
+"meshes":[{"primitives":[{"attributes":{"POSITION":0},"mode":5,"material":0}]}],
+"materials":[{"pbrMetallicRoughness":{"baseColorTexture":{"index":0}}}],"textures":[{"source":0}],"images":[{"uri":"t.png"}],
+"accessors":[{"bufferView":0,"componentType":5120,"type":"VEC3","count":4}],"bufferViews":[{"buffer":0,"byteLength":16,"byteStride":4}],
+"buffers":[{"byteLength":16,"uri":"data:;base64,AAAAAAEAAAAAAQAAAQEAAA"}]}"#;

@@ -10,6 +10,9 @@ mod ellipsoid;
 mod fit;
 mod measure;
 pub mod mesh;
+mod mtl;
+pub mod obj;
+mod polygon;
 mod source;
 mod tree;
 

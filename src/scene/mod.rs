@@ -1,13 +1,13 @@
 //! What is rendered and baked: models read from files, as plain data with every default filled in.
 
-mod files;
+pub(crate) mod files;
 pub mod gltf;
-mod image;
+pub(crate) mod image;
 pub mod model;
-mod select;
+pub(crate) mod select;
 pub mod shell;
 pub mod texture;
-mod topology;
+pub(crate) mod topology;
 
 pub use model::{Alpha, Camera, Instance, Light, LightKind, Material, Model, Part, Projection, TextureRef};
 pub use texture::{Texture, Wrap};
@@ -18,4 +18,37 @@ pub struct Scene {
     pub model: Model,
     pub texels: Vec<shell::TexelRef>,
     pub environment: shell::Environment,
+}
+
+/// What to take from a file, and how much of it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ReadOptions {
+    /// The scene by its name or, failing that, its index; by default the file's own choice.
+    pub scene: Option<String>,
+    /// Names of nodes that are taken with all below them; `*` and `?` stand for any characters and any one. None: all.
+    pub include: Vec<String>,
+    /// Names of nodes that are left out with all below them, in the same form.
+    pub exclude: Vec<String>,
+    /// Bytes that may be taken for the files and what is decoded from them.
+    pub max_bytes: u64,
+    /// Pixels of one image.
+    pub max_pixels: u64,
+    /// Placed primitives, after EXT_mesh_gpu_instancing.
+    pub max_instances: usize,
+    /// Whether images are decoded; without them a texture is left out, the factor colour stays.
+    pub textures: bool,
+}
+
+impl Default for ReadOptions {
+    fn default() -> Self {
+        ReadOptions {
+            scene: None,
+            include: Vec::new(),
+            exclude: Vec::new(),
+            max_bytes: 8 << 30,
+            max_pixels: 1 << 27,
+            max_instances: 1 << 26,
+            textures: true,
+        }
+    }
 }

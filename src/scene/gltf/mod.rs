@@ -22,38 +22,7 @@ use crate::scene::select::Selection;
 use crate::{Error, Result, Warnings};
 use document::Document;
 
-/// What to take from a file, and how much of it.
-#[derive(Debug, Clone, PartialEq)]
-pub struct ReadOptions {
-    /// The scene by its name or, failing that, its index; by default the file's own choice.
-    pub scene: Option<String>,
-    /// Names of nodes that are taken with all below them; `*` and `?` stand for any characters and any one. None: all.
-    pub include: Vec<String>,
-    /// Names of nodes that are left out with all below them, in the same form.
-    pub exclude: Vec<String>,
-    /// Bytes that may be taken for the file, its buffers and what is decoded from them, images apart.
-    pub max_bytes: u64,
-    /// Pixels of one image.
-    pub max_pixels: u64,
-    /// Placed primitives, after EXT_mesh_gpu_instancing.
-    pub max_instances: usize,
-    /// Whether images are decoded; without them a texture is left out, the factor colour stays.
-    pub textures: bool,
-}
-
-impl Default for ReadOptions {
-    fn default() -> Self {
-        ReadOptions {
-            scene: None,
-            include: Vec::new(),
-            exclude: Vec::new(),
-            max_bytes: 8 << 30,
-            max_pixels: 1 << 27,
-            max_instances: 1 << 26,
-            textures: true,
-        }
-    }
-}
+pub use super::ReadOptions;
 
 /// Read the chosen scene of a file.
 ///
