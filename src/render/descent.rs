@@ -75,13 +75,14 @@ impl Planes {
 
 /// A stretch of the line in a voxel.
 pub(super) struct Piece<'a> {
-    pub line: &'a Line,
-    pub planes: &'a Planes,
+    line: &'a Line,
+    planes: Planes,
+    /// The voxel, and the depth of the walk: deeper than the voxel's where a terminal node shows.
     pub place: Place,
-    /// The voxel's low corner in cells of the walk's depth, mirrored, and its edge in them: 1 but for terminal nodes.
-    pub corner: Vec3A,
-    pub edge: f32,
-    /// Where the line enters and leaves the voxel, enter ≤ leave.
+    depth: u32,
+    /// The cell's low corner in cells of the walk's depth, mirrored.
+    corner: Vec3A,
+    /// Where the line enters and leaves the cell, enter < leave.
     pub enter: f32,
     pub leave: f32,
 }
@@ -90,10 +91,10 @@ pub(super) struct Piece<'a> {
 pub(super) trait Visit {
     /// Each occupied voxel on the way. `false` ends the walk.
     fn piece(&mut self, piece: &Piece<'_>) -> bool;
-    /// After each 4^3 block that was entered, and between larger terminal nodes. `false` ends the walk.
-    fn block_end(&mut self) -> bool;
-    /// Empty cells and cubes that were crossed, for statistics.
-    fn stepped(&mut self, cells: u32);
+    /// Between the 4^3 blocks that pieces belong to, and terminal nodes as large; also where there was none.
+    fn block_end(&mut self);
+    /// How many cells and empty cubes were crossed, once a walk.
+    fn stepped(&mut self, cells: u64);
 }
 
 /// Cells of a block that a line can still meet when it is in a cell: `REACH[mirrored][cell]`, indices Morton, not mirrored.
@@ -130,134 +131,139 @@ pub(super) enum End {
     Stopped,
 }
 
-/// The block that a walk is in: its node, whose cells are cubes of 2^shift cells of the walk's depth.
+/// Where a walk is in the block of one node.
 #[derive(Clone, Copy)]
 struct Frame<'a> {
     block: &'a Block,
     node: u32,
+    /// Morton code of the cell in the block, mirrored.
+    cell: u32,
+    /// Indices of the planes that end the cell, in cells of this block's size, and where the line meets them.
+    end: Vec3A,
+    meets: Vec3A,
 }
 
 static EMPTY: Block = Block::EMPTY;
 
-/// Visit the voxels of `depth` that the line crosses between `s0` and `s1`, in order, terminal nodes above `depth` as one
-/// piece each. `depth` at most the finest; `turn`: where to hand back for another choice of depth.
+/// Visit the voxels of `depth` that the line crosses between `s0` and `s1`, in order; of a terminal node above `depth`, one
+/// piece for each cell on the way. `depth` at most the finest; `turn`: where to hand back for another choice of depth.
 #[inline]
 pub(super) fn walk(tree: &Octree, line: &Line, depth: u32, [s0, s1, turn]: [f32; 3], visit: &mut impl Visit) -> End {
-    let side = (depth as f32).exp2();
-    let planes = Planes { step: line.inverse * (1.0 / side), start: -line.origin * line.inverse };
-    let cells = 1u32 << depth;
-    let at = |s: f32| ((line.origin + line.ahead * s) * side).to_array();
+    let start = -line.origin * line.inverse;
+    let reach = &REACH[line.mirrored as usize & 7];
     let all = line.mirrored | line.mirrored << 3;
-    // The virtual roots' cells start at the low corner: only the bits that the cube has are mirrored there.
-    let (top, top_flip) = match depth {
-        0 => (0, 0),
-        d if d % 2 == 0 => (d - 2, all),
-        d => (d - 1, all & 7),
+    // Cells of the first block are 2^shift voxels wide. Of the virtual roots' 4^3 cells only those at the low corner, `side`
+    // of them an axis, are in the cube, and only the bits that those have are mirrored.
+    let (first_shift, side, first_flip) = match depth {
+        0 => (0, 1.0, 0),
+        d if d % 2 == 0 => (d - 2, 4.0, all),
+        d => (d - 1, 2.0, all & 7),
     };
-    let block_at = |shift: u32, node: u32| {
+    let (mut shift, mut scale, mut flip) = (first_shift, side, first_flip);
+    let mut step = line.inverse * (1.0 / scale);
+    // The frame of a node's block that the line is in at s; `low` is the block's low corner in its cells.
+    let enter = |shift: u32, node: u32, low: Vec3A, scale: f32, step: Vec3A, s: f32, most: f32| {
         let blocks = tree.blocks(depth as i32 - shift as i32 - 2);
-        Frame { block: blocks.get(node as usize).unwrap_or(&EMPTY), node }
+        let at = ((line.origin + line.ahead * s) * scale - low).min(Vec3A::splat(most));
+        let upper = at.cmpge(Vec3A::splat(2.0));
+        let half = Vec3A::select(upper, Vec3A::splat(2.0), Vec3A::ZERO);
+        let odd = (at - half).cmpge(Vec3A::ONE);
+        let end = low + half + Vec3A::select(odd, Vec3A::splat(2.0), Vec3A::ONE);
+        Frame {
+            block: blocks.get(node as usize).unwrap_or(&EMPTY),
+            node,
+            cell: odd.bitmask() | upper.bitmask() << 3,
+            end,
+            meets: end * step + start,
+        }
     };
     let mut s = s0;
-    let mut x = at(s).map(|p| (p as i32).clamp(0, cells as i32 - 1) as u32);
-    let mut shift = top;
-    let mut frame = block_at(top, 0);
+    let mut frame = enter(shift, 0, Vec3A::ZERO, scale, step, s, side - 0.5);
     let mut stack = [frame; MAX_DEPTH / 2];
-    let mut inside = false;
-    loop {
-        let flip = if shift == top { top_flip } else { all };
-        let morton = cell_code(x, shift);
-        let cell = morton ^ flip;
-        let block = frame.block;
-        let size = if block.mask >> cell & 1 == 0 {
-            if block.mask & REACH[line.mirrored as usize][cell as usize] == 0 {
-                shift + 2
-            } else if (block.mask >> (cell & 56)) as u8 == 0 {
-                shift + 1
-            } else {
-                shift
+    let mut terminal = None;
+    let mut cells = 0u64;
+    let end = 'walk: loop {
+        let cell = frame.cell ^ flip;
+        let mask = frame.block.mask;
+        let mut leaving = false;
+        if mask >> cell & 1 != 0 {
+            if shift != 0 && frame.block.terminal >> cell & 1 == 0 {
+                stack[shift as usize / 2 & (MAX_DEPTH / 2 - 1)] = frame;
+                let node = frame.block.rank(cell);
+                shift -= 2;
+                scale *= 4.0;
+                step *= 0.25;
+                flip = all;
+                frame = enter(shift, node, (frame.end - 1.0) * 4.0, scale, step, s, 3.5);
+                visit.block_end();
+                continue;
             }
-        } else if shift == 0 || block.terminal >> cell & 1 != 0 {
-            let place = block.place(depth as i32 - shift as i32 - 2, frame.node, cell);
-            let size = depth - u32::from(place.depth);
-            let corner = x.map(|v| (v >> size << size) as f32);
-            let edge = (1u32 << size) as f32;
-            let corner = Vec3A::from_array(corner);
-            let leave = planes.meet(corner + edge).min_element().min(s1);
+            let place = frame.block.place(depth as i32 - shift as i32 - 2, frame.node, cell);
+            if shift != 0 && terminal != Some(place) {
+                visit.block_end();
+                terminal = Some(place);
+            }
+            let leave = frame.meets.min_element().min(s1);
             if leave > s {
-                let piece = Piece { line, planes: &planes, place, corner, edge, enter: s, leave };
+                let planes = Planes { step, start };
+                let piece = Piece { line, planes, place, depth, corner: frame.end - 1.0, enter: s, leave };
                 if !visit.piece(&piece) {
-                    return End::Stopped;
+                    break End::Stopped;
                 }
             }
-            inside = size < 2;
-            if !inside && !visit.block_end() {
-                return End::Stopped;
-            }
-            size
         } else {
-            stack[shift as usize / 2] = frame;
-            let node = block.rank(cell);
-            shift -= 2;
-            frame = block_at(shift, node);
-            continue;
-        };
-        visit.stepped(1);
-        // To the first of the planes that end the cube of 2^size cells.
-        let high = x.map(|v| ((v >> size) + 1) << size);
-        let next = planes.meet(Vec3A::from_array(high.map(|v| v as f32)));
-        let leave = next.min_element();
-        if leave >= s1 || leave.is_nan() {
-            visit.block_end();
-            return End::Done;
+            leaving = mask & reach[cell as usize & 63] == 0;
         }
-        s = s.max(leave);
-        let crossed = next.cmple(Vec3A::splat(leave)).bitmask();
-        let here = if size == 0 { [0.0; 3] } else { at(s) };
-        let mut changed = 0;
-        for k in 0..3 {
-            let new = if crossed >> k & 1 != 0 {
-                high[k]
-            } else if size == 0 {
-                x[k]
-            } else {
-                (here[k] as u32).clamp(x[k], high[k] - 1)
-            };
-            changed |= new ^ x[k];
-            x[k] = new;
-        }
-        if changed == 0 || changed >= cells {
-            visit.block_end();
-            return End::Done;
-        }
-        let level = (31 - changed.leading_zeros()) & !1;
-        if level > shift {
-            if inside {
-                inside = false;
-                if !visit.block_end() {
-                    return End::Stopped;
+        // To the next cell, up through the blocks that end where this one does.
+        loop {
+            if !leaving {
+                cells += 1;
+                let leave = frame.meets.min_element();
+                if leave >= s1 || leave.is_nan() {
+                    break 'walk End::Done;
                 }
+                s = s.max(leave);
+                let crossed = frame.meets.cmple(Vec3A::splat(leave));
+                // Each axis counts 0 … 3 in two bits; one that was 3 leaves the block.
+                let add = crossed.bitmask();
+                let carry = frame.cell & add;
+                leaving = frame.cell >> 3 & carry != 0;
+                frame.cell ^= add | carry << 3;
+                frame.end += Vec3A::select(crossed, Vec3A::ONE, Vec3A::ZERO);
+                frame.meets = frame.end * step + start;
             }
-            if s >= turn {
-                return End::Turned(s);
+            if !leaving {
+                break;
             }
-            shift = level;
-            frame = stack[level as usize / 2];
+            if shift == 0 {
+                visit.block_end();
+            }
+            if shift == first_shift {
+                break 'walk End::Done;
+            }
+            shift += 2;
+            scale *= 0.25;
+            step *= 4.0;
+            flip = if shift == first_shift { first_flip } else { all };
+            frame = stack[shift as usize / 2 & (MAX_DEPTH / 2 - 1)];
+            leaving = false;
         }
-    }
-}
-
-/// The Morton code of the cell in its block, of 2^shift cells a side.
-#[inline]
-fn cell_code(x: [u32; 3], shift: u32) -> u32 {
-    let [a, b, c] = x.map(|v| v >> shift & 3);
-    (a & 1 | (b & 1) << 1 | (c & 1) << 2) | (a & 2 | (b & 2) << 1 | (c & 2) << 2) << 2
+        if shift != 0 && s >= turn {
+            break End::Turned(s);
+        }
+    };
+    visit.block_end();
+    visit.stepped(cells);
+    end
 }
 
 impl Piece<'_> {
-    /// The part of the piece within the voxel's support; empty where `.0 >= .1`.
+    /// The part of the piece within the voxel's support; empty where not `.0 < .1`.
     #[inline]
     pub fn support(&self, voxel: &Voxel) -> (f32, f32) {
+        if voxel.support == [0; 3] || u32::from(self.place.depth) != self.depth {
+            return (self.enter, self.leave);
+        }
         let mut low = [0.0f32; 3];
         let mut high = [0.0f32; 3];
         for k in 0..3 {
@@ -267,9 +273,8 @@ impl Piece<'_> {
             low[k] = f32::from(byte & 15);
             high[k] = f32::from(16 - (byte >> 4));
         }
-        let sixteenth = self.edge * (1.0 / 16.0);
-        let near = self.planes.meet(self.corner + Vec3A::from_array(low) * sixteenth).max_element();
-        let far = self.planes.meet(self.corner + Vec3A::from_array(high) * sixteenth).min_element();
+        let near = self.planes.meet(self.corner + Vec3A::from_array(low) * (1.0 / 16.0)).max_element();
+        let far = self.planes.meet(self.corner + Vec3A::from_array(high) * (1.0 / 16.0)).min_element();
         (near.max(self.enter), far.min(self.leave))
     }
 }

@@ -209,7 +209,7 @@ impl<S: Sink> Visit for Law<'_, S> {
         if voxel.rate == 0 {
             return true;
         }
-        let (enter, leave) = if voxel.support == [0; 3] { (piece.enter, piece.leave) } else { piece.support(voxel) };
+        let (enter, leave) = piece.support(voxel);
         let length = leave - enter;
         if length.is_nan() || length <= 0.0 {
             return true;
@@ -234,15 +234,14 @@ impl<S: Sink> Visit for Law<'_, S> {
     }
 
     #[inline]
-    fn block_end(&mut self) -> bool {
+    fn block_end(&mut self) {
         self.behind *= self.block;
         self.block = 1.0;
-        true
     }
 
     #[inline]
-    fn stepped(&mut self, cells: u32) {
-        self.stats.cells += u64::from(cells);
+    fn stepped(&mut self, cells: u64) {
+        self.stats.cells += cells;
     }
 }
 

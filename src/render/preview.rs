@@ -4,6 +4,7 @@ use crate::geom::{Aabb, Vec2, Vec3};
 use crate::volume::octree::Octree;
 use crate::{Error, Result, par};
 
+use super::image_io::srgb8;
 use super::march::{DepthChoice, MarchStats, Stretch, march, transmittance};
 use super::shade::{Shader, shadow_start};
 
@@ -54,7 +55,7 @@ pub fn preview(tree: Octree, tile: usize) -> Result<Sheet> {
         for (column, pixel) in pixels.as_chunks_mut::<3>().0.iter_mut().enumerate() {
             let view = &views[row / tile * TILES[0] + column / tile];
             let at = Vec2::new((column % tile) as f32 + 0.5, (row % tile) as f32 + 0.5) / tile as f32 - 0.5;
-            *pixel = shade(&tree, view, at, 1.0 / tile as f32).to_array().map(srgb);
+            *pixel = shade(&tree, view, at, 1.0 / tile as f32).to_array().map(srgb8);
         }
     });
     match tree.into_failure() {
@@ -106,13 +107,6 @@ fn shade(tree: &Octree, view: &View, at: Vec2, pixel: f32) -> Vec3 {
     radiance
 }
 
-/// sRGB code of a linear value (IEC 61966-2-1).
-fn srgb(v: f32) -> u8 {
-    let v = v.clamp(0.0, 1.0);
-    let code = if v <= 0.003_130_8 { 12.92 * v } else { 1.055 * libm::powf(v, 1.0 / 2.4) - 0.055 };
-    (code * 255.0).round() as u8
-}
-
 #[cfg(test)]
 mod tests {
     use super::super::march::tests::sparse;
@@ -138,7 +132,7 @@ mod tests {
         let mut volume = sparse(2, &[], &[], Voxel::default());
         volume.depths.clear();
         let sheet = preview(Octree::new(volume).unwrap(), 16).unwrap();
-        assert!(sheet.rgb.iter().all(|&v| v == srgb(BACKGROUND)));
+        assert!(sheet.rgb.iter().all(|&v| v == srgb8(BACKGROUND)));
         assert!(preview(Octree::new(sparse(0, &[0], &[Voxel::default()], Voxel::default())).unwrap(), 3).is_err());
     }
 }
