@@ -1,4 +1,4 @@
-//! `vtex inspect`: what a file holds, depth by depth and channel by channel; reads the head alone.
+//! `vtex inspect`: what a file holds, depth by depth and channel by channel; reads the head alone, but for a preview.
 
 use std::fmt::Write as _;
 use std::path::PathBuf;
@@ -18,6 +18,14 @@ pub struct Args {
     /// Print JSON instead of tables
     #[arg(long)]
     json: bool,
+    /// Also write a PNG with three lit views (front, side, top) and slices through the middle below them
+    #[cfg(feature = "render")]
+    #[arg(long, value_name = "PNG")]
+    preview: Option<PathBuf>,
+    /// Width of each of the preview's six pictures, in pixels
+    #[cfg(feature = "render")]
+    #[arg(long, value_name = "PIXELS", default_value_t = 400, requires = "preview")]
+    preview_size: usize,
 }
 
 pub fn run(args: &Args, ui: &Ui) -> Result<()> {
@@ -29,6 +37,12 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
         println!("{text}");
     } else {
         print!("{}", tables(&reader));
+    }
+    #[cfg(feature = "render")]
+    if let Some(png) = &args.preview {
+        let tree = crate::volume::Octree::new(reader)?;
+        let sheet = crate::render::preview::preview(tree, args.preview_size)?;
+        crate::render::image_io::write_png(png, sheet.width, sheet.height, &sheet.rgb)?;
     }
     Ok(())
 }

@@ -188,7 +188,7 @@ pub(super) fn walk(tree: &Octree, line: &Line, depth: u32, [s0, s1, turn]: [f32;
         let mut leaving = false;
         if mask >> cell & 1 != 0 {
             if shift != 0 && frame.block.terminal >> cell & 1 == 0 {
-                stack[shift as usize / 2 & (MAX_DEPTH / 2 - 1)] = frame;
+                stack[(shift / 2) as usize & (MAX_DEPTH / 2 - 1)] = frame;
                 let node = frame.block.rank(cell);
                 shift -= 2;
                 scale *= 4.0;
@@ -245,7 +245,7 @@ pub(super) fn walk(tree: &Octree, line: &Line, depth: u32, [s0, s1, turn]: [f32;
             scale *= 0.25;
             step *= 4.0;
             flip = if shift == first_shift { first_flip } else { all };
-            frame = stack[shift as usize / 2 & (MAX_DEPTH / 2 - 1)];
+            frame = stack[(shift / 2) as usize & (MAX_DEPTH / 2 - 1)];
             leaving = false;
         }
         if shift != 0 && s >= turn {

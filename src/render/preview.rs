@@ -13,7 +13,7 @@ use super::shade::{Shader, shadow_start};
 pub struct Sheet {
     pub width: usize,
     pub height: usize,
-    pub rgb: Vec<u8>,
+    pub rgb: Vec<[u8; 3]>,
 }
 
 /// What a tile of the sheet shows: where its pixels start, and which way its rays go.
@@ -50,9 +50,9 @@ pub fn preview(tree: Octree, tile: usize) -> Result<Sheet> {
     }
     let views = views(&tree.info().content.intersection(Aabb::UNIT));
     let [width, height] = TILES.map(|n| n * tile);
-    let mut rgb = vec![0; 3 * width * height];
-    par::chunks_mut(&mut rgb, 3 * width, |row, pixels| {
-        for (column, pixel) in pixels.as_chunks_mut::<3>().0.iter_mut().enumerate() {
+    let mut rgb = vec![[0; 3]; width * height];
+    par::chunks_mut(&mut rgb, width, |row, pixels| {
+        for (column, pixel) in pixels.iter_mut().enumerate() {
             let view = &views[row / tile * TILES[0] + column / tile];
             let at = Vec2::new((column % tile) as f32 + 0.5, (row % tile) as f32 + 0.5) / tile as f32 - 0.5;
             *pixel = shade(&tree, view, at, 1.0 / tile as f32).to_array().map(srgb8);
@@ -118,8 +118,8 @@ mod tests {
         let red = Voxel { rate: RATE_MAX, albedo: [255, 0, 0], ..Voxel::default() };
         let volume = sparse(3, &(0..512).collect::<Vec<_>>(), &[red; 512], red);
         let sheet = preview(Octree::new(volume).unwrap(), 32).unwrap();
-        assert_eq!((sheet.width, sheet.height, sheet.rgb.len()), (96, 64, 3 * 96 * 64));
-        let pixel = |x: usize, y: usize| &sheet.rgb[3 * (y * sheet.width + x)..][..3];
+        assert_eq!((sheet.width, sheet.height, sheet.rgb.len()), (96, 64, 96 * 64));
+        let pixel = |x: usize, y: usize| sheet.rgb[y * sheet.width + x];
         for tile in 0..3 {
             let (lit, slice) = (pixel(16 + 32 * tile, 16), pixel(16 + 32 * tile, 48));
             assert!(lit[0] > 60 && lit[1..] == [0, 0], "{lit:?}");
@@ -132,7 +132,7 @@ mod tests {
         let mut volume = sparse(2, &[], &[], Voxel::default());
         volume.depths.clear();
         let sheet = preview(Octree::new(volume).unwrap(), 16).unwrap();
-        assert!(sheet.rgb.iter().all(|&v| v == srgb8(BACKGROUND)));
+        assert!(sheet.rgb.iter().flatten().all(|&v| v == srgb8(BACKGROUND)));
         assert!(preview(Octree::new(sparse(0, &[0], &[Voxel::default()], Voxel::default())).unwrap(), 3).is_err());
     }
 }
