@@ -1,0 +1,31 @@
+//! Rebuilds `samples/` from nothing but numbers: `cargo run --release --example make_samples [FOLDER]`.
+
+#![allow(clippy::expect_used)] // A tool of the repository: what it expects cannot fail.
+
+mod card;
+mod fern;
+mod glb;
+mod leaf;
+mod random;
+mod spruce;
+mod terrain;
+mod tree;
+mod tube;
+
+use std::path::PathBuf;
+
+fn main() -> std::io::Result<()> {
+    let folder = PathBuf::from(std::env::args().nth(1).unwrap_or_else(|| "samples".into()));
+    let samples = [
+        ("tree.glb", tree::broadleaf()),
+        ("spruce.glb", spruce::spruce()),
+        ("fern.glb", fern::fern()),
+        ("terrain.glb", terrain::valley()),
+    ];
+    for (name, bytes) in samples {
+        let path = folder.join(name);
+        std::fs::write(&path, &bytes)?;
+        println!("{} {} bytes", path.display(), bytes.len());
+    }
+    Ok(())
+}
