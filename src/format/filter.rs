@@ -4,19 +4,19 @@
 pub const COUNT: u8 = 3;
 /// Codes of a voxel lie together.
 pub const INTERLEAVED: u8 = 0;
-/// Planes of the differences to the voxel before, modulo Q + 1, folded so that small ones of either sign are small.
+/// Planes of the differences to the voxel before, modulo the component's largest code + 1, folded so that small ones of either sign are small.
 pub const DELTA: u8 = 2;
 
-/// Filter `codes` (interleaved, each ≤ `q_max`) of voxels of `components` codes.
-pub fn forward(filter: u8, codes: &[u8], components: usize, q_max: u8) -> Vec<u8> {
+/// Filter the interleaved `codes` of voxels whose component k is at most `most[k]`.
+pub fn forward(filter: u8, codes: &[u8], most: &[u8]) -> Vec<u8> {
     if filter == INTERLEAVED {
         return codes.to_vec();
     }
-    let modulus = u16::from(q_max) + 1;
     let mut out = Vec::with_capacity(codes.len());
-    for k in 0..components {
+    for (k, &most_k) in most.iter().enumerate() {
+        let modulus = u16::from(most_k) + 1;
         let mut before = 0;
-        for &code in codes.iter().skip(k).step_by(components) {
+        for &code in codes.iter().skip(k).step_by(most.len()) {
             out.push(if filter == DELTA { fold(code, before, modulus) } else { code });
             before = code;
         }
@@ -24,21 +24,21 @@ pub fn forward(filter: u8, codes: &[u8], components: usize, q_max: u8) -> Vec<u8
     out
 }
 
-/// Undo [`forward`]. `false`: a code above `q_max` was found.
+/// Undo [`forward`]. `false`: a code above its component's largest was found.
 #[must_use]
-pub fn inverse(filter: u8, bytes: &mut Vec<u8>, components: usize, q_max: u8) -> bool {
-    if bytes.iter().any(|&b| b > q_max) {
-        return false;
-    }
+pub fn inverse(filter: u8, bytes: &mut Vec<u8>, most: &[u8]) -> bool {
     if filter == INTERLEAVED {
-        return true;
+        return bytes.chunks(most.len().max(1)).all(|v| v.iter().zip(most).all(|(b, most)| b <= most));
     }
-    let modulus = u16::from(q_max) + 1;
-    let voxels = bytes.len() / components.max(1);
+    let voxels = (bytes.len() / most.len().max(1)).max(1);
     let mut out = vec![0; bytes.len()];
-    for (k, plane) in bytes.chunks_exact(voxels.max(1)).enumerate() {
+    for (k, (plane, &most_k)) in bytes.chunks_exact(voxels).zip(most).enumerate() {
+        if plane.iter().any(|&b| b > most_k) {
+            return false;
+        }
+        let modulus = u16::from(most_k) + 1;
         let mut before = 0;
-        for (&b, slot) in plane.iter().zip(out.iter_mut().skip(k).step_by(components)) {
+        for (&b, slot) in plane.iter().zip(out.iter_mut().skip(k).step_by(most.len())) {
             *slot = if filter == DELTA { unfold(b, before, modulus) } else { b };
             before = *slot;
         }
@@ -87,8 +87,9 @@ mod tests {
         #[test]
         fn round_trip(codes in proptest::collection::vec(0u8..=30, 0..60), components in 1usize..=6, filter in 0..COUNT) {
             let whole = codes.len() / components * components;
-            let mut bytes = forward(filter, &codes[..whole], components, 30);
-            prop_assert!(inverse(filter, &mut bytes, components, 30));
+            let most = [30, 31, 32, 33, 34, 35];
+            let mut bytes = forward(filter, &codes[..whole], &most[..components]);
+            prop_assert!(inverse(filter, &mut bytes, &most[..components]));
             prop_assert_eq!(&bytes[..], &codes[..whole]);
         }
     }

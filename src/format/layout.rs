@@ -183,6 +183,13 @@ impl StreamEntry {
         Channel::from_semantic(self.semantic)
     }
 
+    /// Largest code of each component.
+    pub fn maxima(&self) -> Vec<u8> {
+        let q_max = self.quant_max.min(255) as u8;
+        let most = |k| self.channel().map_or(q_max, |c| c.component_max(k, q_max));
+        (0..usize::from(self.components)).map(most).collect()
+    }
+
     pub fn parse(bytes: &[u8]) -> StreamEntry {
         let mut f = Fields::new(bytes);
         StreamEntry {

@@ -193,20 +193,13 @@ impl Reader {
         Ok(self.indices[number].get_or_init(|| refs))
     }
 
-    /// One page of a section, decoded and unfiltered: `decoded` codes of at most `q_max`.
-    fn page(
-        &self,
-        section: &SectionEntry,
-        page: &PageRef,
-        decoded: usize,
-        components: usize,
-        q_max: u8,
-    ) -> Result<Vec<u8>, Broken> {
+    /// One page of a section, decoded and unfiltered: codes of `nodes` nodes, component k at most `most[k]`.
+    fn page(&self, section: &SectionEntry, page: &PageRef, nodes: u64, most: &[u8]) -> Result<Vec<u8>, Broken> {
         let offset = section.offset + page.offset;
         let bytes = self.read(offset, page.length.into())?;
-        let mut codes = page::decode(&bytes, page.crc, section.codec, decoded, offset)?;
-        require(filter::inverse(section.filter, &mut codes, components, q_max), codes::PAGE_VALUE, offset, || {
-            format!("a page has codes above {q_max}, the most that its stream allows")
+        let mut codes = page::decode(&bytes, page.crc, section.codec, nodes as usize * most.len(), offset)?;
+        require(filter::inverse(section.filter, &mut codes, most), codes::PAGE_VALUE, offset, || {
+            format!("a page has codes above {most:?}, the most that its stream allows")
         })?;
         Ok(codes)
     }
@@ -217,11 +210,10 @@ impl Reader {
             return Ok(Vec::new());
         };
         let entry = &self.head.streams[stream];
-        let (components, page_log2) = (usize::from(entry.components), self.head.header.page_log2);
+        let page_log2 = self.head.header.page_log2;
         let Some(at) = self.index(number, section)?.get(page) else { return Ok(Vec::new()) };
         let left = self.head.depths[depth].nodes - ((page as u64) << page_log2);
-        let voxels = left.min(1 << page_log2) as usize;
-        self.page(section, at, voxels * components, components, entry.quant_max as u8)
+        self.page(section, at, left.min(1 << page_log2), &entry.maxima())
     }
 
     /// Page `page` of the child masks of the nodes at `depth` − 1.
@@ -231,7 +223,7 @@ impl Reader {
         let Some(at) = refs.get(page) else { return Ok(Vec::new()) };
         let page_log2 = self.head.header.topo_page_log2;
         let left = self.head.depths[depth - 1].nodes - ((page as u64) << page_log2);
-        let masks = self.page(section, at, left.min(1 << page_log2) as usize, 1, u8::MAX)?;
+        let masks = self.page(section, at, left.min(1 << page_log2), &[u8::MAX])?;
         let children: u64 = masks.iter().map(|m| u64::from(m.count_ones())).sum();
         let next = refs.get(page + 1).map_or(self.head.depths[depth].nodes, |next| next.first_child);
         let first = if page == 0 { 0 } else { at.first_child };

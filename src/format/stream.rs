@@ -21,13 +21,13 @@ pub enum Quality {
 pub enum Channel {
     /// Rate: hits per voxel edge inside the support, log2.
     Rate,
-    /// Square roots of the diagonal of the SGGX matrix.
+    /// Square roots of the diagonal of the SGGX matrix: which axis has the largest, which is 1, then the next two in turn.
     NdfDiagonal,
     /// Correlations of the SGGX matrix.
     NdfCorrelation,
     /// Block correlation c.
     BlockCorrelation,
-    /// Support box: distances from the six faces, x lo, x hi, y lo …
+    /// Support box: a code an axis, the distance from the low face in the low bits, from the high face in the high ones.
     Support,
     /// |mean area vector| / area.
     OneSidedness,
@@ -38,7 +38,7 @@ pub enum Channel {
 }
 
 /// Codes of the widest channel.
-pub(super) const MAX_COMPONENTS: usize = 6;
+pub(super) const MAX_COMPONENTS: usize = 3;
 
 impl Channel {
     /// Every channel, in the order of the file.
@@ -90,22 +90,21 @@ impl Channel {
         match self {
             Channel::Rate | Channel::BlockCorrelation | Channel::OneSidedness => 1,
             Channel::MeanNormal => 2,
-            Channel::NdfDiagonal | Channel::NdfCorrelation | Channel::Albedo => 3,
-            Channel::Support => 6,
+            Channel::NdfDiagonal | Channel::NdfCorrelation | Channel::Support | Channel::Albedo => 3,
         }
     }
 
     /// Largest code that this writer uses.
     pub(super) fn quant_max(self, quality: Quality) -> u8 {
         let (full, lean) = match self {
-            Channel::Rate => (255, 128),
-            Channel::NdfDiagonal => (63, 31),
-            Channel::NdfCorrelation => (30, 14),
+            Channel::Rate => (128, 64),
+            Channel::NdfDiagonal => (47, 23),
+            Channel::NdfCorrelation => (22, 14),
             Channel::BlockCorrelation => (15, 15),
-            Channel::Support => (15, 7),
+            Channel::Support => (63, 15),
             Channel::OneSidedness => (15, 7),
             Channel::MeanNormal => (63, 31),
-            Channel::Albedo => (127, 63),
+            Channel::Albedo => (63, 31),
         };
         if quality == Quality::Full { full } else { lean }
     }
@@ -113,16 +112,21 @@ impl Channel {
     /// Whether Q may be the largest code of this channel's streams.
     pub(super) fn allows(self, q_max: u16) -> bool {
         match self {
-            Channel::Rate => (2..=255).contains(&q_max),
+            Channel::Rate | Channel::NdfDiagonal => (2..=255).contains(&q_max),
             Channel::NdfCorrelation => (2..=254).contains(&q_max) && q_max.is_multiple_of(2),
-            Channel::Support => [1, 3, 7, 15].contains(&q_max),
+            Channel::Support => [3, 15, 63, 255].contains(&q_max),
             Channel::BlockCorrelation | Channel::OneSidedness => (1..=15).contains(&q_max),
-            Channel::NdfDiagonal | Channel::MeanNormal | Channel::Albedo => (1..=255).contains(&q_max),
+            Channel::MeanNormal | Channel::Albedo => (1..=255).contains(&q_max),
         }
     }
 
-    /// The canonical code that `q` in 0 ..= `q_max` stands for.
-    pub(super) fn widen(self, q: u8, q_max: u8) -> u8 {
+    /// Largest code of component `k`.
+    pub(super) fn component_max(self, k: usize, q_max: u8) -> u8 {
+        if self == Channel::NdfDiagonal && k == 0 { 2 } else { q_max }
+    }
+
+    /// The canonical code that `q` in 0 ..= `q_max` stands for, in component `k`.
+    pub(super) fn widen(self, k: usize, q: u8, q_max: u8) -> u8 {
         let (q, m) = (u32::from(q.min(q_max)), u32::from(q_max));
         // round(a · q / b), halves up.
         let scale = |a: u32, q: u32, b: u32| (2 * a * q + b) / (2 * b);
@@ -131,25 +135,30 @@ impl Channel {
             Channel::Rate => 1 + scale(254, q - 1, m - 1),
             Channel::NdfCorrelation if 2 * q < m => 128 - scale(127, m / 2 - q, m / 2),
             Channel::NdfCorrelation => 128 + scale(127, q - m / 2, m / 2),
-            Channel::Support => q * (16 / (m + 1)),
+            Channel::Support => {
+                let steps = (m + 1).isqrt();
+                (q % steps) * (16 / steps) | ((q / steps) * (16 / steps)) << 4
+            }
             Channel::BlockCorrelation | Channel::OneSidedness => scale(15, q, m),
+            Channel::NdfDiagonal if k == 0 => q.min(2),
             Channel::NdfDiagonal | Channel::MeanNormal | Channel::Albedo => scale(255, q, m),
         };
         code as u8
     }
 
-    /// The `q` that stands best for a canonical code: the nearest, the lower of two; for the support the one that
-    /// rounds outward; for the rate never 0 where there is matter.
-    pub(super) fn narrow(self, code: u8, q_max: u8) -> u8 {
+    /// The `q` that stands best for a canonical code of component `k`: the nearest, the lower of two; for the support the
+    /// one that rounds outward; for the rate never 0 where there is matter.
+    pub(super) fn narrow(self, k: usize, code: u8, q_max: u8) -> u8 {
         let distance = |q: u8| {
-            let wide = self.widen(q, q_max);
+            let wide = self.widen(k, q, q_max);
             match self {
-                Channel::Support if wide > code => u8::MAX,
-                Channel::Rate if (q == 0) != (code == 0) => u8::MAX,
-                _ => wide.abs_diff(code),
+                Channel::Support if wide & 15 > code & 15 || wide >> 4 > code >> 4 => u16::MAX,
+                Channel::Support => u16::from((code & 15) - (wide & 15)) + u16::from((code >> 4) - (wide >> 4)),
+                Channel::Rate if (q == 0) != (code == 0) => u16::MAX,
+                _ => wide.abs_diff(code).into(),
             }
         };
-        (0..=q_max).min_by_key(|&q| distance(q)).unwrap_or(0)
+        (0..=self.component_max(k, q_max)).min_by_key(|&q| distance(q)).unwrap_or(0)
     }
 
     /// Largest difference between a value that is encoded and the one that is decoded, canonical rounding included. The unit
@@ -160,7 +169,7 @@ impl Channel {
             Channel::NdfDiagonal => f64::from(code) / 255.0,
             Channel::NdfCorrelation => (f64::from(code) - 128.0) / 127.0,
             Channel::BlockCorrelation | Channel::OneSidedness => f64::from(code) / 15.0,
-            Channel::Support => f64::from(code) / 16.0,
+            Channel::Support => f64::from(code & 15) / 16.0,
             Channel::MeanNormal => f64::from(code) / 127.5,
             Channel::Albedo => f64::from(code) / 255.0 * f64::from(code) / 255.0,
         };
@@ -171,7 +180,7 @@ impl Channel {
         };
         // The outward rounding of the canonical support loses up to a whole step, the others half of one.
         let step = (value(last) - value(last - 1)) * if self == Channel::Support { 1.0 } else { 0.5 };
-        let narrowed = |code| (value(code) - value(self.widen(self.narrow(code, q_max), q_max))).abs();
+        let narrowed = |code| (value(code) - value(self.widen(1, self.narrow(1, code, q_max), q_max))).abs();
         (step + (first..=last).map(narrowed).fold(0.0, f64::max)) as f32
     }
 
@@ -179,15 +188,13 @@ impl Channel {
     pub(super) fn get(self, v: &Voxel, out: &mut [u8; MAX_COMPONENTS]) {
         match self {
             Channel::Rate => out[0] = v.rate,
-            Channel::NdfDiagonal => out[..3].copy_from_slice(&v.ndf[..3]),
+            Channel::NdfDiagonal => {
+                let k = largest(v);
+                *out = [k as u8, v.ndf[(k + 1) % 3], v.ndf[(k + 2) % 3]];
+            }
             Channel::NdfCorrelation => out[..3].copy_from_slice(&v.ndf[3..]),
             Channel::BlockCorrelation => out[0] = v.correlation & 15,
-            Channel::Support => {
-                for k in 0..3 {
-                    out[2 * k] = v.support[k] & 15;
-                    out[2 * k + 1] = v.support[k] >> 4;
-                }
-            }
+            Channel::Support => *out = v.support,
             Channel::OneSidedness => out[0] = v.correlation >> 4,
             Channel::MeanNormal => out[..2].copy_from_slice(&v.mean_normal),
             Channel::Albedo => out[..3].copy_from_slice(&v.albedo),
@@ -205,15 +212,13 @@ impl Channel {
     pub(super) fn set(self, v: &mut Voxel, codes: &[u8; MAX_COMPONENTS]) {
         match self {
             Channel::Rate => v.rate = codes[0],
-            Channel::NdfDiagonal => v.ndf[..3].copy_from_slice(&codes[..3]),
+            Channel::NdfDiagonal => {
+                let k = usize::from(codes[0]);
+                (v.ndf[k % 3], v.ndf[(k + 1) % 3], v.ndf[(k + 2) % 3]) = (255, codes[1], codes[2]);
+            }
             Channel::NdfCorrelation => v.ndf[3..].copy_from_slice(&codes[..3]),
             Channel::BlockCorrelation => v.correlation = v.correlation & 0xf0 | codes[0] & 15,
-            Channel::Support => {
-                for k in 0..3 {
-                    let lo = codes[2 * k] & 15;
-                    v.support[k] = lo | codes[2 * k + 1].min(15 - lo) << 4;
-                }
-            }
+            Channel::Support => v.support = *codes,
             Channel::OneSidedness => v.correlation = v.correlation & 15 | codes[0] << 4,
             Channel::MeanNormal => v.mean_normal.copy_from_slice(&codes[..2]),
             Channel::Albedo => v.albedo.copy_from_slice(&codes[..3]),
@@ -221,8 +226,13 @@ impl Channel {
     }
 }
 
+/// The axis with the largest diagonal element, the first of equals.
+fn largest(v: &Voxel) -> usize {
+    (1..3).fold(0, |best, k| if v.ndf[k] > v.ndf[best] { k } else { best })
+}
+
 /// The voxel with one code for each meaning: without matter nothing else is kept, a correlation with an axis of no
-/// projected area is 0, and a mean normal without one-sidedness is the default.
+/// projected area is 0, a support is not inside out, and a mean normal without one-sidedness is the default.
 pub(super) fn canonical(v: &Voxel) -> Voxel {
     if v.rate == 0 {
         return Voxel::default();
@@ -234,8 +244,9 @@ pub(super) fn canonical(v: &Voxel) -> Voxel {
             v.ndf[slot] = 128;
         }
     }
-    if v.ndf[..3] == [0; 3] {
-        v.ndf = Sggx::ISOTROPIC.encode();
+    for side in &mut v.support {
+        let lo = *side & 15;
+        *side = lo | (*side >> 4).min(15 - lo) << 4;
     }
     if v.correlation >> 4 == 0 {
         v.mean_normal = Voxel::default().mean_normal;
@@ -243,11 +254,31 @@ pub(super) fn canonical(v: &Voxel) -> Voxel {
     v
 }
 
-/// The streams that a file has, and the tables between its codes and canonical ones.
-pub(super) struct Quantiser {
-    streams: Vec<(Channel, u8, Box<Tables>)>,
+/// [`canonical`], with the largest diagonal element brought to 1 at the rate's expense, as every file holds it.
+fn normal(v: &Voxel) -> Voxel {
+    let mut v = canonical(v);
+    let most = v.ndf[largest(&v)];
+    if most == 0 {
+        v.ndf = Sggx::ISOTROPIC.encode();
+    } else if most < 255 {
+        let scale = |d: u8| ((510 * u32::from(d) + u32::from(most)) / (2 * u32::from(most))) as u8;
+        (v.ndf[0], v.ndf[1], v.ndf[2]) = (scale(v.ndf[0]), scale(v.ndf[1]), scale(v.ndf[2]));
+        v.rate = shifted(v.rate, f64::from(most) / 255.0);
+    }
+    v
 }
 
+/// The code of the rate that `rate` stands for times `factor`; at least the smallest.
+fn shifted(rate: u8, factor: f64) -> u8 {
+    (f64::from(rate) + 16.0 * libm::log2(factor)).round().clamp(1.0, 255.0) as u8
+}
+
+/// The streams that a file has, and the tables between its codes and canonical ones.
+pub(super) struct Quantiser {
+    streams: Vec<(Channel, u8, Box<[Tables; MAX_COMPONENTS]>)>,
+}
+
+/// The maps of one component.
 struct Tables {
     narrow: [u8; 256],
     widen: [u8; 256],
@@ -268,10 +299,10 @@ impl Quantiser {
     /// For given channels and largest codes.
     pub fn of(streams: impl Iterator<Item = (Channel, u8)>) -> Quantiser {
         let tables = |c: Channel, q_max: u8| {
-            Box::new(Tables {
-                narrow: std::array::from_fn(|code| c.narrow(code as u8, q_max)),
-                widen: std::array::from_fn(|q| c.widen(q as u8, q_max)),
-            })
+            Box::new(std::array::from_fn(|k| Tables {
+                narrow: std::array::from_fn(|code| c.narrow(k, code as u8, q_max)),
+                widen: std::array::from_fn(|q| c.widen(k, q as u8, q_max)),
+            }))
         };
         Quantiser { streams: streams.map(|(c, q_max)| (c, q_max, tables(c, q_max))).collect() }
     }
@@ -286,20 +317,21 @@ impl Quantiser {
 
     /// The voxel that a reader will see in place of `v`.
     pub fn quantise(&self, v: &Voxel) -> Voxel {
-        let v = canonical(v);
+        let v = normal(v);
         let mut out = Voxel::default();
         let mut codes = [0; MAX_COMPONENTS];
         for (channel, _, tables) in &self.streams {
             channel.get(&v, &mut codes);
-            codes = codes.map(|c| tables.widen[usize::from(tables.narrow[usize::from(c)])]);
+            coarsen(tables, &mut codes);
             channel.set(&mut out, &codes);
         }
         if out.support != v.support && self.q_max(Channel::Support) > 0 {
             // The matter of the smaller box, spread over the larger one.
-            let rate = f64::from(v.rate) + 16.0 * libm::log2(volume(&v) / volume(&out));
-            codes[0] = rate.round().clamp(1.0, 255.0) as u8;
-            let tables = self.streams.iter().find(|(c, ..)| *c == Channel::Rate).map(|(_, _, tables)| tables);
-            out.rate = tables.map_or(codes[0], |t| t.widen[usize::from(t.narrow[usize::from(codes[0])])]);
+            codes[0] = shifted(v.rate, volume(&v) / volume(&out));
+            if let Some((.., tables)) = self.streams.iter().find(|(c, ..)| *c == Channel::Rate) {
+                coarsen(tables, &mut codes);
+            }
+            out.rate = codes[0];
         }
         canonical(&out)
     }
@@ -312,7 +344,9 @@ impl Quantiser {
         let mut codes = [0; MAX_COMPONENTS];
         for (v, slot) in voxels.iter().zip(out.chunks_exact_mut(n)) {
             channel.get(v, &mut codes);
-            slot.iter_mut().zip(codes).for_each(|(q, c)| *q = tables.narrow[usize::from(c)]);
+            for ((q, c), table) in slot.iter_mut().zip(codes).zip(tables.iter()) {
+                *q = table.narrow[usize::from(c)];
+            }
         }
         out
     }
@@ -355,8 +389,17 @@ impl Quantiser {
     pub fn put(&self, s: usize, v: &mut Voxel, codes: &[u8]) {
         let Some((channel, _, tables)) = self.streams.get(s) else { return };
         let mut wide = [0; MAX_COMPONENTS];
-        wide.iter_mut().zip(codes).for_each(|(w, &q)| *w = tables.widen[usize::from(q)]);
+        for ((w, &q), table) in wide.iter_mut().zip(codes).zip(tables.iter()) {
+            *w = table.widen[usize::from(q)];
+        }
         channel.set(v, &wide);
+    }
+}
+
+/// Canonical codes to the ones that a reader will see.
+fn coarsen(tables: &[Tables; MAX_COMPONENTS], codes: &mut [u8; MAX_COMPONENTS]) {
+    for (c, table) in codes.iter_mut().zip(tables) {
+        *c = table.widen[usize::from(table.narrow[usize::from(*c)])];
     }
 }
 

@@ -88,14 +88,13 @@ pub fn write(volume: &Volume, path: impl AsRef<Path>, options: &WriteOptions) ->
             bodies.push(topo_section(masks, d as u8, options.level));
         }
         let voxels = par_chunks(&depth.voxels, |v| quantiser.quantise(v));
-        for (s, channel) in quantiser.channels().enumerate() {
+        for s in 0..head.streams.len() {
             if head.streams[s].is_constant() {
                 continue;
             }
             let codes = quantiser.codes(s, &voxels);
             digest.update(&codes);
-            let q_max = head.streams[s].quant_max as u8;
-            let mut body = page_section(&codes, channel.components(), q_max, options.level);
+            let mut body = page_section(&codes, &head.streams[s].maxima(), options.level);
             (body.0.depth, body.0.stream) = (d as u8, s as u8);
             bodies.push(body);
         }
@@ -210,18 +209,17 @@ fn topo_section(masks: &[u8], depth: u8, level: i32) -> (SectionEntry, Vec<u8>) 
 }
 
 /// Codes of one depth and stream as a section, to be placed.
-fn page_section(codes: &[u8], components: usize, q_max: u8, level: i32) -> (SectionEntry, Vec<u8>) {
-    let pages: Vec<&[u8]> = codes.chunks(components << PAGE_LOG2).collect();
+fn page_section(codes: &[u8], most: &[u8], level: i32) -> (SectionEntry, Vec<u8>) {
+    let pages: Vec<&[u8]> = codes.chunks(most.len() << PAGE_LOG2).collect();
     let trials: Vec<usize> =
         (0..pages.len().min(TRIAL_PAGES)).map(|i| i * pages.len() / pages.len().min(TRIAL_PAGES)).collect();
     let tried = par::map(trials.len() * usize::from(filter::COUNT), |i| {
         let (page, filter) = (pages[trials[i / usize::from(filter::COUNT)]], (i % usize::from(filter::COUNT)) as u8);
-        Compressor::new(TRIAL_LEVEL.min(level)).page(filter::forward(filter, page, components, q_max)).len()
+        Compressor::new(TRIAL_LEVEL.min(level)).page(filter::forward(filter, page, most)).len()
     });
     let cost = |f: u8| tried.iter().skip(f.into()).step_by(filter::COUNT.into()).sum::<usize>();
     let best = (0..filter::COUNT).min_by_key(|&f| cost(f)).unwrap_or(filter::INTERLEAVED);
-    let pages =
-        par::map(pages.len(), |i| Compressor::new(level).page(filter::forward(best, pages[i], components, q_max)));
+    let pages = par::map(pages.len(), |i| Compressor::new(level).page(filter::forward(best, pages[i], most)));
     paged_section(SectionKind::Page, codes.len(), best, &pages, &[])
 }
 
