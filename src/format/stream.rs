@@ -98,8 +98,8 @@ impl Channel {
     pub(super) fn quant_max(self, quality: Quality) -> u8 {
         let (full, lean) = match self {
             Channel::Rate => (128, 64),
-            Channel::NdfDiagonal => (47, 23),
-            Channel::NdfCorrelation => (22, 14),
+            Channel::NdfDiagonal => (47, 19),
+            Channel::NdfCorrelation => (22, 10),
             Channel::BlockCorrelation => (15, 15),
             Channel::Support => (63, 15),
             Channel::OneSidedness => (15, 7),

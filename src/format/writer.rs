@@ -32,7 +32,7 @@ pub struct WriteOptions {
 
 impl Default for WriteOptions {
     fn default() -> Self {
-        WriteOptions { level: 9, quality: Quality::Full }
+        WriteOptions { level: 12, quality: Quality::Full }
     }
 }
 
