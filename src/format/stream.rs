@@ -137,7 +137,8 @@ impl Channel {
             Channel::NdfCorrelation => 128 + scale(127, q - m / 2, m / 2),
             Channel::Support => {
                 let steps = (m + 1).isqrt();
-                (q % steps) * (16 / steps) | ((q / steps) * (16 / steps)) << 4
+                let (lo, hi) = (q % steps * (16 / steps), q / steps * (16 / steps));
+                lo | hi << 4
             }
             Channel::BlockCorrelation | Channel::OneSidedness => scale(15, q, m),
             Channel::NdfDiagonal if k == 0 => q.min(2),
