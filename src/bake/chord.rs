@@ -17,7 +17,7 @@ pub struct Chords {
 }
 
 /// Largest rate that is asked for, hits per voxel edge.
-const MAX_RATE: f64 = 118.0;
+pub const MAX_RATE: f64 = 118.0;
 
 /// Gauss-Legendre nodes and weights on [0, 1], four points.
 const GAUSS: [(f64, f64); 4] = [

@@ -5,12 +5,12 @@
 //! LoDs for All-Scale Pre-Filtering*, EG 2017.
 
 use super::beams::{PROJECTIONS, axis_length, box_area, crossing};
-use super::chord::Chords;
+use super::chord::{Chords, MAX_RATE};
 use super::ellipsoid::fit_sggx;
 use super::measure::Measure;
-use crate::geom::DVec3;
+use crate::geom::{DVec3, directions13};
 use crate::volume::voxel::{RATE_MAX, encode_rate};
-use crate::volume::{Model, Voxel};
+use crate::volume::{Model, Sggx, Voxel};
 
 /// Share of a support box from which on it is taken for opaque.
 const OPAQUE: f64 = 0.996;
@@ -18,6 +18,9 @@ const OPAQUE: f64 = 0.996;
 const MARCH_LINES: usize = 2;
 /// Correlations at which a block is marched; the law is smooth in between.
 const TRIALS: [f64; 3] = [0.0, 0.5, 1.0];
+/// Factor of the rates at which a block is marched besides 1, and the largest that is given.
+const GAIN_TRIAL: f32 = 1.5;
+const MAX_GAIN: f64 = 2.5;
 
 /// A voxel of a block, to be fitted.
 pub struct Cell<'a> {
@@ -51,30 +54,148 @@ impl Seen {
     }
 }
 
+/// How far fitted voxels are from what was measured: the mean over 13 directions of |share of the support box blocked,
+/// fitted − measured|, of every voxel of a depth.
+#[derive(Debug, Clone, Default)]
+pub struct Certificate {
+    count: u64,
+    sum: f64,
+    /// Voxels by error, in steps of 1/256.
+    histogram: Vec<u64>,
+}
+
+impl Certificate {
+    fn add(&mut self, error: f64) {
+        self.count += 1;
+        // Summed in fixed steps, so that the order in which regions are joined cannot show.
+        self.sum += (error * 65536.0).round();
+        self.histogram.resize(257, 0);
+        self.histogram[(error * 256.0).clamp(0.0, 256.0) as usize] += 1;
+    }
+
+    pub fn merge(&mut self, other: &Certificate) {
+        self.count += other.count;
+        self.sum += other.sum;
+        self.histogram.resize(257, 0);
+        for (mine, theirs) in self.histogram.iter_mut().zip(&other.histogram) {
+            *mine += theirs;
+        }
+    }
+
+    /// Mean and 95th percentile; 0 where there are no voxels.
+    pub fn figures(&self) -> (f64, f64) {
+        let mean = self.sum / 65536.0 / self.count.max(1) as f64;
+        let mut left = self.count - self.count * 95 / 100;
+        for (step, &n) in self.histogram.iter().enumerate().rev() {
+            if n >= left {
+                return (mean, (step as f64 + 0.5) / 256.0);
+            }
+            left -= n;
+        }
+        (mean, 0.0)
+    }
+}
+
 /// Fit all cells of one block, `width` cells wide, whose own measure is `block`. Voxels come in the order of the cells.
-/// Gives the mean error of the marched block's coverage besides: [`Certificate`].
-pub fn fit_block(cells: &[Cell], block: &Measure, width: usize, model: Model, voxels: &mut Vec<Voxel>) {
+pub fn fit_block(
+    cells: &[Cell],
+    block: &Measure,
+    width: usize,
+    model: Model,
+    voxels: &mut Vec<Voxel>,
+    certificate: &mut Certificate,
+) {
     let mut fitted = [Voxel::default(); 64];
     let mut seen = Vec::with_capacity(cells.len());
     for (voxel, cell) in fitted.iter_mut().zip(cells) {
         seen.push(Seen::new(cell.measure, voxel));
     }
-    let code = if model == Model::Neyret { 0 } else { correlation(cells, &seen, block, width) };
+    let code = correlation(cells, &seen, block, width);
     let c = f64::from(code) / 15.0;
-    for ((voxel, cell), seen) in fitted.iter_mut().zip(cells).zip(&seen) {
+    let rates: Vec<[f64; 13]> =
+        seen.iter().map(|s| std::array::from_fn(|k| s.chords[k].rate(s.blocked[k], c))).collect();
+    let gain = gain(cells, &seen, &rates, block, width, c);
+    for (((voxel, cell), seen), rates) in fitted.iter_mut().zip(cells).zip(&seen).zip(&rates) {
         let m = cell.measure;
         voxel.correlation = code;
-        if m.solid {
-            voxel.rate = RATE_MAX;
-        } else {
-            fit_rate(voxel, seen, c);
-        }
         voxel.set_albedo(m.albedo.to_array());
         if m.total > 0.0 {
             voxel.set_mean_normal(m.mean.to_array(), m.mean.length() / m.total);
         }
+        if m.solid {
+            voxel.rate = RATE_MAX;
+        } else if let Some(s) = fit_sggx(rates) {
+            voxel.ndf = s.encode();
+            let (rate, error) = level(voxel.ndf, f64::from(s.scale()), seen, c);
+            voxel.rate = encode_rate(rate * gain);
+            certificate.add(error);
+        }
+        if model == Model::Neyret {
+            neyret(voxel, m);
+        }
         voxels.push(*voxel);
     }
+}
+
+/// The rate, near `rate`, with which a voxel of the ellipsoid `ndf` blocks what was measured, summed over the 13 axes; and
+/// the mean error that is left.
+fn level(ndf: [u8; 6], rate: f64, seen: &Seen, c: f64) -> (f64, f64) {
+    let shape = Sggx::decode(ndf);
+    let sigma = directions13().map(|w| f64::from(shape.sigma(w.as_vec3())));
+    let blocked = |rate: f64| -> [f64; 13] { std::array::from_fn(|k| seen.chords[k].blocked(rate * sigma[k], c)) };
+    let want: f64 = seen.blocked.iter().sum();
+    let mut rate = rate;
+    let mut got = blocked(rate);
+    for _ in 0..2 {
+        let sum: f64 = got.iter().sum();
+        // Where almost all is blocked, the sum hardly moves with the rate.
+        let next = (rate * (want / sum).clamp(0.5, 2.0)).min(MAX_RATE);
+        if (want / sum - 1.0).abs() < 0.005 {
+            break;
+        }
+        rate = next;
+        got = blocked(rate);
+    }
+    let error = got.iter().zip(&seen.blocked).map(|(g, w)| (g - w).abs()).sum::<f64>() / 13.0;
+    (rate, error)
+}
+
+/// The paper's own model: one isotropic opacity, the mean of what is covered, as a rate that takes that much away over a
+/// voxel's edge; the ellipsoid is left for shading, and there is neither support nor correlation.
+fn neyret(voxel: &mut Voxel, m: &Measure) {
+    voxel.correlation &= 0xf0;
+    voxel.support = Voxel::default().support;
+    if !m.solid {
+        let opacity = m.averaged.min(OPAQUE);
+        voxel.rate = encode_rate(-libm::log(1.0 - opacity));
+    }
+}
+
+/// Lines of one axis through a block: where each cell's chord is added to.
+fn march(k: usize, cells: &[Cell], seen: &[Seen], width: usize, mut add: impl FnMut(usize, usize, f32)) -> usize {
+    let p = &PROJECTIONS[k];
+    let (wa, wb) = p.extent();
+    let (na, nb) = (wa * width * MARCH_LINES, wb * width * MARCH_LINES);
+    let length = axis_length(k) as f32;
+    let at = |n: usize| (n as f64 + 0.5) / MARCH_LINES as f64;
+    for (i, (cell, s)) in cells.iter().zip(seen).enumerate() {
+        let (oa, ob) = p.place(cell.at, width);
+        for y in 0..wb * MARCH_LINES {
+            for x in 0..wa * MARCH_LINES {
+                if let Some((from, to)) = crossing(k, at(x), at(y), s.lo, s.hi) {
+                    add(i, (ob * MARCH_LINES + y) * na + oa * MARCH_LINES + x, (to - from) as f32 * length);
+                }
+            }
+        }
+    }
+    na * nb
+}
+
+/// Share of the cells' coverage along axis `k` that hides behind other cells of the block, as measured; and the coverage.
+fn hidden(k: usize, cells: &[Cell], block: &Measure, width: usize) -> (f64, f64) {
+    let parts: f64 = cells.iter().map(|c| c.measure.cover[k]).sum();
+    let share = if parts > 0.0 { 1.0 - (width * width) as f64 * block.cover[k] / parts } else { 0.0 };
+    (share.clamp(0.0, 1.0), parts)
 }
 
 /// The code of the c with which the marched block best covers what was measured, in 13 directions.
@@ -82,46 +203,32 @@ fn correlation(cells: &[Cell], seen: &[Seen], block: &Measure, width: usize) -> 
     if cells.len() < 2 {
         return 15;
     }
-    let rates: Vec<[[f32; 3]; 13]> = seen
-        .iter()
-        .map(|s| std::array::from_fn(|k| TRIALS.map(|c| s.chords[k].rate(s.blocked[k], c) as f32)))
-        .collect();
-    let blocks = (width * width) as f64;
     let mut overlap = [[0.0f64; 3]; 13];
     let mut wanted = [0.0f64; 13];
     let mut weight = [0.0f64; 13];
     let mut depths = [[0.0f32; 3]; 256];
-    for (k, p) in PROJECTIONS.iter().enumerate() {
-        let parts: f64 = cells.iter().map(|c| c.measure.cover[k]).sum();
+    let mut rates = vec![[0.0f32; 3]; cells.len()];
+    for k in 0..13 {
+        let parts;
+        (wanted[k], parts) = hidden(k, cells, block, width);
         if parts <= 0.0 {
             continue;
         }
-        wanted[k] = (1.0 - blocks * block.cover[k] / parts).clamp(0.0, 1.0);
         weight[k] = parts / axis_length(k);
-        let (wa, wb) = p.extent();
-        let (na, nb) = (wa * width * MARCH_LINES, wb * width * MARCH_LINES);
-        depths[..na * nb].fill([0.0; 3]);
-        let mut alone = [0.0f32; 3];
-        for ((cell, s), rate) in cells.iter().zip(seen).zip(&rates) {
-            let rate = rate[k];
-            let (oa, ob) = p.place(cell.at, width);
-            let length = axis_length(k) as f32;
-            for j in 0..wb * MARCH_LINES {
-                for i in 0..wa * MARCH_LINES {
-                    let at = |n: usize| (n as f64 + 0.5) / MARCH_LINES as f64;
-                    let Some((from, to)) = crossing(k, at(i), at(j), s.lo, s.hi) else { continue };
-                    let chord = (to - from) as f32 * length;
-                    let line = &mut depths[(ob * MARCH_LINES + j) * na + oa * MARCH_LINES + i];
-                    for t in 0..3 {
-                        let tau = rate[t] * chord;
-                        line[t] += tau;
-                        alone[t] += blocked(tau, t);
-                    }
-                }
-            }
+        for (rate, s) in rates.iter_mut().zip(seen) {
+            *rate = TRIALS.map(|c| s.chords[k].rate(s.blocked[k], c) as f32);
         }
+        depths.fill([0.0; 3]);
+        let mut alone = [0.0f32; 3];
+        let lines = march(k, cells, seen, width, |cell, line, chord| {
+            for t in 0..3 {
+                let tau = rates[cell][t] * chord;
+                depths[line][t] += tau;
+                alone[t] += blocked(tau, t);
+            }
+        });
         for t in 0..3 {
-            let union: f32 = depths[..na * nb].iter().map(|d| if d[t] > 0.0 { blocked(d[t], t) } else { 0.0 }).sum();
+            let union: f32 = depths[..lines].iter().map(|d| if d[t] > 0.0 { blocked(d[t], t) } else { 0.0 }).sum();
             overlap[k][t] = if alone[t] > 0.0 { f64::from(1.0 - union / alone[t]) } else { wanted[k] };
         }
     }
@@ -138,6 +245,52 @@ fn correlation(cells: &[Cell], seen: &[Seen], block: &Measure, width: usize) -> 
             .sum()
     };
     (0..16u8).min_by(|&a, &b| error(a).total_cmp(&error(b))).unwrap_or(0)
+}
+
+/// What to multiply the rates of a block by so that it covers, all directions together, what was measured. Parts of one
+/// sheet need it: their support boxes overlap, and where three meet a ray the sum is cut off at 1.
+fn gain(cells: &[Cell], seen: &[Seen], rates: &[[f64; 13]], block: &Measure, width: usize, c: f64) -> f64 {
+    if cells.len() < 2 {
+        return 1.0;
+    }
+    let (mut want, mut got) = (0.0, [0.0f64; 2]);
+    let mut depths = [0.0f32; 256];
+    let c = c as f32;
+    for k in 0..13 {
+        let (share, parts) = hidden(k, cells, block, width);
+        if parts <= 0.0 {
+            continue;
+        }
+        depths.fill(0.0);
+        let mut alone = 0.0f32;
+        let lines = march(k, cells, seen, width, |cell, line, chord| {
+            let tau = rates[cell][k] as f32 * chord;
+            depths[line] += tau;
+            alone += covered(tau, c);
+        });
+        if alone <= 0.0 {
+            continue;
+        }
+        let weight = parts / axis_length(k);
+        want += weight * (1.0 - share);
+        for (got, gain) in got.iter_mut().zip([1.0, GAIN_TRIAL]) {
+            let union: f32 = depths[..lines].iter().filter(|&&d| d > 0.0).map(|d| covered(d * gain, c)).sum();
+            *got += weight * f64::from(union / alone);
+        }
+    }
+    let slope = (got[1] - got[0]) / libm::log(f64::from(GAIN_TRIAL));
+    if slope <= 1e-9 { 1.0 } else { libm::exp((want - got[0]) / slope).clamp(0.7, MAX_GAIN) }
+}
+
+/// The share that an optical depth blocks.
+#[inline]
+fn covered(tau: f32, c: f32) -> f32 {
+    let d = 1.0 - c;
+    if d < 1e-3 {
+        return tau.min(1.0);
+    }
+    // T = (E − c) / (1 − c), E = e^−(1−c)τ.
+    ((1.0 - exp_neg(d * tau)) / d).min(1.0)
 }
 
 /// What an optical depth blocks at `TRIALS[trial]`.
@@ -159,17 +312,6 @@ fn exp_neg(x: f32) -> f32 {
         e *= e;
     }
     e
-}
-
-/// Rate and SGGX of one voxel from its coverage along the 13 axes.
-fn fit_rate(voxel: &mut Voxel, seen: &Seen, c: f64) {
-    let rates: [f64; 13] = std::array::from_fn(|k| seen.chords[k].rate(seen.blocked[k], c));
-    let Some(s) = fit_sggx(&rates) else {
-        voxel.rate = 0;
-        return;
-    };
-    voxel.ndf = s.encode();
-    voxel.rate = encode_rate(f64::from(s.scale()));
 }
 
 #[cfg(test)]

@@ -26,6 +26,9 @@ pub struct Measure {
     pub albedo: DVec3,
     /// Opaque throughout.
     pub solid: bool,
+    /// Share of the voxel covered, averaged over directions and then over the children, level by level: the opacity of
+    /// Neyret's own model.
+    pub averaged: f64,
 }
 
 /// A sampling of a cut-out facet: which cells of a small grid over its dominant plane are there.
@@ -163,13 +166,14 @@ impl Measure {
             mean: DVec3::ZERO,
             albedo: DVec3::ZERO,
             solid: false,
+            averaged: 0.0,
         }
     }
 
     /// Of a voxel that is opaque throughout.
     pub fn full() -> Measure {
         let side = std::array::from_fn(|k| box_area(k, DVec3::ONE));
-        Measure { lo: DVec3::ZERO, hi: DVec3::ONE, area: side, cover: side, solid: true, ..Measure::empty() }
+        Measure { lo: DVec3::ZERO, hi: DVec3::ONE, area: side, cover: side, solid: true, averaged: 1.0, ..Measure::empty() }
     }
 
     /// Of the finest voxel at `origin` from its facets (grid space, already cut to the voxel); `None` where they have no area.
@@ -217,6 +221,7 @@ impl Measure {
             // One facet covers its area exactly; several share lines as the lattice finds it.
             let ratio = if parts > 0 { f64::from(union) / f64::from(parts) } else { 1.0 };
             m.cover[k] = (m.area[k] * ratio).min(box_area(k, m.hi - m.lo).max(0.0));
+            m.averaged += m.cover[k] / box_area(k, DVec3::ONE) / 13.0;
         }
         Some(m)
     }
@@ -239,6 +244,7 @@ impl Measure {
                 let first = if s.lines > 0 { f64::from(s.first) / f64::from(2 * s.lines) } else { 1.0 };
                 seen += child.cover[k] * first / axis_length(k);
             }
+            m.averaged += 0.125 * child.averaged;
             m.total += 0.25 * child.total;
             m.mean += 0.25 * child.mean;
             if child.total > 0.0 {

@@ -3,7 +3,7 @@
 
 use super::beams::Beams;
 use super::clip::Polygon;
-use super::fit::{Cell, fit_block};
+use super::fit::{Cell, Certificate, fit_block};
 use super::measure::Measure;
 use super::source::Staged;
 use crate::geom::DVec3;
@@ -23,12 +23,14 @@ pub struct Node {
 /// Fitted voxels, a list a depth, in Morton order.
 pub struct Output {
     pub depths: Vec<Depth>,
+    /// A depth each.
+    pub certificates: Vec<Certificate>,
     model: Model,
 }
 
 impl Output {
     pub fn new(depths: usize, model: Model) -> Output {
-        Output { depths: vec![Depth::default(); depths], model }
+        Output { depths: vec![Depth::default(); depths], certificates: vec![Certificate::default(); depths], model }
     }
 
     /// Take over what follows in Morton order.
@@ -37,6 +39,9 @@ impl Output {
             mine.masks.append(&mut theirs.masks);
             mine.voxels.append(&mut theirs.voxels);
         }
+        for (mine, theirs) in self.certificates.iter_mut().zip(&next.certificates) {
+            mine.merge(theirs);
+        }
     }
 
     /// Fit the block `cells`, of voxels at `depth` with masks, whose node is measured by `block`.
@@ -44,7 +49,7 @@ impl Output {
         let out = &mut self.depths[depth];
         out.masks.extend(cells.iter().map(|c| c.1));
         let cells: Vec<Cell> = cells.iter().map(|(c, _)| Cell { at: c.at, measure: c.measure }).collect();
-        fit_block(&cells, block, width, self.model, &mut out.voxels);
+        fit_block(&cells, block, width, self.model, &mut out.voxels, &mut self.certificates[depth]);
     }
 }
 
