@@ -5,7 +5,7 @@
 
 use std::time::Instant;
 
-use vtex::bake::{self, MeshSource, Options};
+use vtex::bake::{self, MeshOptions, MeshSource, Options};
 use vtex::geom::{DAffine3, DVec3};
 use vtex::progress::Quiet;
 use vtex::render::{DepthChoice, MarchStats, Stretch, transmittance};
@@ -222,9 +222,10 @@ fn probe(name: &str, triangles: &[[DVec3; 3]], tree: &Octree, voxels: &[u64], de
 }
 
 fn run(name: &str, model: Model, resolution: u32) {
-    let source = MeshSource::new(model.clone(), 0.0, Vec::new());
+    let source = MeshSource::new(model.clone(), &MeshOptions::default());
     let start = Instant::now();
-    let (volume, report) = bake::bake(&source, &Options { resolution, ..Options::default() }, &Quiet).unwrap();
+    let (volume, report) =
+        bake::bake(&source, &Options { resolution, ..Options::default() }, &Quiet, &mut |_| ()).unwrap();
     let time = start.elapsed().as_secs_f64();
     let bounds = volume.info.bounds;
     let scale = 1.0 / bounds.size().x;
@@ -244,9 +245,10 @@ fn run(name: &str, model: Model, resolution: u32) {
         .map_or(0.0, |d| d.voxels.iter().map(|v| f64::from(v.c())).sum::<f64>() / d.voxels.len() as f64);
     println!("{name}: {} triangles, {time:.2} s, mean c {c:.2}", triangles.len());
     let finest = volume.depths.len() - 1;
+    let voxels: Vec<u64> = report.depths.iter().map(|d| d.voxels).collect();
     let tree = Octree::new(volume).unwrap();
     let depths: Vec<usize> = (0..4).filter_map(|k| finest.checked_sub(k)).collect();
-    probe(name, &triangles, &tree, &report.voxels, &depths);
+    probe(name, &triangles, &tree, &voxels, &depths);
 }
 
 fn main() {
@@ -255,5 +257,9 @@ fn main() {
         for (name, soup) in scenes() {
             run(name, soup.model(), 64);
         }
+        return;
     }
+    let resolution = args.get(2).map_or(512, |r| r.parse().unwrap());
+    let scene = vtex::scene::gltf::read(args[1].as_ref(), &Default::default()).unwrap();
+    run("mesh", scene.model, resolution);
 }

@@ -5,12 +5,12 @@
 //! LoDs for All-Scale Pre-Filtering*, EG 2017.
 
 use super::beams::{PROJECTIONS, axis_length, box_area, crossing};
-use super::chord::{Chords, MAX_RATE};
+use super::chord::{Chords, MAX_RATE, exp_neg};
 use super::ellipsoid::fit_sggx;
 use super::measure::Measure;
 use crate::geom::{DVec3, directions13};
 use crate::volume::voxel::{RATE_MAX, encode_rate};
-use crate::volume::{Model, Sggx, Voxel};
+use crate::volume::{Model, Sggx, Voxel, opacity};
 
 /// Share of a support box from which on it is taken for opaque.
 const OPAQUE: f64 = 0.996;
@@ -216,7 +216,8 @@ fn correlation(cells: &[Cell], seen: &[Seen], block: &Measure, width: usize) -> 
         }
         weight[k] = parts / axis_length(k);
         for (rate, s) in rates.iter_mut().zip(seen) {
-            *rate = TRIALS.map(|c| s.chords[k].rate(s.blocked[k], c) as f32);
+            // By the mean chord: what hides behind what hardly depends on it.
+            *rate = TRIALS.map(|c| (opacity::depth_for(1.0 - s.blocked[k], c) / s.chords[k].mean) as f32);
         }
         depths.fill([0.0; 3]);
         let mut alone = [0.0f32; 3];
@@ -300,29 +301,5 @@ fn blocked(tau: f32, trial: usize) -> f32 {
         0 => 1.0 - exp_neg(tau),
         1 => (2.0 - 2.0 * exp_neg(0.5 * tau)).min(1.0),
         _ => tau.min(1.0),
-    }
-}
-
-/// e^−x for x ≥ 0, to 1e-5: (1 − x/2^8 + …)^(2^8) by squaring; no library's exp, so the same everywhere.
-#[inline]
-fn exp_neg(x: f32) -> f32 {
-    let y = -x.min(40.0) / 64.0;
-    let mut e = 1.0 + y * (1.0 + y * (0.5 + y * (1.0 / 6.0 + y * (1.0 / 24.0))));
-    for _ in 0..6 {
-        e *= e;
-    }
-    e
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn exp_neg_is_exp() {
-        for i in 0..400 {
-            let x = i as f32 * 0.1;
-            assert!((exp_neg(x) - (-x).exp()).abs() < 2e-5, "{x}");
-        }
     }
 }

@@ -14,9 +14,7 @@ pub struct Measure {
     /// Tight support box, within [0, 1]^3.
     pub lo: DVec3,
     pub hi: DVec3,
-    /// Sum of oblique facet areas an axis: exact.
-    pub area: [f64; 13],
-    /// Oblique area of what is blocked, an axis; at most `area`.
+    /// Oblique area of what is blocked, an axis.
     pub cover: [f64; 13],
     /// Sum of facet areas.
     pub total: f64,
@@ -160,7 +158,6 @@ impl Measure {
         Measure {
             lo: DVec3::INFINITY,
             hi: DVec3::NEG_INFINITY,
-            area: [0.0; 13],
             cover: [0.0; 13],
             total: 0.0,
             mean: DVec3::ZERO,
@@ -173,13 +170,22 @@ impl Measure {
     /// Of a voxel that is opaque throughout.
     pub fn full() -> Measure {
         let side = std::array::from_fn(|k| box_area(k, DVec3::ONE));
-        Measure { lo: DVec3::ZERO, hi: DVec3::ONE, area: side, cover: side, solid: true, averaged: 1.0, ..Measure::empty() }
+        Measure {
+            lo: DVec3::ZERO,
+            hi: DVec3::ONE,
+            area: side,
+            cover: side,
+            solid: true,
+            averaged: 1.0,
+            ..Measure::empty()
+        }
     }
 
     /// Of the finest voxel at `origin` from its facets (grid space, already cut to the voxel); `None` where they have no area.
     pub fn of_facets(staged: &dyn Staged, polygons: &[Polygon], origin: DVec3, beams: &mut Beams) -> Option<Measure> {
         let mut m = Measure::empty();
         let mut parts = [0u32; 13];
+        let mut areas = [0.0; 13];
         let mut colour_weight = 0.0;
         for polygon in polygons {
             let p = polygon.relative_to(origin);
@@ -202,7 +208,7 @@ impl Measure {
             }
             (m.lo, m.hi) = (m.lo.min(lo), m.hi.max(hi));
             for k in 0..13 {
-                m.area[k] += share * oblique_area(k, area);
+                areas[k] += share * oblique_area(k, area);
             }
             m.total += share * size;
             if staged.one_sided(p.facet) {
@@ -220,7 +226,7 @@ impl Measure {
             let union = beams.count(k);
             // One facet covers its area exactly; several share lines as the lattice finds it.
             let ratio = if parts > 0 { f64::from(union) / f64::from(parts) } else { 1.0 };
-            m.cover[k] = (m.area[k] * ratio).min(box_area(k, m.hi - m.lo).max(0.0));
+            m.cover[k] = (areas[k] * ratio).min(box_area(k, m.hi - m.lo).max(0.0));
             m.averaged += m.cover[k] / box_area(k, DVec3::ONE) / 13.0;
         }
         Some(m)
@@ -238,7 +244,6 @@ impl Measure {
             m.hi = m.hi.max(0.5 * (child.hi + offset));
             let mut seen = 0.0;
             for k in 0..13 {
-                m.area[k] += 0.25 * child.area[k];
                 m.cover[k] += 0.25 * child.cover[k];
                 let s = union.children[j][k];
                 let first = if s.lines > 0 { f64::from(s.first) / f64::from(2 * s.lines) } else { 1.0 };

@@ -1,11 +1,35 @@
 //! Triangles as a source: a model's instances laid into the grid, their colours and cut-outs looked up when asked.
 
 use super::clip::Polygon;
+use super::interior::Interior;
+use super::patch::{self, Face};
 use super::source::{Placement, Source, Staged, Surface};
+use super::tube;
 use crate::geom::{Aabb, DVec3};
 use crate::progress::Progress;
 use crate::scene::model::{Alpha, Material, Model, Part};
+use crate::scene::texture::Texture;
 use crate::{Error, Result, Warnings, morton, par};
+
+/// How a mesh is taken.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct MeshOptions {
+    /// Width of lines and points in source units; without it they are left out with a warning.
+    pub line_width: Option<f64>,
+    pub fill: Fill,
+}
+
+/// What is within closed surfaces.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Fill {
+    /// Nothing: facets alone.
+    Surface,
+    /// Opaque matter in every component that closes, with a warning for those that do not.
+    Solid,
+    /// Opaque matter in every component that closes.
+    #[default]
+    Auto,
+}
 
 /// A model's triangles.
 pub struct MeshSource {
@@ -13,29 +37,56 @@ pub struct MeshSource {
     bounds: Aabb,
     facet_size: f64,
     warnings: Warnings,
-    /// Per instance: whether its facets are one face of something closed.
-    one_sided: Vec<bool>,
+    /// A list a part: how its triangles bound matter.
+    faces: Vec<Vec<Face>>,
+    fill: Fill,
 }
 
 /// Triangles in a chunk of parallel work.
 const CHUNK: usize = 4096;
 
 impl MeshSource {
-    pub fn new(model: Model, facet_size: f64, one_sided: Vec<bool>) -> MeshSource {
+    pub fn new(mut model: Model, options: &MeshOptions) -> MeshSource {
+        let mut warnings = std::mem::take(&mut model.warnings);
+        let skipped = tube::thicken(&mut model, options.line_width);
+        warnings.add_many("lines and points are left out: give them a width with --line-width", skipped);
+        let patches = par::map(model.parts.len(), |i| patch::analyse(&model.parts[i]));
         let mut bounds = Aabb::EMPTY;
+        let mut sizes = Vec::new();
         for instance in &model.instances {
             let part = &model.parts[instance.part];
             for &i in part.triangles.iter().flatten() {
                 bounds = bounds.grow(world(part, i, instance.transform));
             }
+            let scale = libm::cbrt(instance.transform.matrix3.determinant().abs());
+            let there = opaque_share(&model.materials[part.material]);
+            let list = &patches[instance.part].patches;
+            let area: f64 = list.iter().map(|p| p.1).sum();
+            sizes
+                .push((scale * libm::sqrt(there) * patch::weighted_median(list.clone()), scale * scale * there * area));
         }
-        let warnings = model.warnings.clone();
-        MeshSource { model, bounds, facet_size, warnings, one_sided }
+        let faces: Vec<Vec<Face>> = patches.into_iter().map(|p| p.faces).collect();
+        if options.fill == Fill::Solid {
+            let open = faces.iter().flatten().filter(|f| **f == Face::Sheet).count();
+            warnings.add_many("triangles of surfaces that do not close are left hollow by --fill solid", open as u64);
+        }
+        MeshSource { bounds, facet_size: patch::weighted_median(sizes), warnings, faces, fill: options.fill, model }
     }
 
     /// Triangles of all instances.
     pub fn triangles(&self) -> u64 {
         self.model.instances.iter().map(|i| self.model.parts[i.part].triangles.len() as u64).sum()
+    }
+}
+
+/// The mean alpha of a material's texture, where it cuts something out.
+fn opaque_share(material: &Material) -> f64 {
+    match (&material.texture, material.alpha) {
+        (Some(t), Alpha::Mask(_) | Alpha::Blend) => {
+            let whole = t.texture.width.max(t.texture.height) as f32;
+            f64::from(t.texture.average([0.5, 0.5], whole)[3]).clamp(0.01, 1.0)
+        }
+        _ => 1.0,
     }
 }
 
@@ -72,32 +123,33 @@ impl Source for MeshSource {
     fn stage<'a>(&'a self, place: &Placement, progress: &dyn Progress) -> Result<Box<dyn Staged + 'a>> {
         let mut pieces = Vec::with_capacity(self.model.instances.len());
         let mut first = 0u64;
-        for (i, instance) in self.model.instances.iter().enumerate() {
+        for instance in &self.model.instances {
             let part = &self.model.parts[instance.part];
             let corners: Vec<DVec3> =
                 (0..part.positions.len()).map(|i| place.to_grid(world(part, i as u32, instance.transform))).collect();
             // A mirrored part turns its triangles around.
             let mirrored = instance.transform.matrix3.determinant() < 0.0;
             let material = &self.model.materials[part.material];
-            pieces.push(Piece {
-                part,
-                material,
-                corners,
-                first: first as u32,
-                mirrored,
-                one_sided: self.one_sided.get(i) == Some(&true),
-            });
-            first += part.triangles.len() as u64;
-            if first > u64::from(u32::MAX) {
-                return Err(Error::Limit {
-                    what: "the number of triangles".into(),
-                    needed: first,
-                    allowed: u32::MAX.into(),
-                });
+            let faces = &self.faces[instance.part][..];
+            for shift in place.shifts(Aabb::around(corners.iter().copied())) {
+                let corners = corners.iter().map(|c| *c + shift).collect();
+                pieces.push(Piece { part, material, corners, first: first as u32, mirrored, faces });
+                first += part.triangles.len() as u64;
+                if first > u64::from(u32::MAX) {
+                    return Err(Error::Limit {
+                        what: "the number of triangles".into(),
+                        needed: first,
+                        allowed: u32::MAX.into(),
+                    });
+                }
             }
         }
-        let mut staged = StagedMesh { pieces, regions: Vec::new(), starts: Vec::new(), facets: Vec::new() };
+        let mut staged =
+            StagedMesh { pieces, regions: Vec::new(), starts: Vec::new(), facets: Vec::new(), interior: None };
         staged.sort_by_region(first as usize, place, progress);
+        if self.fill != Fill::Surface {
+            staged.fill(first as usize, place);
+        }
         Ok(Box::new(staged))
     }
 }
@@ -110,13 +162,13 @@ struct Piece<'a> {
     /// Number of its first facet.
     first: u32,
     mirrored: bool,
-    one_sided: bool,
+    faces: &'a [Face],
 }
 
 impl Piece<'_> {
     fn triangle(&self, index: usize) -> [DVec3; 3] {
         let t = self.part.triangles[index].map(|i| self.corners[i as usize]);
-        if self.mirrored { [t[0], t[2], t[1]] } else { t }
+        if self.mirrored != (self.faces[index] == Face::Inward) { [t[0], t[2], t[1]] } else { t }
     }
 }
 
@@ -126,6 +178,7 @@ struct StagedMesh<'a> {
     /// Where each region's facets start in `facets`, and the end.
     starts: Vec<usize>,
     facets: Vec<u32>,
+    interior: Option<Interior>,
 }
 
 impl StagedMesh<'_> {
@@ -135,6 +188,35 @@ impl StagedMesh<'_> {
         // Pieces without triangles share their first number with the next, which is found first.
         let piece = &self.pieces[at];
         (piece, (facet - piece.first) as usize)
+    }
+
+    /// Find what is within closed components, and the regions that only they reach.
+    fn fill(&mut self, count: usize, place: &Placement) {
+        if self.pieces.iter().all(|p| p.faces.iter().all(|f| *f == Face::Sheet)) {
+            return;
+        }
+        let closed = |facet: usize| {
+            let (piece, index) = self.find(facet as u32);
+            let opaque = piece.material.alpha == Alpha::Opaque;
+            (opaque && piece.faces[index] != Face::Sheet).then(|| piece.triangle(index))
+        };
+        let interior = Interior::new(place.side(), count, closed);
+        let width = 1u32 << place.region_log2();
+        let across = place.side() / width;
+        let (mut regions, mut starts, mut next) = (Vec::new(), Vec::new(), 0);
+        for code in 0..u64::from(across).pow(3) {
+            let corner = DVec3::from(morton::decode(code).map(|v| f64::from(v * width)));
+            if self.regions.get(next) == Some(&code) {
+                regions.push(code);
+                starts.push(self.starts[next]);
+                next += 1;
+            } else if interior.holds(corner + 0.5 * f64::from(width)) {
+                regions.push(code);
+                starts.push(self.starts[next]);
+            }
+        }
+        starts.push(self.facets.len());
+        (self.regions, self.starts, self.interior) = (regions, starts, Some(interior));
     }
 
     fn sort_by_region(&mut self, count: usize, place: &Placement, progress: &dyn Progress) {
@@ -200,16 +282,30 @@ impl Staged for StagedMesh<'_> {
         }
     }
 
-    fn surface(&self, facet: u32, at: DVec3, _width: f64) -> Surface {
+    fn surface(&self, facet: u32, at: DVec3, width: f64) -> Surface {
         let (piece, index) = self.find(facet);
         let m = piece.material;
         let mut rgba = m.base_color;
-        if let Some(colors) = &piece.part.colors {
-            let corners = piece.part.triangles[index].map(|i| i as usize);
-            let w = barycentric(corners.map(|i| piece.corners[i]), at);
-            let c: [f32; 4] = std::array::from_fn(|e| (0..3).map(|i| w[i] as f32 * colors[corners[i]][e]).sum());
-            for e in 0..4 {
-                rgba[e] *= c[e];
+        let corners = piece.part.triangles[index].map(|i| i as usize);
+        let texture = m.texture.as_ref().and_then(|t| Some((t, piece.part.uvs.get(t.tex_coord)?)));
+        if texture.is_some() || piece.part.colors.is_some() {
+            let places = corners.map(|i| piece.corners[i]);
+            let w = barycentric(places, at);
+            let blend = |v: [f32; 3]| (0..3).map(|i| w[i] as f32 * v[i]).sum::<f32>();
+            if let Some(colors) = &piece.part.colors {
+                for (e, v) in rgba.iter_mut().enumerate() {
+                    *v *= blend(corners.map(|i| colors[i][e]));
+                }
+            }
+            if let Some((t, uvs)) = texture {
+                let uvs = corners.map(|i| t.map(uvs[i]));
+                let uv = [blend(uvs.map(|c| c[0])), blend(uvs.map(|c| c[1]))];
+                let texel = if width > 0.0 {
+                    t.texture.average(uv, (width * texels_per_voxel(places, uvs, &t.texture)) as f32)
+                } else {
+                    t.texture.sample(uv)
+                };
+                rgba.iter_mut().zip(texel).for_each(|(v, t)| *v *= t);
             }
         }
         let alpha = match m.alpha {
@@ -225,8 +321,22 @@ impl Staged for StagedMesh<'_> {
     }
 
     fn one_sided(&self, facet: u32) -> bool {
-        self.find(facet).0.one_sided
+        let (piece, index) = self.find(facet);
+        piece.faces[index] != Face::Sheet
     }
+
+    fn inside(&self, at: DVec3) -> bool {
+        self.interior.as_ref().is_some_and(|i| i.holds(at))
+    }
+}
+
+/// Texels that a voxel edge covers on a triangle: the root of the ratio of both areas.
+fn texels_per_voxel(t: [DVec3; 3], uvs: [[f32; 2]; 3], texture: &Texture) -> f64 {
+    let area = (t[1] - t[0]).cross(t[2] - t[0]).length();
+    let d = |i: usize| [0, 1].map(|k| f64::from(uvs[i][k] - uvs[0][k]));
+    let ([ax, ay], [bx, by]) = (d(1), d(2));
+    let texels = (ax * by - ay * bx).abs() * f64::from(texture.width) * f64::from(texture.height);
+    libm::sqrt(texels / area.max(1e-30))
 }
 
 /// Weights of the corners of `t` at `p`, clamped to the triangle.

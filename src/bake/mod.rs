@@ -7,22 +7,29 @@ mod beams;
 mod chord;
 mod clip;
 mod ellipsoid;
+mod estimate;
 mod fit;
+mod interior;
 mod measure;
 pub mod mesh;
 mod mtl;
 pub mod obj;
+mod open;
+mod patch;
 mod polygon;
 mod source;
 mod tree;
+mod tube;
 
 pub use clip::{MAX_CORNERS, Polygon};
-pub use mesh::MeshSource;
+pub use estimate::Estimate;
+pub use mesh::{Fill, MeshOptions, MeshSource};
+pub use open::{dependencies, open};
 pub use source::{Placement, Source, Staged, Surface};
 
 use crate::geom::{Aabb, DVec3};
 use crate::progress::Progress;
-use crate::volume::{Channels, Depth, Info, Model, Volume};
+use crate::volume::{Channels, Info, Model, Volume};
 use crate::{Error, Result, Warnings, morton, par};
 use tree::{Node, Output, Region};
 
@@ -34,18 +41,21 @@ pub const MAX_RESOLUTION: u32 = 4096;
 pub struct Options {
     /// Voxels along the cube's edge, 1 … 4096; rounded up to a power of two.
     pub resolution: u32,
-    /// Edge of the finest voxel in source units; overrides `resolution`.
+    /// Edge of the finest voxel in source units. Then the cube is as many voxels wide as the source needs; along cyclic
+    /// axes it is `resolution` voxels wide, and what reaches beyond comes in again on the other side.
     pub voxel_size: Option<f64>,
     pub model: Model,
     /// Axes u, v, w along which the texel is to match itself.
     pub cyclic: [bool; 3],
     /// Source axis that becomes w: 1 (+Y) or 2 (+Z).
     pub up: u8,
+    /// Bytes that the bake may take besides the source; 0: any.
+    pub memory: u64,
 }
 
 impl Default for Options {
     fn default() -> Self {
-        Options { resolution: 512, voxel_size: None, model: Model::Coverage, cyclic: [false; 3], up: 1 }
+        Options { resolution: 512, voxel_size: None, model: Model::Coverage, cyclic: [false; 3], up: 1, memory: 0 }
     }
 }
 
@@ -53,17 +63,57 @@ impl Default for Options {
 #[derive(Debug, Clone, Default)]
 pub struct Report {
     pub warnings: Warnings,
-    /// Voxels at each depth, root first.
-    pub voxels: Vec<u64>,
+    pub estimate: Estimate,
+    /// A depth each, root first.
+    pub depths: Vec<DepthReport>,
 }
 
-/// Bake `source`. Fails with [`Error::Options`] on options out of range.
-pub fn bake(source: &dyn Source, options: &Options, progress: &dyn Progress) -> Result<(Volume, Report)> {
+/// How one depth came out.
+#[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize)]
+pub struct DepthReport {
+    pub voxels: u64,
+    /// Mean and 95th percentile, over voxels, of the mean over 13 directions of |opacity fitted − measured|.
+    pub error_mean: f64,
+    pub error_p95: f64,
+}
+
+/// Bake `source`; `foresee` is told the size before the work begins.
+///
+/// # Errors
+/// [`Error::Options`] on options out of range, [`Error::Limit`] where more memory is needed than is allowed, and what the
+/// source gives.
+pub fn bake(
+    source: &dyn Source,
+    options: &Options,
+    progress: &dyn Progress,
+    foresee: &mut dyn FnMut(&Estimate),
+) -> Result<(Volume, Report)> {
     let place = plan(source.bounds(), options)?;
-    let mut report = Report { warnings: source.warnings().clone(), ..Report::default() };
     let staged = source.stage(&place, progress)?;
-    let (depths, content) = build(&*staged, &place, options, progress);
-    report.voxels = depths.iter().map(|d| d.voxels.len() as u64).collect();
+    let estimate = estimate::estimate(&*staged, &place);
+    foresee(&estimate);
+    if options.memory > 0 && estimate.memory_bytes > options.memory {
+        return Err(Error::Limit {
+            what: format!("baking at -r {} (give more --memory, or a smaller -r), in bytes,", place.side()),
+            needed: estimate.memory_bytes,
+            allowed: options.memory,
+        });
+    }
+    let (output, content) = build(&*staged, &place, options, progress);
+    let depths = output.depths;
+    let report = Report {
+        warnings: source.warnings().clone(),
+        estimate,
+        depths: depths
+            .iter()
+            .zip(&output.certificates)
+            .map(|(d, c)| {
+                let round = |v: f64| (v * 1e4).round() / 1e4;
+                let (mean, p95) = c.figures();
+                DepthReport { voxels: d.voxels.len() as u64, error_mean: round(mean), error_p95: round(p95) }
+            })
+            .collect(),
+    };
     let info = Info {
         bounds: place.bounds,
         metres_per_unit: source.metres_per_unit(),
@@ -78,9 +128,18 @@ pub fn bake(source: &dyn Source, options: &Options, progress: &dyn Progress) -> 
             albedo: source.has_colour(),
             mean_normal: depths.iter().flat_map(|d| &d.voxels).any(|v| v.one_sidedness() > 0.0),
         },
-        meta: Default::default(),
+        meta: meta(&report),
     };
     Ok((Volume { info, depths }, report))
+}
+
+/// What the file says of how it was made; who calls adds the sources.
+fn meta(report: &Report) -> serde_json::Map<String, serde_json::Value> {
+    let mut meta = serde_json::Map::new();
+    let errors: Vec<_> = report.depths.iter().map(|d| [d.error_mean, d.error_p95]).collect();
+    meta.insert("error".into(), serde_json::json!({ "opacity": errors, "what": "mean and 95th percentile, a depth" }));
+    meta.insert("generator".into(), concat!("vtex ", env!("CARGO_PKG_VERSION")).into());
+    meta
 }
 
 /// Where a source of `bounds` lies in the grid.
@@ -88,9 +147,16 @@ fn plan(bounds: Aabb, options: &Options) -> Result<Placement> {
     if options.resolution == 0 || options.resolution > MAX_RESOLUTION {
         return Err(Error::Options(format!("-r {}: the resolution is 1 to {MAX_RESOLUTION}", options.resolution)));
     }
-    let mut place = Placement { bounds: Aabb::UNIT, scale: 1.0, depth: 0, up: options.up };
+    let mut place = Placement { bounds: Aabb::UNIT, scale: 1.0, depth: 0, up: options.up, cyclic: options.cyclic };
     let size = if bounds.is_empty() { DVec3::ONE } else { bounds.size() };
-    let extent = size.max_element() * (1.0 + 1.0 / f64::from(1 << 20));
+    // Source axes that wrap around: u is x; v and w are z and y, or y and z.
+    let wraps = |axis: usize| match axis {
+        0 => options.cyclic[0],
+        a if a == usize::from(options.up) => options.cyclic[2],
+        _ => options.cyclic[1],
+    };
+    let needed = (0..3).filter(|&a| options.voxel_size.is_none() || !wraps(a)).map(|a| size[a]).fold(0.0, f64::max);
+    let extent = needed * (1.0 + 1.0 / f64::from(1 << 20));
     let extent = if extent > 0.0 { extent } else { 1.0 };
     let side = match options.voxel_size {
         Some(edge) => {
@@ -101,7 +167,8 @@ fn plan(bounds: Aabb, options: &Options) -> Result<Placement> {
                     extent / f64::from(MAX_RESOLUTION)
                 )));
             }
-            (want as u32).next_power_of_two()
+            let least = if options.cyclic == [false; 3] { 1 } else { options.resolution };
+            (want as u32).max(least).next_power_of_two()
         }
         None => options.resolution.next_power_of_two(),
     };
@@ -116,8 +183,8 @@ fn plan(bounds: Aabb, options: &Options) -> Result<Placement> {
     Ok(place)
 }
 
-/// All depths, and the content's box in the unit cube.
-fn build(staged: &dyn Staged, place: &Placement, options: &Options, progress: &dyn Progress) -> (Vec<Depth>, Aabb) {
+/// All depths, none for a source without matter, and the content's box in the unit cube.
+fn build(staged: &dyn Staged, place: &Placement, options: &Options, progress: &dyn Progress) -> (Output, Aabb) {
     let regions = staged.regions();
     let levels = place.region_log2();
     let top = place.depth - levels;
@@ -130,7 +197,7 @@ fn build(staged: &dyn Staged, place: &Placement, options: &Options, progress: &d
         staged.emit(i, &mut facets);
         let reach = corner + f64::from(1u32 << levels);
         let facets: Vec<Polygon> = facets.iter().filter_map(|f| f.clip(corner, reach)).collect();
-        let mut region = Region::new(staged, None, empty());
+        let mut region = Region::new(staged, empty());
         let node = region.node(top, levels, origin, &facets);
         progress.advance(1);
         (node, region.output)
@@ -146,7 +213,7 @@ fn build(staged: &dyn Staged, place: &Placement, options: &Options, progress: &d
     // Depths that joining fitted come from above the regions alone, so order does not matter here.
     output.append(upper);
     match root {
-        Some(root) => (output.depths, Aabb::new(root.lo, root.hi)),
-        None => (Vec::new(), Aabb::EMPTY),
+        Some(root) => (output, Aabb::new(root.lo, root.hi)),
+        None => (Output::new(0, options.model), Aabb::new(DVec3::ZERO, DVec3::ZERO)),
     }
 }

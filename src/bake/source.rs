@@ -19,6 +19,8 @@ pub struct Placement {
     pub depth: usize,
     /// Source axis that becomes w: 1 (+Y up) or 2 (+Z up).
     pub up: u8,
+    /// Axes of the grid along which what reaches beyond comes in again on the other side.
+    pub cyclic: [bool; 3],
 }
 
 impl Placement {
@@ -35,6 +37,27 @@ impl Placement {
 
     fn turned_min(&self) -> DVec3 {
         self.turn(self.bounds.min).min(self.turn(self.bounds.max))
+    }
+
+    /// Where in the grid matter that fills `extent` (grid space) appears: by no shift, and by the whole sides along cyclic
+    /// axes that bring some of it into the cube. A few at most.
+    pub fn shifts(&self, extent: Aabb) -> Vec<DVec3> {
+        let side = f64::from(self.side());
+        let mut out = vec![DVec3::ZERO];
+        if extent.is_empty() {
+            return out;
+        }
+        for axis in (0..3).filter(|&a| self.cyclic[a]) {
+            let first = -(extent.max[axis] / side).floor().clamp(-64.0, 64.0) as i32;
+            let last = -(extent.min[axis] / side).floor().clamp(-64.0, 64.0) as i32;
+            let step = |n: i32| {
+                let mut shift = DVec3::ZERO;
+                shift[axis] = f64::from(n) * side;
+                shift
+            };
+            out = (first..=last).flat_map(|n| out.iter().map(move |s| *s + step(n)).collect::<Vec<_>>()).collect();
+        }
+        out
     }
 
     /// Voxels a side.
@@ -88,4 +111,7 @@ pub trait Staged: Sync {
     fn cut_out(&self, facet: u32) -> bool;
     /// Whether the facet is one face of a closed thing: its normal points to where it is seen from.
     fn one_sided(&self, facet: u32) -> bool;
+    /// Whether the point `at` (grid space) is within opaque matter; only asked of cubes that no facet reaches, about their
+    /// middles. Regions without facets that are within have to be among [`Staged::regions`].
+    fn inside(&self, at: DVec3) -> bool;
 }

@@ -57,21 +57,17 @@ fn place(code: usize) -> [u8; 3] {
     morton::decode(code as u64).map(|v| v as u8)
 }
 
-/// Whether a point of the grid is within solid matter; only asked where no facet is near.
-pub type Inside<'a> = dyn Fn(DVec3) -> bool + Sync + 'a;
-
 /// Cuts one region.
 pub struct Region<'a> {
     pub staged: &'a dyn Staged,
-    pub inside: Option<&'a Inside<'a>>,
     pub output: Output,
     /// Pieces by octant, a set a level.
     scratch: Vec<[Vec<Polygon>; 8]>,
 }
 
 impl<'a> Region<'a> {
-    pub fn new(staged: &'a dyn Staged, inside: Option<&'a Inside<'a>>, output: Output) -> Self {
-        Region { staged, inside, output, scratch: Vec::new() }
+    pub fn new(staged: &'a dyn Staged, output: Output) -> Self {
+        Region { staged, output, scratch: Vec::new() }
     }
 
     /// The node at `depth` of the cube of `2^levels` finest voxels at `origin`, from the facets cut to it.
@@ -79,7 +75,7 @@ impl<'a> Region<'a> {
         let corner = DVec3::from(origin.map(f64::from));
         if polygons.is_empty() {
             let centre = corner + 0.5 * f64::from(1u32 << levels);
-            return self.inside.is_some_and(|inside| inside(centre)).then(|| Box::new(Node::solid()));
+            return self.staged.inside(centre).then(|| Box::new(Node::solid()));
         }
         if levels == 0 {
             let mut beams = Beams::default();
@@ -139,7 +135,14 @@ pub fn join(depth: usize, children: [Option<Box<Node>>; 8], output: &mut Output)
     if !cells.is_empty() {
         output.fit(depth + 2, &cells, &measure, 4);
     }
-    let children = children.into_iter().flatten().map(|c| (c.measure, c.mask)).collect();
+    let own = |mut child: Box<Node>| {
+        if child.measure.total == 0.0 {
+            // Matter that no facet shows takes the colour around it.
+            child.measure.albedo = measure.albedo;
+        }
+        (child.measure, child.mask)
+    };
+    let children = children.into_iter().flatten().map(own).collect();
     Some(Box::new(Node { measure, beams: union.beams, mask, children }))
 }
 

@@ -2,6 +2,8 @@
 //!
 //! Exit codes: 0 done, 1 failed, 2 the command line was wrong.
 
+#[cfg(feature = "bake")]
+mod bake;
 #[cfg(feature = "render")]
 mod compare;
 mod inspect;
@@ -43,6 +45,9 @@ struct Global {
 /// One variant and one line in `run` a command; each command's file holds its `Args` and `run(&Args, &Ui) -> Result<()>`.
 #[derive(Subcommand)]
 enum Command {
+    /// Turn a 3D source (.gltf, .glb, .obj) into a texel
+    #[cfg(feature = "bake")]
+    Bake(Box<bake::Args>),
     /// Measure how far a picture is from a reference: RMSE, relMSE, PSNR, FLIP, bias, covered area
     #[cfg(feature = "render")]
     Compare(compare::Args),
@@ -86,6 +91,8 @@ pub fn vtex_render() -> ExitCode {
 
 fn run(command: Command, ui: &Ui) -> crate::Result<()> {
     match command {
+        #[cfg(feature = "bake")]
+        Command::Bake(args) => bake::run(&args, ui),
         #[cfg(feature = "render")]
         Command::Compare(args) => compare::run(&args, ui),
         Command::Inspect(args) => inspect::run(&args, ui),
