@@ -257,6 +257,7 @@ fn gain(cells: &[Cell], seen: &[Seen], rates: &[[f64; 13]], block: &Measure, wid
     let (mut want, mut got) = (0.0, [0.0f64; 2]);
     let mut depths = [0.0f32; 256];
     let c = c as f32;
+    #[allow(clippy::needless_range_loop, reason = "k is an axis of all that is asked here")]
     for k in 0..13 {
         let (share, parts) = hidden(k, cells, block, width);
         if parts <= 0.0 {

@@ -170,15 +170,7 @@ impl Measure {
     /// Of a voxel that is opaque throughout.
     pub fn full() -> Measure {
         let side = std::array::from_fn(|k| box_area(k, DVec3::ONE));
-        Measure {
-            lo: DVec3::ZERO,
-            hi: DVec3::ONE,
-            area: side,
-            cover: side,
-            solid: true,
-            averaged: 1.0,
-            ..Measure::empty()
-        }
+        Measure { lo: DVec3::ZERO, hi: DVec3::ONE, cover: side, solid: true, averaged: 1.0, ..Measure::empty() }
     }
 
     /// Of the finest voxel at `origin` from its facets (grid space, already cut to the voxel); `None` where they have no area.
@@ -207,8 +199,8 @@ impl Measure {
                 albedo = DVec3::from(s.albedo.map(f64::from));
             }
             (m.lo, m.hi) = (m.lo.min(lo), m.hi.max(hi));
-            for k in 0..13 {
-                areas[k] += share * oblique_area(k, area);
+            for (k, sum) in areas.iter_mut().enumerate() {
+                *sum += share * oblique_area(k, area);
             }
             m.total += share * size;
             if staged.one_sided(p.facet) {
