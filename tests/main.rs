@@ -6,3 +6,4 @@ mod compare;
 mod import;
 mod layers;
 mod map;
+mod reference;

@@ -19,6 +19,9 @@ pub struct Args {
     /// A .vtex file; given several times, every copy is one of them
     #[arg(long = "texel", required = true, value_name = "FILE")]
     texels: Vec<PathBuf>,
+    /// The .glb that the texel was baked from, for `render --reference`; once for each --texel
+    #[arg(long = "geometry", value_name = "FILE")]
+    geometries: Vec<PathBuf>,
     /// Where the landscape goes: .gltf or .glb
     #[arg(long, short, value_name = "FILE")]
     output: PathBuf,
@@ -97,6 +100,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
     });
     let options = MapOptions {
         texels: texels.collect::<Result<_>>()?,
+        geometries: args.geometries.clone(),
         materials: args.materials.clone(),
         cells: match (args.repeat, args.cell) {
             (Some(n), _) => Cells::Repeat(n),

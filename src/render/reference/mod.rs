@@ -56,7 +56,7 @@ pub fn reference(scene: &Scene, options: &Options, samples: Range<u32>, progress
     let open = |(tree, said): (&Option<Octree>, &TexelRef)| {
         let Some(tree) = tree else { return Ok(None) };
         let Some(path) = &said.geometry else {
-            let what = format!("texel {:?} names no geometry to trace: add `geometry` to it in the scene", said.name);
+            let what = format!("texel {:?} names no geometry to trace; map it with --geometry", said.name);
             return Err(Error::Options(what));
         };
         Source::open(path, tree.info(), &mut warnings).map(Some)

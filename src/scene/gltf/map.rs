@@ -22,6 +22,8 @@ use crate::{Error, Result, Warnings};
 pub struct MapOptions {
     /// The texels, each with what its file says; a copy takes one of them by a hash. At least one.
     pub texels: Vec<(PathBuf, Info)>,
+    /// The source mesh of each texel, a `.glb`, for the reference render; as many as `texels`, or none.
+    pub geometries: Vec<PathBuf>,
     /// Names or indices of the materials; none: all of them.
     pub materials: Vec<String>,
     pub cells: Cells,
@@ -93,6 +95,7 @@ impl Default for MapOptions {
     fn default() -> Self {
         MapOptions {
             texels: Vec::new(),
+            geometries: Vec::new(),
             materials: Vec::new(),
             cells: Cells::Texel,
             thickness: None,
@@ -168,6 +171,13 @@ fn check(options: &MapOptions) -> Result<()> {
     let [least, most] = options.scale;
     if options.texels.is_empty() {
         return wrong("at least one --texel is needed");
+    }
+    if !options.geometries.is_empty() && options.geometries.len() != options.texels.len() {
+        return wrong("--geometry is given once for each --texel, in the same order, or not at all");
+    }
+    if let Some(path) = options.geometries.iter().find(|p| p.extension().is_none_or(|e| !e.eq_ignore_ascii_case("glb")))
+    {
+        return wrong(&format!("--geometry {}: it must be one .glb file", path.display()));
     }
     if !(least > 0.0 && least <= most && most <= 1.0) {
         return wrong("--scale must be MIN,MAX with 0 < MIN ≤ MAX ≤ 1");
@@ -255,14 +265,18 @@ fn texels(
     let list = list.and_then(Value::as_array_mut);
     let list = list.ok_or_else(|| Error::input(input, format!("{}.texels", extension::NAME), "is not an array"))?;
     let mut indices = Vec::new();
-    for (path, _) in &options.texels {
+    for (k, (path, _)) in options.texels.iter().enumerate() {
         let frames = json!([{"uri": reference(path, output, saved)?}]);
         let known = list.iter().position(|t| t.get("frames") == Some(&frames));
-        indices.push(known.unwrap_or_else(|| {
+        let index = known.unwrap_or_else(|| {
             let name = path.file_stem().map(|s| s.to_string_lossy().into_owned());
             list.push(json!({"name": name.unwrap_or_default(), "frames": frames}));
             list.len() - 1
-        }));
+        });
+        if let (Some(geometry), Some(texel)) = (options.geometries.get(k), list[index].as_object_mut()) {
+            texel.insert("geometry".into(), json!({"uri": reference(geometry, output, saved)?}));
+        }
+        indices.push(index);
     }
     Ok(indices)
 }
