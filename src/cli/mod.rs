@@ -6,6 +6,8 @@
 mod bake;
 #[cfg(feature = "render")]
 mod compare;
+#[cfg(all(feature = "bake", feature = "render"))]
+mod demo;
 mod inspect;
 mod map;
 #[cfg(feature = "render")]
@@ -59,6 +61,9 @@ enum Command {
     Truncate(truncate::Args),
     /// Cover a plain glTF mesh with texels
     Map(map::Args),
+    /// Bake the built-in samples, cover the built-in valley with them, render it
+    #[cfg(all(feature = "bake", feature = "render"))]
+    Demo(demo::Args),
     /// Print the completion script of a shell
     Completions {
         shell: clap_complete::Shell,
@@ -101,11 +106,21 @@ fn run(command: Command, ui: &Ui) -> crate::Result<()> {
         Command::Verify(args) => verify::run(&args, ui),
         Command::Truncate(args) => truncate::run(&args, ui),
         Command::Map(args) => map::run(&args, ui),
+        #[cfg(all(feature = "bake", feature = "render"))]
+        Command::Demo(args) => demo::run(&args, ui),
         Command::Completions { shell } => {
             clap_complete::generate(shell, &mut Vtex::command(), "vtex", &mut std::io::stdout());
             Ok(())
         }
     }
+}
+
+/// Run one command given as its words, without the program's name.
+#[cfg(all(feature = "bake", feature = "render"))]
+fn run_words(words: &[String], ui: &Ui) -> crate::Result<()> {
+    let all = std::iter::once("vtex").chain(words.iter().map(String::as_str));
+    let cli = Vtex::try_parse_from(all).map_err(|e| crate::Error::Options(e.to_string()))?;
+    run(cli.command, ui)
 }
 
 /// Run `f`, print its error in one line, and choose the exit code.

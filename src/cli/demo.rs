@@ -1,0 +1,77 @@
+//! `vtex demo`: the built-in samples from source to picture, by the very commands that a user would type.
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use super::Ui;
+use crate::format::PartFile;
+use crate::{Error, Result};
+
+#[derive(clap::Args)]
+pub struct Args {
+    /// Folder for the samples, the texels, the landscape and the pictures
+    #[arg(long, short, value_name = "FOLDER", default_value = "vtex-demo")]
+    output: PathBuf,
+    /// Pixels of the pictures
+    #[arg(long, value_name = "WxH", default_value = "1280x720")]
+    size: String,
+}
+
+const SAMPLES: [(&str, &[u8]); 4] = [
+    ("tree.glb", include_bytes!("../../samples/tree.glb")),
+    ("spruce.glb", include_bytes!("../../samples/spruce.glb")),
+    ("fern.glb", include_bytes!("../../samples/fern.glb")),
+    ("terrain.glb", include_bytes!("../../samples/terrain.glb")),
+];
+
+/// The commands; `@` stands for the folder, `#` for the size.
+const COMMANDS: [&[&str]; 7] = [
+    &["bake", "@tree.glb", "-r", "512", "-o", "@tree.vtex"],
+    &["bake", "@spruce.glb", "-r", "256", "-o", "@spruce.vtex"],
+    &["bake", "@fern.glb", "-r", "128", "-o", "@fern.vtex"],
+    &["map", "@terrain.glb", "--material", "forest", "--texel", "@tree.vtex", "--texel", "@spruce.vtex", "-o", "@wood.glb"],
+    &["map", "@wood.glb", "--material", "meadow", "--texel", "@fern.vtex", "--presence", "0.5", "-o", "@landscape.glb"],
+    &["render", "@landscape.glb", "--camera", "near", "--size", "#", "-o", "@near.png"],
+    &["render", "@landscape.glb", "--camera", "far", "--size", "#", "-o", "@far.png"],
+];
+
+/// Write the samples, run the commands one after the other, and say how long each took and where the pictures are.
+pub fn run(args: &Args, ui: &Ui) -> Result<()> {
+    let start = Instant::now();
+    let folder = &args.output;
+    std::fs::create_dir_all(folder).map_err(|e| Error::io(folder, e))?;
+    for (name, bytes) in SAMPLES {
+        write(&folder.join(name), bytes)?;
+    }
+    ui.say(&format!("wrote the samples to {}: a broad-leaved tree, a spruce, a fern, a valley", folder.display()));
+    let mut times = Vec::new();
+    for command in COMMANDS {
+        let words = command.iter().map(|word| match (word.strip_prefix('@'), *word) {
+            (Some(name), _) => folder.join(name).display().to_string(),
+            (None, "#") => args.size.clone(),
+            (None, word) => word.to_owned(),
+        });
+        let words: Vec<String> = words.collect();
+        let line = words.iter().map(|w| if w.contains(' ') { format!("'{w}'") } else { w.clone() });
+        ui.say(&format!("\n$ vtex {}", line.collect::<Vec<_>>().join(" ")));
+        let begun = Instant::now();
+        super::run_words(&words, ui)?;
+        ui.finish();
+        times.push((command[0], begun.elapsed()));
+    }
+    ui.say("");
+    for stage in ["bake", "map", "render"] {
+        let seconds: f64 = times.iter().filter(|(name, _)| *name == stage).map(|(_, t)| t.as_secs_f64()).sum();
+        ui.say(&format!("{stage:8} {seconds:6.1} s"));
+    }
+    ui.say(&format!("in all   {:6.1} s", start.elapsed().as_secs_f64()));
+    ui.say(&format!("pictures: {} and {}", folder.join("near.png").display(), folder.join("far.png").display()));
+    Ok(())
+}
+
+fn write(path: &Path, bytes: &[u8]) -> Result<()> {
+    use std::io::Write;
+    let mut part = PartFile::create(path)?;
+    part.write_all(bytes).map_err(|e| Error::io(path, e))?;
+    part.finish()
+}
