@@ -140,6 +140,31 @@ fn a_second_mapping_adds_to_the_first() {
 }
 
 #[test]
+fn a_layer_is_added_in_the_proportions_of_the_first() {
+    let dir = tempfile::tempdir().unwrap();
+    texel(&dir.path().join("tall.vtex"), 20.0, 1.0);
+    texel(&dir.path().join("low.vtex"), 10.0, 0.8);
+    let terrain = sample("terrain.glb");
+    let base = ["map", terrain.to_str().unwrap(), "--material", "forest", "-o", "out.glb", "--texel"];
+    vtex(dir.path(), &[&base[..], &["low.vtex", "--add"]].concat()).code(2);
+    vtex(dir.path(), &[&base[..], &["tall.vtex"]].concat()).success();
+    let before = read(&dir.path().join("out.glb"));
+    let more = ["map", "out.glb", "--material", "forest", "-o", "out.glb", "--texel", "low.vtex", "--add"];
+    vtex(dir.path(), &[&more[..], &["--offset", "0.5,-0.25"]].concat()).success();
+    let after = read(&dir.path().join("out.glb"));
+    let shell = |s: &Scene| s.model.materials.iter().find_map(|m| m.shell.clone()).unwrap();
+    let (a, b) = (shell(&before), shell(&after));
+    assert_eq!((a.thickness, a.dw, &a.layers[0]), (b.thickness, b.dw, &b.layers[0]));
+    // A unit of w is 20 m of the shell, 10 m of the layer.
+    let layer = &b.layers[1];
+    assert_eq!((layer.texel, layer.offset), (1, [0.5, -0.25, 0.0]));
+    assert_eq!(layer.scale[..2], [32.0, -32.0]);
+    assert!((layer.scale[2] - 2.0).abs() < 1e-3, "{layer:?}");
+    let heights = |s: &Scene| s.model.parts.iter().map(|p| p.heights.clone()).collect::<Vec<_>>();
+    assert_eq!(heights(&before), heights(&after));
+}
+
+#[test]
 fn a_bare_quad_gets_what_it_lacks_and_keeps_the_rest() {
     let dir = tempfile::tempdir().unwrap();
     texel(&dir.path().join("t.vtex"), 1.0, 1.0);

@@ -25,25 +25,16 @@ const SAMPLES: [(&str, &[u8]); 4] = [
 ];
 
 /// The commands; `@` stands for the folder, `#` for the size.
-const COMMANDS: [&[&str]; 7] = [
-    &["bake", "@tree.glb", "-r", "512", "-o", "@tree.vtex"],
-    &["bake", "@spruce.glb", "-r", "256", "-o", "@spruce.vtex"],
-    &["bake", "@fern.glb", "-r", "128", "-o", "@fern.vtex"],
-    &[
-        "map",
-        "@terrain.glb",
-        "--material",
-        "forest",
-        "--texel",
-        "@tree.vtex",
-        "--texel",
-        "@spruce.vtex",
-        "-o",
-        "@wood.glb",
-    ],
-    &["map", "@wood.glb", "--material", "meadow", "--texel", "@fern.vtex", "--presence", "0.5", "-o", "@landscape.glb"],
-    &["render", "@landscape.glb", "--camera", "near", "--size", "#", "-o", "@near.png"],
-    &["render", "@landscape.glb", "--camera", "far", "--size", "#", "-o", "@far.png"],
+const COMMANDS: [&str; 9] = [
+    "bake @tree.glb -r 512 -o @tree.vtex",
+    "bake @spruce.glb -r 256 -o @spruce.vtex",
+    "bake @fern.glb -r 128 -o @fern.vtex",
+    "map @terrain.glb --material forest --texel @spruce.vtex --presence 0.6 -o @landscape.glb",
+    "map @landscape.glb --material forest --add --texel @tree.vtex --presence 0.8 --seed 1 -o @landscape.glb",
+    "map @landscape.glb --material forest --add --texel @tree.vtex --offset 0.5,0.5 --presence 0.8 --seed 2 -o @landscape.glb",
+    "map @landscape.glb --material meadow --texel @fern.vtex --presence 0.5 -o @landscape.glb",
+    "render @landscape.glb --camera near --size # -o @near.png",
+    "render @landscape.glb --camera far --size # -o @far.png",
 ];
 
 /// Write the samples, run the commands one after the other, and say how long each took and where the pictures are.
@@ -57,7 +48,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
     ui.say(&format!("wrote the samples to {}: a broad-leaved tree, a spruce, a fern, a valley", folder.display()));
     let mut times = Vec::new();
     for command in COMMANDS {
-        let words = command.iter().map(|word| match (word.strip_prefix('@'), *word) {
+        let words = command.split(' ').map(|word| match (word.strip_prefix('@'), word) {
             (Some(name), _) => folder.join(name).display().to_string(),
             (None, "#") => args.size.clone(),
             (None, word) => word.to_owned(),
@@ -68,11 +59,11 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
         let begun = Instant::now();
         super::run_words(&words, ui)?;
         ui.finish();
-        times.push((command[0], begun.elapsed()));
+        times.push((command.split(' ').next(), begun.elapsed()));
     }
     ui.say("");
     for stage in ["bake", "map", "render"] {
-        let seconds: f64 = times.iter().filter(|(name, _)| *name == stage).map(|(_, t)| t.as_secs_f64()).sum();
+        let seconds: f64 = times.iter().filter(|(name, _)| *name == Some(stage)).map(|(_, t)| t.as_secs_f64()).sum();
         ui.say(&format!("{stage:8} {seconds:6.1} s"));
     }
     ui.say(&format!("in all   {:6.1} s", start.elapsed().as_secs_f64()));

@@ -34,6 +34,12 @@ pub struct Args {
     /// Width of a copy in metres [default: as wide as the texel's source]
     #[arg(long, value_name = "METRES")]
     cell: Option<f64>,
+    /// Shift of the copies along u and v, in cells
+    #[arg(long, value_name = "U,V", value_parser = pair, default_value = "0", allow_hyphen_values = true)]
+    offset: [f64; 2],
+    /// Add a layer to the shell that the materials already have: more copies among the first
+    #[arg(long)]
+    add: bool,
     /// Height of the shell in metres [default: in proportion to the width of a copy]
     #[arg(long, value_name = "METRES")]
     thickness: Option<f64>,
@@ -107,6 +113,8 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
             (None, Some(metres)) => Cells::Wide(metres),
             (None, None) => Cells::Texel,
         },
+        offset: args.offset,
+        add: args.add,
         thickness: args.thickness,
         heights: args.height_along.unwrap_or(Heights::Auto),
         chart: match (args.planar, args.uv) {

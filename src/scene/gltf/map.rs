@@ -27,6 +27,10 @@ pub struct MapOptions {
     /// Names or indices of the materials; none: all of them.
     pub materials: Vec<String>,
     pub cells: Cells,
+    /// Shift of the copies along u and v, in cells.
+    pub offset: [f64; 2],
+    /// Add a layer to the shell that the materials already have, instead of making a new one.
+    pub add: bool,
     /// Height of the texel's content, metres; by default in proportion to the cell.
     pub thickness: Option<f64>,
     pub heights: Heights,
@@ -98,6 +102,8 @@ impl Default for MapOptions {
             geometries: Vec::new(),
             materials: Vec::new(),
             cells: Cells::Texel,
+            offset: [0.0; 2],
+            add: false,
             thickness: None,
             heights: Heights::Auto,
             chart: Chart::Auto,
@@ -150,13 +156,20 @@ pub fn map(input: &Path, options: &MapOptions, output: &Path) -> Result<Mapped> 
             (None, None) => *new_material.insert(editor.push("materials", json!({"name": "shell"}))?),
         };
         materials.insert(material);
-        plan.attributes(sheet, material, &mut editor)?;
+        if !options.add {
+            plan.attributes(sheet, material, &mut editor)?;
+        }
     }
     for &index in &materials {
         let material = editor.json.pointer_mut(&format!("/materials/{index}"));
         let material = material.ok_or_else(|| document.error(format!("materials[{index}]"), "does not exist"))?;
         let name = material.get("name").and_then(Value::as_str).map_or(format!("material {index}"), str::to_owned);
-        Editor::object(input, material, "extensions")?[extension::NAME] = shell.clone();
+        let extensions = Editor::object(input, material, "extensions")?;
+        if options.add {
+            plan.add(&shell, &mut extensions[extension::NAME], &name, &mut mapped.notes)?;
+        } else {
+            extensions[extension::NAME] = shell.clone();
+        }
         mapped.materials.push(name);
     }
     editor.use_extension(extension::NAME)?;
@@ -390,6 +403,9 @@ impl Plan {
         if !self.write_uvw {
             layer.insert("scale".into(), json!([self.scale[0], self.scale[1], 1.0]));
         }
+        if options.offset != [0.0; 2] {
+            layer.insert("offset".into(), json!([options.offset[0], options.offset[1], 0.0]));
+        }
         let mut discrete = Map::new();
         discrete.insert("seed".into(), json!(options.seed));
         let orientations = match options.orientations {
@@ -416,6 +432,30 @@ impl Plan {
         shell.insert("surface".into(), json!(if options.surface_visible { "visible" } else { "hidden" }));
         shell.insert("layers".into(), json!([layer]));
         Value::Object(shell)
+    }
+
+    /// Append the layer of `shell` to a shell that is there; its heights stay.
+    fn add(&self, shell: &Value, to: &mut Value, name: &str, notes: &mut Vec<String>) -> Result<()> {
+        let number = |key: &str| to.get(key).and_then(Value::as_f64).unwrap_or(1.0);
+        // Metres that a unit of w is high: of the shell, and of this layer.
+        let (height, unit) = (number("thickness"), number("thickness") / number("dw"));
+        let own = self.thickness / self.dw;
+        let layers = to.get_mut("layers").and_then(Value::as_array_mut).filter(|_| unit > 0.0 && own > 0.0);
+        let none = || Error::Options(format!("material {name} has no shell yet: map it without --add first"));
+        let layers = layers.ok_or_else(none)?;
+        if self.write_uvw {
+            let what = "--add takes u and v from texture coordinates: give neither --planar nor --attributes";
+            return Err(Error::Options(what.into()));
+        }
+        if self.thickness > height * 1.001 {
+            notes.push(format!("{name}: the shell is {height:.3} m high and cuts the layer's {:.3} m", self.thickness));
+        }
+        for layer in shell.get("layers").and_then(Value::as_array).into_iter().flatten() {
+            let mut layer = layer.clone();
+            layer["scale"] = json!([self.scale[0], self.scale[1], unit / own]);
+            layers.push(layer);
+        }
+        Ok(())
     }
 
     /// Give a primitive its attributes and its material; those of an earlier mapping are taken away.
