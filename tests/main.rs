@@ -3,6 +3,7 @@
 
 mod bake;
 mod compare;
+mod files;
 mod import;
 mod layers;
 mod map;

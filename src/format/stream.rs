@@ -147,8 +147,8 @@ impl Channel {
         code as u8
     }
 
-    /// The `q` that stands best for a canonical code of component `k`: the nearest, the lower of two; for the support the
-    /// one that rounds outward; for the rate never 0 where there is matter.
+    /// The `q` that stands best for a canonical code of component `k`: the nearest, the even one of two, so that there is no
+    /// bias; for the support the one that rounds outward; for the rate never 0 where there is matter.
     pub(super) fn narrow(self, k: usize, code: u8, q_max: u8) -> u8 {
         let distance = |q: u8| {
             let wide = self.widen(k, q, q_max);
@@ -159,7 +159,7 @@ impl Channel {
                 _ => wide.abs_diff(code).into(),
             }
         };
-        (0..=self.component_max(k, q_max)).min_by_key(|&q| distance(q)).unwrap_or(0)
+        (0..=self.component_max(k, q_max)).min_by_key(|&q| (distance(q), q & 1)).unwrap_or(0)
     }
 
     /// Largest difference between a value that is encoded and the one that is decoded, canonical rounding included. The unit
@@ -407,4 +407,67 @@ fn coarsen(tables: &[Tables; MAX_COMPONENTS], codes: &mut [u8; MAX_COMPONENTS]) 
 /// Volume of the support box in sixteenths cubed.
 fn volume(v: &Voxel) -> f64 {
     v.support.iter().map(|b| 16.0 - f64::from(b & 15) - f64::from(b >> 4)).product::<f64>().max(1.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_was_widened_narrows_back() {
+        for channel in Channel::ALL {
+            for q_max in (1..=255u8).filter(|&q| channel.allows(q.into())) {
+                for k in 0..channel.components() {
+                    for q in 0..=channel.component_max(k, q_max) {
+                        assert_eq!(channel.narrow(k, channel.widen(k, q, q_max), q_max), q, "{channel:?} {k} {q_max}");
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn full_scale_and_zero_are_exact() {
+        for quality in [Quality::Full, Quality::Lean] {
+            let ends = |c: Channel| {
+                (c.widen(1, 0, c.quant_max(quality)), c.widen(1, c.quant_max(quality), c.quant_max(quality)))
+            };
+            assert_eq!(ends(Channel::Rate), (0, 255));
+            assert_eq!(ends(Channel::NdfDiagonal), (0, 255));
+            assert_eq!(ends(Channel::NdfCorrelation), (1, 255));
+            assert_eq!(ends(Channel::BlockCorrelation), (0, 15));
+            assert_eq!(ends(Channel::Albedo), (0, 255));
+            let middle = Channel::NdfCorrelation.quant_max(quality) / 2;
+            assert_eq!(Channel::NdfCorrelation.widen(0, middle, 2 * middle), 128);
+        }
+    }
+
+    #[test]
+    fn rates_are_rounded_without_bias() {
+        let q_max = Channel::Rate.quant_max(Quality::Full);
+        let shift =
+            |code: u8| i32::from(Channel::Rate.widen(0, Channel::Rate.narrow(0, code, q_max), q_max)) - i32::from(code);
+        let sum: i32 = (1..=255).map(shift).sum();
+        assert!(sum.abs() <= 2, "{sum}");
+    }
+
+    #[test]
+    fn support_grows_and_takes_its_matter_along() {
+        let quantiser = Quantiser::new(&Channels { support: true, ..Channels::default() }, Quality::Full);
+        let mut v = Voxel { rate: 161, ..Voxel::default() };
+        v.set_support([0.0625, 0.0, 0.0], [0.5, 1.0, 1.0]);
+        let wide = quantiser.quantise(&v);
+        assert_eq!(wide.support_box().0.x, 0.0);
+        assert_eq!(wide.support_box().1.x, 0.5);
+        // 7/8 of the rate: 16 log2(7/8) = -3.08 of 161 is 158, which rounds to an odd code.
+        assert!((157..=159).contains(&wide.rate), "{}", wide.rate);
+    }
+
+    #[test]
+    fn stated_errors_hold() {
+        // Half a canonical step and half a step of the code, for the finest and a coarse code.
+        assert!((Channel::NdfDiagonal.max_abs_error(255) - 0.5 / 255.0).abs() < 1e-6);
+        assert!((Channel::NdfDiagonal.max_abs_error(47) - (0.5 / 255.0 + 0.5 / 47.0)).abs() < 0.5 / 255.0);
+        assert!((Channel::Support.max_abs_error(63) - 2.0 / 16.0).abs() < 1e-6);
+    }
 }
