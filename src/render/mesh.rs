@@ -95,7 +95,7 @@ impl MeshBuilder {
         let base = self.vertices.len() as u32;
         self.vertices.extend_from_slice(positions);
         for (index, t) in part.triangles.iter().enumerate() {
-            let known = t.iter().all(|&v| positions.get(v as usize).is_some_and(|p| p.is_finite()));
+            let known = t.iter().all(|&v| positions.get(v as usize).is_some_and(|p| p.as_vec3().is_finite()));
             if known {
                 let vertices = t.map(|v| base + v);
                 self.triangles.push(Triangle { vertices, instance: instance as u32, index: index as u32 });

@@ -125,6 +125,14 @@ fn check(options: &Options) -> Result<()> {
     if !(1..=65_536).contains(&width) || !(1..=65_536).contains(&height) {
         return Err(Error::Options(format!("a picture of {width}×{height} pixels: each side must be 1 … 65536")));
     }
+    let pixels = u64::from(width) * u64::from(height);
+    if pixels > image_io::MAX_PIXELS {
+        return Err(Error::Limit {
+            what: "the picture's pixels".into(),
+            needed: pixels,
+            allowed: image_io::MAX_PIXELS,
+        });
+    }
     if !matches!(options.lanes, 1 | 2 | 4 | 8 | 16) {
         return Err(Error::Options(format!("{} lanes: it must be 1, 2, 4, 8 or 16", options.lanes)));
     }
