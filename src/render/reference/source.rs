@@ -1,9 +1,9 @@
-//! The mesh that a texel was baked from, in texel space.
+//! The mesh that a texel was baked from, in texel space; what crosses a cyclic border wraps around.
 
 use std::path::Path;
 
 use crate::geom::{Aabb, DAffine3, DMat3, DVec3};
-use crate::scene::{Model, gltf};
+use crate::scene::{Instance, Model, gltf};
 use crate::volume::Info;
 use crate::{Error, Result, Warnings};
 
@@ -32,16 +32,34 @@ impl Source {
     pub fn new(mut model: Model, info: &Info, warnings: &mut Warnings) -> Source {
         let to_texel = to_texel(&info.bounds, info.up);
         let mut builder = MeshBuilder::default();
-        for (index, instance) in model.instances.iter_mut().enumerate() {
-            instance.transform = to_texel * instance.transform;
+        let mut placed = Vec::new();
+        for instance in std::mem::take(&mut model.instances) {
             let Some(part) = model.parts.get(instance.part) else { continue };
-            let at = |p: &[f32; 3]| instance.transform.transform_point3(DVec3::from_array(p.map(f64::from)));
             let thin = (part.lines.len() + part.points.len()) as u64;
             warnings.add_many("a line or point of a texel's geometry is left out of the reference", thin);
-            builder.add(index, part, &part.positions.iter().map(at).collect::<Vec<_>>());
+            let transform = to_texel * instance.transform;
+            let at = |p: &[f32; 3]| transform.transform_point3(DVec3::from_array(p.map(f64::from)));
+            let positions: Vec<DVec3> = part.positions.iter().map(at).collect();
+            for shift in shifts(&Aabb::around(positions.iter().copied()), info.cyclic) {
+                let moved: Vec<DVec3> = positions.iter().map(|p| p + shift).collect();
+                builder.add(placed.len(), part, &moved);
+                let transform = DAffine3::from_translation(shift) * transform;
+                placed.push(Instance { transform, ..instance.clone() });
+            }
         }
+        model.instances = placed;
         Source { mesh: builder.build(), model }
     }
+}
+
+/// Where something in `bounds` has to be put so that what leaves the cube along a cyclic axis comes in at the other side.
+fn shifts(bounds: &Aabb, cyclic: [bool; 3]) -> Vec<DVec3> {
+    let steps = |k: usize| {
+        let [before, after] = [cyclic[k] && bounds.max[k] > 1.0, cyclic[k] && bounds.min[k] < 0.0];
+        [(true, 0.0), (before, -1.0), (after, 1.0)].into_iter().filter(|s| s.0).map(|s| s.1)
+    };
+    let all = steps(0).flat_map(|u| steps(1).flat_map(move |v| steps(2).map(move |w| DVec3::new(u, v, w))));
+    all.collect()
 }
 
 /// Source space → texel space, as the bake placed it.
@@ -58,6 +76,14 @@ fn to_texel(bounds: &Aabb, up: u8) -> DAffine3 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_leaves_along_a_cyclic_axis_comes_in_again() {
+        let across = Aabb::new(DVec3::new(-0.2, 0.1, 0.5), DVec3::new(0.3, 1.1, 1.5));
+        assert_eq!(shifts(&across, [false; 3]), [DVec3::ZERO]);
+        let moved = [DVec3::ZERO, DVec3::NEG_Y, DVec3::X, DVec3::new(1.0, -1.0, 0.0)];
+        assert_eq!(shifts(&across, [true, true, false]), moved);
+    }
 
     #[test]
     fn up_becomes_w() {
