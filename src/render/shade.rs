@@ -40,6 +40,7 @@ pub struct Shader<'a> {
     lights: &'a [Vec3],
     warp: Option<Mat3>,
     tint: Vec3,
+    /// One a light, from the first voxel on.
     open: Vec<Open>,
     groups: &'a mut Vec<Group>,
     /// Sum of weight · albedo: times the radiance of a constant sky, the ambient light reflected.
@@ -54,8 +55,7 @@ impl<'a> Shader<'a> {
     /// texel space to where `view` and `lights` are given; `None` where that map is a similarity that they were brought
     /// through.
     pub fn new(view: Vec3, lights: &'a [Vec3], warp: Option<Mat3>, tint: Vec3, groups: &'a mut Vec<Group>) -> Self {
-        let open = vec![Open::default(); lights.len()];
-        Shader { view, lights, warp, tint, open, groups, albedo: Vec3::ZERO, weight: 0.0 }
+        Shader { view, lights, warp, tint, open: Vec::new(), groups, albedo: Vec3::ZERO, weight: 0.0 }
     }
 
     /// Close every group; to be called where the ray leaves the instance.
@@ -84,6 +84,9 @@ impl Sink for Shader<'_> {
         self.weight += hit.weight;
         if self.lights.is_empty() {
             return;
+        }
+        if self.open.is_empty() {
+            self.open.resize(self.lights.len(), Open::default());
         }
         let decoded = Sggx::decode(voxel.ndf);
         let s = self.warp.map_or(decoded, |j| warped(&decoded, j));
@@ -130,12 +133,12 @@ pub fn warped(s: &Sggx, j: Mat3) -> Sggx {
     }
 }
 
-/// How far from the matter that it starts in a shadow ray begins, in cube edges, so that a voxel doesn't shade itself:
-/// .6 of its edge, but no more than half a facet, beyond which the facet's own back would count as its shadow.
-/// `facet_size`: [`crate::volume::Info::facet_size`]; 0 where it is unknown.
+/// How far from the matter that it starts in a shadow ray begins, in cube edges, so that a voxel doesn't shade itself: its
+/// edge, but no more than half a facet, beyond which the facet's own neighbours would be missed. With shadow rays at the
+/// depth of the voxel itself, the lit share of a tree then stays within 4 % from 512^3 to 16^3 (.6 of an edge and one
+/// depth coarser: from −14 to +12 %). `facet_size`: [`crate::volume::Info::facet_size`]; 0 where it is unknown.
 pub fn shadow_start(facet_size: f32, voxel: f32) -> f32 {
-    let near = 0.6 * voxel;
-    if facet_size > 0.0 { near.min(0.5 * facet_size) } else { near }
+    if facet_size > 0.0 { voxel.min(0.5 * facet_size) } else { voxel }
 }
 
 #[cfg(test)]
@@ -189,8 +192,8 @@ mod tests {
 
     #[test]
     fn shadow_starts_within_half_a_facet() {
-        assert_eq!(shadow_start(0.0, 0.5), 0.3);
+        assert_eq!(shadow_start(0.0, 0.5), 0.5);
         assert_eq!(shadow_start(0.1, 0.5), 0.05);
-        assert_eq!(shadow_start(1.0, 0.5), 0.3);
+        assert_eq!(shadow_start(1.5, 0.5), 0.5);
     }
 }
