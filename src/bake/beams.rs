@@ -163,9 +163,7 @@ impl Beams {
             let (mut lo, mut hi) = ([f64::INFINITY; 32], [f64::NEG_INFINITY; 32]);
             let (first, last) = spans(polygon, projection, &mut lo, &mut hi);
             for row in first..last {
-                // A line i + 1/2 is in when lo <= i + 1/2 < hi.
-                let from = (lo[row] - 0.5).ceil().clamp(0.0, 32.0) as u32;
-                let to = (hi[row] - 0.5).ceil().clamp(0.0, 32.0) as u32;
+                let (from, to) = (line_after(lo[row], 32) as u32, line_after(hi[row], 32) as u32);
                 if from >= to {
                     continue;
                 }
@@ -254,8 +252,7 @@ fn spans(polygon: &Polygon, p: &Projection, lo: &mut [f64; 32], hi: &mut [f64; 3
         let (x1, y1) = p.project(c);
         let (x1, y1) = (x1 * n, y1 * n);
         let (low, high) = (y0.min(y1), y0.max(y1));
-        let from = (low - 0.5).ceil().clamp(0.0, p.rows as f64) as usize;
-        let to = (high - 0.5).ceil().clamp(0.0, p.rows as f64) as usize;
+        let (from, to) = (line_after(low, p.rows), line_after(high, p.rows));
         if from < to {
             let slope = (x1 - x0) / (y1 - y0);
             for row in from..to {
@@ -268,6 +265,13 @@ fn spans(polygon: &Polygon, p: &Projection, lo: &mut [f64; 32], hi: &mut [f64; 3
         (x0, y0) = (x1, y1);
     }
     (first.min(last), last)
+}
+
+/// The first of `count` lines, at i + 1/2, that is beyond `x`; so a line is in an interval when lo < i + 1/2 <= hi.
+#[inline]
+fn line_after(x: f64, count: usize) -> usize {
+    // The cast rounds toward 0 and takes what is below 0 for 0.
+    ((x + 0.5) as usize).min(count)
 }
 
 /// Bits 0, 2, 4 … 30 gathered into the low half.

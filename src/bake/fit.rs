@@ -110,11 +110,12 @@ pub fn fit_block(
     for (voxel, cell) in fitted.iter_mut().zip(cells) {
         seen.push(Seen::new(cell.measure, voxel));
     }
-    let code = correlation(cells, &seen, block, width);
+    let lines = if cells.len() > 1 { Lines::new(cells, &seen, width) } else { Lines::new(&[], &[], width) };
+    let code = correlation(cells, &seen, &lines, block, width);
     let c = f64::from(code) / 15.0;
     let rates: Vec<[f64; 13]> =
         seen.iter().map(|s| std::array::from_fn(|k| s.chords[k].rate(s.blocked[k], c))).collect();
-    let gain = gain(cells, &seen, &rates, block, width, c);
+    let gain = gain(cells, &lines, &rates, block, width, c);
     for (((voxel, cell), seen), rates) in fitted.iter_mut().zip(cells).zip(&seen).zip(&rates) {
         let m = cell.measure;
         voxel.correlation = code;
@@ -171,24 +172,45 @@ fn neyret(voxel: &mut Voxel, m: &Measure) {
     }
 }
 
-/// Lines of one axis through a block: where each cell's chord is added to.
-fn march(k: usize, cells: &[Cell], seen: &[Seen], width: usize, mut add: impl FnMut(usize, usize, f32)) -> usize {
-    let p = &PROJECTIONS[k];
-    let (wa, wb) = p.extent();
-    let (na, nb) = (wa * width * MARCH_LINES, wb * width * MARCH_LINES);
-    let length = axis_length(k) as f32;
-    let at = |n: usize| (n as f64 + 0.5) / MARCH_LINES as f64;
-    for (i, (cell, s)) in cells.iter().zip(seen).enumerate() {
-        let (oa, ob) = p.place(cell.at, width);
-        for y in 0..wb * MARCH_LINES {
-            for x in 0..wa * MARCH_LINES {
-                if let Some((from, to)) = crossing(k, at(x), at(y), s.lo, s.hi) {
-                    add(i, (ob * MARCH_LINES + y) * na + oa * MARCH_LINES + x, (to - from) as f32 * length);
+/// The lines of all axes through the support boxes of a block's cells.
+struct Lines {
+    /// Cell, line, and chord.
+    chords: Vec<(u8, u8, f32)>,
+    /// Where each axis ends in `chords`.
+    ends: [usize; 13],
+    /// Lines of each axis.
+    counts: [usize; 13],
+}
+
+impl Lines {
+    fn new(cells: &[Cell], seen: &[Seen], width: usize) -> Lines {
+        let mut lines = Lines { chords: Vec::with_capacity(64 * cells.len()), ends: [0; 13], counts: [0; 13] };
+        let at = |n: usize| (n as f64 + 0.5) / MARCH_LINES as f64;
+        for (k, p) in PROJECTIONS.iter().enumerate() {
+            let (wa, wb) = p.extent();
+            let na = wa * width * MARCH_LINES;
+            let length = axis_length(k) as f32;
+            for (i, (cell, s)) in cells.iter().zip(seen).enumerate() {
+                let (oa, ob) = p.place(cell.at, width);
+                for y in 0..wb * MARCH_LINES {
+                    for x in 0..wa * MARCH_LINES {
+                        if let Some((from, to)) = crossing(k, at(x), at(y), s.lo, s.hi) {
+                            // At most 16 lines each way: below 256.
+                            let line = (ob * MARCH_LINES + y) * na + oa * MARCH_LINES + x;
+                            lines.chords.push((i as u8, line as u8, (to - from) as f32 * length));
+                        }
+                    }
                 }
             }
+            lines.ends[k] = lines.chords.len();
+            lines.counts[k] = na * wb * width * MARCH_LINES;
         }
+        lines
     }
-    na * nb
+
+    fn axis(&self, k: usize) -> &[(u8, u8, f32)] {
+        &self.chords[if k == 0 { 0 } else { self.ends[k - 1] }..self.ends[k]]
+    }
 }
 
 /// Share of the cells' coverage along axis `k` that hides behind other cells of the block, as measured; and the coverage.
@@ -199,7 +221,7 @@ fn hidden(k: usize, cells: &[Cell], block: &Measure, width: usize) -> (f64, f64)
 }
 
 /// The code of the c with which the marched block best covers what was measured, in 13 directions.
-fn correlation(cells: &[Cell], seen: &[Seen], block: &Measure, width: usize) -> u8 {
+fn correlation(cells: &[Cell], seen: &[Seen], lines: &Lines, block: &Measure, width: usize) -> u8 {
     if cells.len() < 2 {
         return 15;
     }
@@ -221,15 +243,16 @@ fn correlation(cells: &[Cell], seen: &[Seen], block: &Measure, width: usize) -> 
         }
         depths.fill([0.0; 3]);
         let mut alone = [0.0f32; 3];
-        let lines = march(k, cells, seen, width, |cell, line, chord| {
+        for &(cell, line, chord) in lines.axis(k) {
             for t in 0..3 {
-                let tau = rates[cell][t] * chord;
-                depths[line][t] += tau;
+                let tau = rates[usize::from(cell)][t] * chord;
+                depths[usize::from(line)][t] += tau;
                 alone[t] += blocked(tau, t);
             }
-        });
+        }
         for t in 0..3 {
-            let union: f32 = depths[..lines].iter().map(|d| if d[t] > 0.0 { blocked(d[t], t) } else { 0.0 }).sum();
+            let union: f32 =
+                depths[..lines.counts[k]].iter().map(|d| if d[t] > 0.0 { blocked(d[t], t) } else { 0.0 }).sum();
             overlap[k][t] = if alone[t] > 0.0 { f64::from(1.0 - union / alone[t]) } else { wanted[k] };
         }
     }
@@ -250,7 +273,7 @@ fn correlation(cells: &[Cell], seen: &[Seen], block: &Measure, width: usize) -> 
 
 /// What to multiply the rates of a block by so that it covers, all directions together, what was measured. Parts of one
 /// sheet need it: their support boxes overlap, and where three meet a ray the sum is cut off at 1.
-fn gain(cells: &[Cell], seen: &[Seen], rates: &[[f64; 13]], block: &Measure, width: usize, c: f64) -> f64 {
+fn gain(cells: &[Cell], lines: &Lines, rates: &[[f64; 13]], block: &Measure, width: usize, c: f64) -> f64 {
     if cells.len() < 2 {
         return 1.0;
     }
@@ -265,18 +288,18 @@ fn gain(cells: &[Cell], seen: &[Seen], rates: &[[f64; 13]], block: &Measure, wid
         }
         depths.fill(0.0);
         let mut alone = 0.0f32;
-        let lines = march(k, cells, seen, width, |cell, line, chord| {
-            let tau = rates[cell][k] as f32 * chord;
-            depths[line] += tau;
+        for &(cell, line, chord) in lines.axis(k) {
+            let tau = rates[usize::from(cell)][k] as f32 * chord;
+            depths[usize::from(line)] += tau;
             alone += covered(tau, c);
-        });
+        }
         if alone <= 0.0 {
             continue;
         }
         let weight = parts / axis_length(k);
         want += weight * (1.0 - share);
         for (got, gain) in got.iter_mut().zip([1.0, GAIN_TRIAL]) {
-            let union: f32 = depths[..lines].iter().filter(|&&d| d > 0.0).map(|d| covered(d * gain, c)).sum();
+            let union: f32 = depths[..lines.counts[k]].iter().filter(|&&d| d > 0.0).map(|d| covered(d * gain, c)).sum();
             *got += weight * f64::from(union / alone);
         }
     }
