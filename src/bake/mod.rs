@@ -99,8 +99,13 @@ pub fn bake(
             allowed: options.memory,
         });
     }
-    let (output, content) = build(&*staged, &place, options, progress);
+    let output = build(&*staged, &place, options, progress);
     let depths = output.depths;
+    // The root's support: rounded outward by more than any deeper voxel's, so no support reaches beyond it.
+    let content = depths.first().and_then(|d| d.voxels.first()).map_or(Aabb::new(DVec3::ZERO, DVec3::ZERO), |root| {
+        let (lo, hi) = root.support_box();
+        Aabb::new(lo.as_dvec3(), hi.as_dvec3())
+    });
     let report = Report {
         warnings: source.warnings().clone(),
         estimate,
@@ -183,8 +188,8 @@ fn plan(bounds: Aabb, options: &Options) -> Result<Placement> {
     Ok(place)
 }
 
-/// All depths, none for a source without matter, and the content's box in the unit cube.
-fn build(staged: &dyn Staged, place: &Placement, options: &Options, progress: &dyn Progress) -> (Output, Aabb) {
+/// All depths; none for a source without matter.
+fn build(staged: &dyn Staged, place: &Placement, options: &Options, progress: &dyn Progress) -> Output {
     let regions = staged.regions();
     let levels = place.region_log2();
     let top = place.depth - levels;
@@ -212,8 +217,5 @@ fn build(staged: &dyn Staged, place: &Placement, options: &Options, progress: &d
     let root = tree::join_up(top, nodes, &mut upper);
     // Depths that joining fitted come from above the regions alone, so order does not matter here.
     output.append(upper);
-    match root {
-        Some(root) => (output, Aabb::new(root.lo, root.hi)),
-        None => (Output::new(0, options.model), Aabb::new(DVec3::ZERO, DVec3::ZERO)),
-    }
+    if root { output } else { Output::new(0, options.model) }
 }

@@ -146,8 +146,9 @@ pub fn join(depth: usize, children: [Option<Box<Node>>; 8], output: &mut Output)
     Some(Box::new(Node { measure, beams: union.beams, mask, children }))
 }
 
-/// Join the nodes of `depth`, given with their Morton codes in order, up to the root, and fit what is left. Gives the root.
-pub fn join_up(depth: usize, nodes: Vec<(u64, Box<Node>)>, output: &mut Output) -> Option<Measure> {
+/// Join the nodes of `depth`, given with their Morton codes in order, up to the root, and fit what is left. Gives whether
+/// there is a root.
+pub fn join_up(depth: usize, nodes: Vec<(u64, Box<Node>)>, output: &mut Output) -> bool {
     let (mut depth, mut nodes) = (depth, nodes);
     while depth > 0 {
         depth -= 1;
@@ -163,7 +164,7 @@ pub fn join_up(depth: usize, nodes: Vec<(u64, Box<Node>)>, output: &mut Output) 
         }
         nodes = parents;
     }
-    let root = nodes.into_iter().next()?.1;
+    let Some((_, root)) = nodes.into_iter().next() else { return false };
     // The root's children, then the root: blocks of their own.
     let present = (0..8).filter(|j| root.mask >> j & 1 != 0);
     let cells: Vec<(Cell, u8)> =
@@ -172,5 +173,5 @@ pub fn join_up(depth: usize, nodes: Vec<(u64, Box<Node>)>, output: &mut Output) 
         output.fit(1, &cells, &root.measure, 2);
     }
     output.fit(0, &[(Cell { at: [0; 3], measure: &root.measure }, root.mask)], &root.measure, 1);
-    Some(root.measure)
+    true
 }
