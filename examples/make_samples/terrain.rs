@@ -104,7 +104,7 @@ pub fn valley() -> Vec<u8> {
     let mesh = glb.push("meshes", json!({"name": "valley", "primitives": primitives}));
     glb.node(json!({"name": "valley", "mesh": mesh}));
     for (name, from, above, to, above_to, yfov) in [
-        ("near", DVec2::new(6.0, 62.0), 2.6, DVec2::new(-4.0, -20.0), 7.0, 55.0),
+        ("near", DVec2::new(33.0, 84.0), 2.4, DVec2::new(6.0, -10.0), 6.0, 55.0),
         ("far", DVec2::new(20.0, 152.0), 42.0, DVec2::new(4.0, -60.0), 0.0, 42.0),
     ] {
         let eye = DVec3::new(from.x, height(from) + above, from.y);
