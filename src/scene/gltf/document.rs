@@ -101,7 +101,7 @@ impl Document {
                 .map(|m| m.primitives.into_iter().map(|p| p.targets).collect())
                 .collect(),
             bin,
-            left: Cell::new(options.max_bytes),
+            left: Cell::new(options.max_bytes.saturating_sub(bytes.len() as u64)),
             limit: options.max_bytes,
         })
     }

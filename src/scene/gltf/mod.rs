@@ -13,6 +13,8 @@ mod nodes;
 mod primitive;
 mod skin;
 mod support;
+#[cfg(test)]
+mod tests;
 mod write;
 
 use std::path::Path;
