@@ -206,3 +206,53 @@ const SQUARE: &str = r#"{"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":
 "materials":[{"pbrMetallicRoughness":{"baseColorTexture":{"index":0}}}],"textures":[{"source":0}],"images":[{"uri":"t.png"}],
 "accessors":[{"bufferView":0,"componentType":5120,"type":"VEC3","count":4}],"bufferViews":[{"buffer":0,"byteLength":16,"byteStride":4}],
 "buffers":[{"byteLength":16,"uri":"data:;base64,AAAAAAEAAAAAAQAAAQEAAA"}]}"#;
+
+/// Real files with a few bytes changed or the end cut off: an error, a warning or other numbers, never a panic.
+#[test]
+fn damage_never_panics() {
+    let Some(dir) = assets() else { return };
+    let work = tempfile::tempdir().unwrap();
+    // A linear congruential generator (Knuth): the same damage every time.
+    let mut state = 1u64;
+    let mut random = |n: usize| {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 33) as usize % n
+    };
+    let files = [
+        "gltf-features/meshopt/pirate.glb",
+        "gltf-features/skin/SimpleSkin.gltf",
+        "gltf-features/sparse/box_sparse.glb",
+        "gltf-features/instancing/simple-instancing.glb",
+        "gltf-features/primitive-modes/MeshPrimitiveModes.gltf",
+        "plants/ez-tree/grass.glb",
+        "obj/obj2gltf/concave/concave.obj",
+        "obj/tinyobjloader/issue-319-002.obj",
+    ];
+    for name in files {
+        let whole = std::fs::read(dir.join(name)).unwrap();
+        let path = work.path().join(Path::new(name).file_name().unwrap());
+        for round in 0..rounds() {
+            let mut bytes = whole.clone();
+            for _ in 0..1 + round % 4 {
+                // Mostly in the first kilobyte or two, where the structure is.
+                let at = random(if round % 3 == 0 { bytes.len() } else { bytes.len().min(2000) });
+                bytes[at] = if round % 2 == 0 { random(256) as u8 } else { b"0123456789-,.e[]{}\""[random(19)] };
+            }
+            if round % 8 == 7 {
+                bytes.truncate(random(bytes.len()));
+            }
+            std::fs::write(&path, bytes).unwrap();
+            let options = ReadOptions { max_bytes: 64 << 20, ..ReadOptions::default() };
+            if name.ends_with(".obj") {
+                let _ = vtex::bake::obj::read(&path, &options);
+            } else {
+                let _ = read(&path, &options);
+            }
+        }
+    }
+}
+
+/// Damaged copies of each file: a few in every run, more where asked for.
+fn rounds() -> usize {
+    std::env::var("VTEX_DAMAGE_ROUNDS").ok().and_then(|v| v.parse().ok()).unwrap_or(60)
+}

@@ -352,3 +352,121 @@ fn sequence(packed: &[u8], count: usize) -> Option<Vec<u32>> {
     }
     data.0.is_empty().then_some(out)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    // Streams made by an encoder of the published format; what they hold is known by formula.
+    const V0: &str = "a02a0eeeeeeeeeeeeeeeeeeeeeeeeeeeeeeeeeeeeeee0000000010002000001f0002060a0e12161a1e22262a2e32363a3e42464a4e52565a5e62666a6e72767affff00007e82868a8e92969a14800200808080000000002f002020202020202020101010101010101010101010101010100808080808080888888888000000000100008000152aaaaaaaaaaaaaaaaaaa000000150000800080008000800000001f0006182638445664768294a2b4c0d2e0f2feefe1cfc3b1a39185736553473527ffff000015090816283446540000000000000000000000000000000000000000000000000000803f00000000";
+    const V1: &str = "a1b968d92a0eeeeeeeeeeeeeeeeeeeeeeeeeeeeeeeeeeeeeee000000000002060a0e12161a1e22262a2e32363a3e42464a4e52565a5e62666a6e72767a7e82868a8e92969a0100011f1a04c4f4c4f262e2621cfcf262e262f13171311e3edddd00000f030703152aaaaaaaaaaaaaaaaaaa000000000102010102020100020006182638445664768294a2b4c0d2e0f2feefe1cfc3b1a391857365534735271509081628344654000000000000000000000000000000803f00000000016200";
+    const TRIANGLES: &str =
+        "e1fe1e100e100e8e1e140e130e8e1e130e130effff0f08afea0dd8b7082bddc508007687566778a9866589689801690000";
+    const SEQUENCE: &str = "d100040c000a100e040c000a100e040c000a100a040c000a100e040c000a100e040c000a100a040c000a100e040c000a100e040c000a10911c2eb1ef1006afef101800000000";
+
+    fn bytes(hex: &str) -> Vec<u8> {
+        hex.as_bytes().chunks(2).map(|h| u8::from_str_radix(std::str::from_utf8(h).unwrap(), 16).unwrap()).collect()
+    }
+
+    fn spec(mode: &str, stride: usize, count: usize) -> Spec {
+        Spec::parse(
+            &serde_json::json!({"buffer": 0, "byteLength": 1, "byteStride": stride, "count": count, "mode": mode}),
+        )
+        .unwrap()
+    }
+
+    fn elements() -> Vec<u8> {
+        let element = |i: u32| {
+            let mut e = Vec::new();
+            e.extend((i as u16 * 7).to_le_bytes());
+            e.extend((i as u16 * i as u16).to_le_bytes());
+            e.extend((1.0 + i as f32 * 0.125).to_le_bytes());
+            e.extend([i as u8, 0, (i / 8) as u8, (i * i * 31 >> 3) as u8]);
+            e
+        };
+        (0..40).flat_map(element).collect()
+    }
+
+    #[test]
+    fn attributes_of_both_versions_are_decoded() {
+        for packed in [V0, V1] {
+            assert_eq!(decode(&spec("ATTRIBUTES", 12, 40), &bytes(packed)).unwrap(), elements());
+        }
+    }
+
+    #[test]
+    fn indices_of_a_grid_and_strays_are_decoded() {
+        // A grid of 4 × 4 vertices, then two triangles of far indices.
+        let mut corners: Vec<u32> = Vec::new();
+        for p in (0..3).flat_map(|y| (0..3).map(move |x| y * 4 + x)) {
+            corners.extend([p, p + 1, p + 4, p + 4, p + 1, p + 5]);
+        }
+        corners.extend([900, 3, 70_000, 1, 900, 7]);
+        let of = |bytes: Vec<u8>| bytes.as_chunks::<4>().0.iter().map(|b| u32::from_le_bytes(*b)).collect::<Vec<_>>();
+        assert_eq!(of(decode(&spec("INDICES", 4, 60), &bytes(SEQUENCE)).unwrap()), corners);
+        // The triangle codec may turn a triangle, not turn it over.
+        let turned = |t: &[u32; 3]| {
+            let k = (0..3).min_by_key(|&k| t[k]).unwrap();
+            [t[k], t[(k + 1) % 3], t[(k + 2) % 3]]
+        };
+        let decoded = of(decode(&spec("TRIANGLES", 4, 60), &bytes(TRIANGLES)).unwrap());
+        let all = |c: &[u32]| c.as_chunks::<3>().0.iter().map(turned).collect::<Vec<_>>();
+        assert_eq!(all(&decoded), all(&corners));
+    }
+
+    #[test]
+    fn filters_follow_the_decoder() {
+        let filtered = |name: &str, hex: &str| {
+            let mut b = bytes(hex);
+            filters::apply(Filter::named(name, 8).unwrap(), &mut b, 8);
+            b
+        };
+        let oct = filtered("OCTAHEDRAL", "6d030000ff07ff7fcbfac405ff070180");
+        assert_eq!(oct, bytes("c54c00006b66ff7f97c2ca4c0dae0180"));
+        let quat = filtered("QUATERNION", "a70559faa705fc072101ea072101fd07");
+        assert_eq!(quat, bytes("0f40fa3f06c0fa3fc70c9f59c70c9459"));
+        let color = filtered("COLOR", "000801fc0000ff0f8004ff0681fb000c");
+        assert_eq!(color, bytes("14400880fbbfffffefff100002200880"));
+    }
+
+    #[test]
+    fn damaged_streams_are_refused_and_never_read_past_their_end() {
+        for (mode, stride, count, hex) in [
+            ("ATTRIBUTES", 12, 40, V0),
+            ("ATTRIBUTES", 12, 40, V1),
+            ("TRIANGLES", 2, 60, TRIANGLES),
+            ("INDICES", 4, 60, SEQUENCE),
+        ] {
+            let (spec, whole) = (spec(mode, stride, count), bytes(hex));
+            for cut in 0..whole.len() {
+                assert!(decode(&spec, &whole[..cut]).is_err(), "{mode} cut at {cut}");
+            }
+            // Every byte changed in three ways: an error or other numbers, no panic.
+            for at in 0..whole.len() {
+                for change in [1, 0x80, 0xFF] {
+                    let mut damaged = whole.clone();
+                    damaged[at] ^= change;
+                    let _ = decode(&spec, &damaged);
+                }
+            }
+        }
+        let huge = Spec { count: usize::MAX / 512, ..spec("ATTRIBUTES", 256, 1) };
+        assert!(decode(&huge, &bytes(V0)).unwrap_err().contains("cannot hold"));
+    }
+
+    #[test]
+    fn headers_are_checked() {
+        let parse = |key: &str, value: serde_json::Value| {
+            let mut json =
+                serde_json::json!({"buffer": 0, "byteLength": 9, "byteStride": 4, "count": 3, "mode": "TRIANGLES"});
+            json[key] = value;
+            Spec::parse(&json).map(|_| ()).unwrap_err()
+        };
+        assert!(parse("mode", "MESHLETS".into()).contains("MESHLETS"));
+        assert!(parse("byteStride", 3.into()).contains("do not fit"));
+        assert!(parse("count", 4.into()).contains("do not fit"));
+        assert!(parse("count", "4".into()).contains("whole number"));
+        assert!(parse("filter", "OCTAHEDRAL".into()).contains("attributes only"));
+        assert!(parse("filter", "ZIP".into()).contains("ZIP"));
+    }
+}
