@@ -381,7 +381,7 @@ mod tests {
             e.extend((i as u16 * 7).to_le_bytes());
             e.extend((i as u16 * i as u16).to_le_bytes());
             e.extend((1.0 + i as f32 * 0.125).to_le_bytes());
-            e.extend([i as u8, 0, (i / 8) as u8, (i * i * 31 >> 3) as u8]);
+            e.extend([i as u8, 0, (i / 8) as u8, ((i * i * 31) >> 3) as u8]);
             e
         };
         (0..40).flat_map(element).collect()

@@ -1,5 +1,6 @@
 //! Small files with known numbers, one feature each.
 
+use std::f64::consts::{FRAC_1_SQRT_2, FRAC_PI_2};
 use std::path::Path;
 
 use serde_json::{Value, json};
@@ -223,7 +224,7 @@ fn nodes_compose_in_double_precision_and_keep_their_handedness() {
         "/nodes",
         json!([
             {"translation": [1e6, 0.1, 0], "scale": [-2, 2, 2], "children": [1]},
-            {"mesh": 0, "rotation": [0, 0, 0.7071067811865476, 0.7071067811865476]},
+            {"mesh": 0, "rotation": [0, 0, FRAC_1_SQRT_2, FRAC_1_SQRT_2]},
         ]),
     );
     let m = b.model();
@@ -401,7 +402,7 @@ fn materials_and_their_textures() {
         .set("/materials", json!([{"alphaMode": "MASK", "alphaCutoff": 0.25, "doubleSided": true,
             "extensions": {"KHR_materials_unlit": {}},
             "pbrMetallicRoughness": {"baseColorFactor": [0.5, 1, 0, 0.75], "baseColorTexture": {"index": 0, "texCoord": 5,
-                "extensions": {"KHR_texture_transform": {"offset": [3, 4], "rotation": 1.5707963267948966, "scale": [2, 5], "texCoord": 1}}}}}]));
+                "extensions": {"KHR_texture_transform": {"offset": [3, 4], "rotation": FRAC_PI_2, "scale": [2, 5], "texCoord": 1}}}}}]));
     let m = b.model();
     let material = &m.materials[0];
     assert_eq!((material.alpha, material.base_color), (Alpha::Mask(0.25), [0.5, 1.0, 0.0, 0.75]));
