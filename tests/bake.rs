@@ -27,7 +27,9 @@ fn sphere(n: usize) -> Part {
     let at = |i: usize, j: usize| {
         let (t, p) =
             (std::f64::consts::PI * i as f64 / n as f64, std::f64::consts::PI * (j % (2 * n)) as f64 / n as f64);
-        DVec3::new(t.sin() * p.cos(), t.cos(), t.sin() * p.sin()).as_vec3().to_array()
+        // Poles are one point each, so that the sphere closes.
+        let r = if i == 0 || i == n { 0.0 } else { t.sin() };
+        DVec3::new(r * p.cos(), t.cos(), r * p.sin()).as_vec3().to_array()
     };
     let mut part = Part::default();
     for i in 0..n {
@@ -125,10 +127,10 @@ fn the_same_volume_for_any_number_of_threads() {
 #[test]
 fn a_closed_sphere_is_solid_and_its_inside_is_terminal() {
     let volume = baked(model(sphere(24), Material::default()), &MeshOptions::default(), &at(64));
-    let centre = &volume.depths;
+    let depths = &volume.depths;
     // Terminal nodes above the finest depth, all opaque.
     let terminal: Vec<_> = (0..6)
-        .flat_map(|d| centre[d].masks.iter().zip(&centre[d].voxels).filter(|(m, _)| **m == 0).map(|(_, v)| v))
+        .flat_map(|d| depths[d].masks.iter().zip(&depths[d].voxels).filter(|(m, _)| **m == 0).map(|(_, v)| v))
         .collect();
     assert!(terminal.len() > 50);
     assert!(terminal.iter().all(|v| v.rate == 255));
