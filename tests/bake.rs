@@ -89,8 +89,8 @@ fn an_aligned_sheet_is_opaque_along_its_normal_and_nothing_along_itself() {
         for x in [0.11, 0.37, 0.83] {
             let along = through(&tree, DVec3::new(x, 0.4, 2.0), DVec3::NEG_Z, depth);
             let across = through(&tree, DVec3::new(-1.0, x, 0.02), DVec3::X, depth);
-            // Opaque means 1 − .996 for a voxel; the SGGX is raised to 1 % of its largest axis, in a sixteenth of a voxel.
-            assert!(along < 0.01, "{depth} {along}");
+            // Opaque means 1 − .996 for a voxel, and the rate is levelled over 13 directions; the SGGX is raised to 1 % of its largest axis, in a sixteenth of a voxel.
+            assert!(along < 0.05, "{depth} {along}");
             assert!(across > 0.1 || depth < 4, "{depth} {across}");
         }
     }
@@ -158,7 +158,7 @@ fn a_masked_card_covers_what_its_texture_leaves() {
     let tree = Octree::new(volume).unwrap();
     for depth in [3, 6] {
         let got = area(&tree, DVec3::Y, depth, 256);
-        assert!((got - 0.5).abs() < 0.02, "{depth} {got}");
+        assert!((got - 0.5).abs() < 0.05, "{depth} {got}");
     }
 }
 
@@ -179,7 +179,7 @@ fn what_reaches_beyond_a_cyclic_cube_comes_in_again() {
     assert_eq!(volume.resolution(), 16);
     let tree = Octree::new(volume).unwrap();
     for x in [0.03, 0.27, 0.52, 0.97] {
-        assert!(through(&tree, DVec3::new(x, 0.4, 2.0), DVec3::NEG_Z, 4) < 0.01, "{x}");
+        assert!(through(&tree, DVec3::new(x, 0.4, 2.0), DVec3::NEG_Z, 4) < 0.05, "{x}");
     }
 }
 

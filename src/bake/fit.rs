@@ -36,6 +36,8 @@ struct Seen {
     /// Share of the box that is blocked.
     blocked: [f64; 13],
     chords: [Chords; 13],
+    /// Area of the box as it is seen.
+    area: [f64; 13],
 }
 
 impl Seen {
@@ -50,6 +52,7 @@ impl Seen {
             hi,
             blocked: std::array::from_fn(|k| (cell.cover[k] / area[k]).clamp(0.0, OPAQUE)),
             chords: std::array::from_fn(|k| Chords::new(k, e)),
+            area: std::array::from_fn(|k| area[k] / axis_length(k)),
         }
     }
 }
@@ -138,17 +141,19 @@ pub fn fit_block(
     }
 }
 
-/// The rate, near `rate`, with which a voxel of the ellipsoid `ndf` blocks what was measured, summed over the 13 axes; and
+/// The rate, near `rate`, with which a voxel of the ellipsoid `ndf` covers the area that was measured, summed over the 13 axes; and
 /// the mean error that is left.
 fn level(ndf: [u8; 6], rate: f64, seen: &Seen, c: f64) -> (f64, f64) {
     let shape = Sggx::decode(ndf);
     let sigma = directions13().map(|w| f64::from(shape.sigma(w.as_vec3())));
     let blocked = |rate: f64| -> [f64; 13] { std::array::from_fn(|k| seen.chords[k].blocked(rate * sigma[k], c)) };
-    let want: f64 = seen.blocked.iter().sum();
+    // By area: a thin sheet seen edge-on has next to none.
+    let total = |shares: &[f64; 13]| shares.iter().zip(&seen.area).map(|(b, a)| b * a).sum::<f64>();
+    let want = total(&seen.blocked);
     let mut rate = rate;
     let mut got = blocked(rate);
     for _ in 0..2 {
-        let sum: f64 = got.iter().sum();
+        let sum = total(&got);
         // Where almost all is blocked, the sum hardly moves with the rate.
         let next = (rate * (want / sum).clamp(0.5, 2.0)).min(MAX_RATE);
         if (want / sum - 1.0).abs() < 0.005 {
