@@ -75,11 +75,15 @@ impl Chords {
         if self.b == 0.0 {
             return r;
         }
-        for _ in 0..6 {
-            let got = self.blocked(r, c);
-            let depth = opacity::depth_for((1.0 - got).max(1e-9), c);
-            let next = (r * want / depth).min(MAX_RATE);
-            let done = (next - r).abs() < 0.02 * r;
+        // Secant steps on log depth over log r, whose slope is 1 while little is blocked and falls towards opaque.
+        let mut last: Option<(f64, f64)> = None;
+        for _ in 0..8 {
+            let depth = opacity::depth_for((1.0 - self.blocked(r, c)).max(1e-9), c);
+            let slope = last.map_or(1.0, |(r0, d0)| libm::log(depth / d0) / libm::log(r / r0));
+            let slope = if slope > 0.02 { slope.min(1.0) } else { 0.02 };
+            last = Some((r, depth));
+            let next = (r * libm::pow(want / depth, 1.0 / slope)).min(MAX_RATE);
+            let done = (next - r).abs() < 0.01 * r;
             r = next;
             if done {
                 break;
@@ -125,9 +129,9 @@ mod tests {
                 // 200 lines an edge: the rim is wrong by half a line, under .5 % of the lines; Gauss on e^−12 by 1e-2.
                 let p = chords.blocked(r, c);
                 assert!((p - sum / f64::from(n)).abs() < 0.012, "{k} {r} {c}: {p} {}", sum / f64::from(n));
-                if p < 0.97 {
-                    assert!((chords.rate(p, c) / r - 1.0).abs() < 0.03, "{k} {r} {c} {}", chords.rate(p, c));
-                }
+                // Steps end within 1 % of the rate or less, which near opaque is far less in what is blocked.
+                let back = chords.blocked(chords.rate(p, c), c);
+                assert!((back - p).abs() < 2e-3, "{k} {r} {c}: {p} {back}");
             }
         }
     }
