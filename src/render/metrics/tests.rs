@@ -1,3 +1,5 @@
+//! Metrics against closed forms and published values.
+
 use super::*;
 use crate::render::image_io::srgb_decode;
 

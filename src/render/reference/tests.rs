@@ -1,3 +1,5 @@
+//! The reference against explicit instances, noise and hostile sources.
+
 use std::sync::Arc;
 
 use super::*;
