@@ -81,4 +81,9 @@ impl Warnings {
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()
     }
+
+    /// What is appended to an error's line where the warnings tell its cause: "; 3 × …; 1 × …".
+    pub fn as_reasons(&self) -> String {
+        self.iter().map(|(text, n)| format!("; {n} × {text}")).collect()
+    }
 }

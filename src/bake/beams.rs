@@ -9,6 +9,8 @@
 //! at every depth without going back to the geometry. Plane areas are "oblique": the area seen along the axis W (integers)
 //! times |W|.
 
+use std::sync::LazyLock;
+
 use super::clip::Polygon;
 use crate::geom::{AXES13, DVec3};
 
@@ -182,8 +184,13 @@ impl Beams {
         }
     }
 
-    /// Every line through a full voxel.
-    pub fn full() -> Beams {
+    /// Every line through a full voxel; found once, as every solid voxel asks for them.
+    pub fn full() -> &'static Beams {
+        static FULL: LazyLock<Beams> = LazyLock::new(Beams::find_full);
+        &FULL
+    }
+
+    fn find_full() -> Beams {
         let mut beams = Beams::default();
         for (k, p) in PROJECTIONS.iter().enumerate() {
             let (wa, wb) = p.extent();
@@ -379,7 +386,7 @@ mod tests {
     #[test]
     fn eight_full_children_make_a_full_parent() {
         let full = Beams::full();
-        let union = Beams::unite(&[Some(&full); 8], 3);
+        let union = Beams::unite(&[Some(full); 8], 3);
         for k in 0..13 {
             let want = box_area(k, DVec3::ONE) * (LINES * LINES) as f64;
             assert!((f64::from(union.lines[k]) / want - 1.0).abs() < 0.06, "{k} {}", union.lines[k]);

@@ -351,7 +351,7 @@ impl<'a> Reader<'a> {
             model.parts.push(part);
         }
         if model.instances.is_empty() {
-            let why: String = self.warnings.iter().map(|(text, n)| format!("; {n} × {text}")).collect();
+            let why = self.warnings.as_reasons();
             return Err(Error::input(self.path, "", format!("nothing is drawn: no face, line or point{why}")));
         }
         model.warnings = self.warnings;

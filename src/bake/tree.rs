@@ -103,7 +103,7 @@ impl<'a> Region<'a> {
 
 impl Node {
     fn solid() -> Node {
-        Node { measure: Measure::full(), beams: Beams::full(), mask: 0, children: Vec::new() }
+        Node { measure: Measure::full(), beams: Beams::full().clone(), mask: 0, children: Vec::new() }
     }
 
     /// Whether the node is one opaque cube without a face in it.

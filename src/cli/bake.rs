@@ -187,6 +187,9 @@ fn bake_file(args: &Args, ui: &Ui) -> Result<()> {
     let source = bake::open(&args.input, &read, &args.mesh())?;
     let read_time = start.elapsed();
     let mut foresee = |e: &Estimate| {
+        if e.finest_voxels == 0 {
+            return;
+        }
         ui.say(&format!(
             "about {} voxels, a file of {}, {} of memory",
             count(e.finest_voxels),
@@ -195,10 +198,11 @@ fn bake_file(args: &Args, ui: &Ui) -> Result<()> {
         ));
     };
     let (mut volume, report) = bake::bake(&*source, &args.options(), ui, &mut foresee)?;
-    ui.warn(&report.warnings)?;
     if volume.depths.is_empty() {
-        return Err(Error::input(&args.input, "", "there is nothing in it to bake: no facet has an area"));
+        let why = report.warnings.as_reasons();
+        return Err(Error::input(&args.input, "", format!("there is nothing in it to bake: no facet has an area{why}")));
     }
+    ui.warn(&report.warnings)?;
     let bake_time = start.elapsed() - read_time;
     let files = bake::dependencies(&args.input);
     volume.info.meta.insert("options".into(), args.provenance());

@@ -57,7 +57,7 @@ pub fn read(path: &Path, options: &ReadOptions) -> Result<Scene> {
     }
     selection.finish("node")?;
     if instances.is_empty() {
-        let why: String = warnings.iter().map(|(text, n)| format!("; {n} × {text}")).collect();
+        let why = warnings.as_reasons();
         return Err(Error::input(path, "", format!("nothing is drawn: no node of the scene shows a mesh{why}")));
     }
     let root = extension::root(&document, &mut warnings)?;
