@@ -174,6 +174,7 @@ fn bake_file(args: &Args, ui: &Ui) -> Result<()> {
         .output
         .clone()
         .unwrap_or_else(|| PathBuf::from(args.input.file_name().unwrap_or_default()).with_extension("vtex"));
+    check_outputs(args, &output)?;
     if args.voxel_size.is_none() && !args.resolution.is_power_of_two() {
         ui.say(&format!("-r {} is rounded up to {}", args.resolution, args.resolution.next_power_of_two()));
     }
@@ -200,7 +201,11 @@ fn bake_file(args: &Args, ui: &Ui) -> Result<()> {
     let (mut volume, report) = bake::bake(&*source, &args.options(), ui, &mut foresee)?;
     if volume.depths.is_empty() {
         let why = report.warnings.as_reasons();
-        return Err(Error::input(&args.input, "", format!("there is nothing in it to bake: no facet has an area{why}")));
+        return Err(Error::input(
+            &args.input,
+            "",
+            format!("there is nothing in it to bake: no facet has an area{why}"),
+        ));
     }
     ui.warn(&report.warnings)?;
     let bake_time = start.elapsed() - read_time;
@@ -248,6 +253,25 @@ fn bake_file(args: &Args, ui: &Ui) -> Result<()> {
             volume.resolution(),
             size(written.file_bytes)
         ));
+    }
+    Ok(())
+}
+
+/// That what will be written has a place, and is none of the files that are read.
+fn check_outputs(args: &Args, output: &Path) -> Result<()> {
+    let real = |path: &Path| std::fs::canonicalize(path).ok();
+    let read: Vec<PathBuf> = bake::dependencies(&args.input).iter().filter_map(|f| real(f)).collect();
+    for path in [Some(output), args.depfile.as_deref(), args.report.as_deref()].into_iter().flatten() {
+        let folder = path.parent().filter(|f| !f.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        if !folder.is_dir() {
+            return Err(Error::input(path, "", "its folder does not exist; make it first"));
+        }
+        if path.is_dir() {
+            return Err(Error::Options(format!("{}: is a folder; name a file in it", path.display())));
+        }
+        if real(path).is_some_and(|p| read.contains(&p)) {
+            return Err(Error::Options(format!("{}: is read as a source; write to another name", path.display())));
+        }
     }
     Ok(())
 }

@@ -1,0 +1,214 @@
+//! The options of `vtex bake`, one by one, on small sources that are written here.
+
+use std::path::Path;
+
+use assert_cmd::Command;
+use tempfile::TempDir;
+
+/// A closed cube with a lid that opens: eight corners, six quads; `open` leaves one out.
+fn cube(open: bool) -> String {
+    let mut text = String::from("mtllib c.mtl\nusemtl red\n");
+    for i in 0..8 {
+        text += &format!("v {} {} {}\n", i & 1, i >> 1 & 1, i >> 2);
+    }
+    let faces = ["1 3 4 2", "5 6 8 7", "1 2 6 5", "3 7 8 4", "1 5 7 3", "2 4 8 6"];
+    for face in &faces[usize::from(open)..] {
+        text += &format!("f {face}\n");
+    }
+    text
+}
+
+const LINES: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0.5\nl 1 2 3\n";
+
+/// Two triangles, each a node, and a second scene with the one alone.
+const NODES: &str = r#"{"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":[0,1]},{"name":"one","nodes":[1]}],
+    "nodes":[{"mesh":0,"name":"Leaf.1"},{"mesh":0,"name":"Trunk","translation":[3,0,0]}],
+    "meshes":[{"primitives":[{"attributes":{"POSITION":0}}]}],
+    "accessors":[{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3","min":[0,0,0],"max":[1,1,0]}],
+    "bufferViews":[{"buffer":0,"byteLength":36}],"buffers":[{"byteLength":36,"uri":"data:application/octet-stream;base64,AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAA"}]}"#;
+
+struct Bench(TempDir);
+
+impl Bench {
+    fn new() -> Bench {
+        let dir = tempfile::tempdir().unwrap();
+        let save = |name: &str, text: &str| std::fs::write(dir.path().join(name), text).unwrap();
+        save("cube.obj", &cube(false));
+        save("open.obj", &cube(true));
+        save("c.mtl", "newmtl red\nKd 1 0 0\n");
+        save("lines.obj", LINES);
+        save("nodes.gltf", NODES);
+        Bench(dir)
+    }
+
+    fn path(&self, name: &str) -> std::path::PathBuf {
+        self.0.path().join(name)
+    }
+
+    /// `vtex ARGS`: exit code, stdout, stderr.
+    fn vtex(&self, args: &[&str]) -> (i32, String, String) {
+        let run = Command::cargo_bin("vtex").unwrap().current_dir(self.0.path()).args(args).output().unwrap();
+        let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+        (run.status.code().unwrap(), text(&run.stdout), text(&run.stderr))
+    }
+
+    /// `vtex bake ARGS --json`, which succeeds.
+    fn bake(&self, args: &[&str]) -> serde_json::Value {
+        let (code, out, err) = self.vtex(&[&["bake"], args, &["--json"]].concat());
+        assert_eq!(code, 0, "{args:?} {err}");
+        serde_json::from_str(&out).unwrap()
+    }
+
+    /// `vtex bake ARGS`, which fails: code and the line that says why.
+    fn fails(&self, args: &[&str]) -> (i32, String) {
+        let (code, _, err) = self.vtex(&[&["bake"], args].concat());
+        let line = err.lines().find(|l| l.starts_with("error: ")).unwrap_or_default().to_owned();
+        assert!(code != 0 && !line.is_empty(), "{args:?} {err}");
+        (code, line)
+    }
+
+    fn bytes(&self, name: &str) -> Vec<u8> {
+        std::fs::read(self.path(name)).unwrap()
+    }
+}
+
+#[test]
+fn fill() {
+    let bench = Bench::new();
+    let voxels = |args: &[&str]| bench.bake(args)["finestVoxels"].as_u64().unwrap();
+    let shell = voxels(&["cube.obj", "-r", "16", "--fill", "surface"]);
+    let solid = voxels(&["cube.obj", "-r", "16", "--fill", "solid"]);
+    // Terminal nodes above the finest depth count as one voxel each.
+    assert!(solid > shell, "{solid} {shell}");
+    assert_eq!(voxels(&["cube.obj", "-r", "16"]), solid);
+    assert_eq!(voxels(&["open.obj", "-r", "16"]), voxels(&["open.obj", "-r", "16", "--fill", "surface"]));
+    let open = bench.bake(&["open.obj", "-r", "16", "--fill", "solid"]);
+    let warnings = open["warnings"].as_object().unwrap();
+    assert!(warnings.iter().any(|(text, n)| text.contains("do not close") && *n == 10), "{warnings:?}");
+}
+
+#[test]
+fn sizes() {
+    let bench = Bench::new();
+    let (_, _, err) = bench.vtex(&["bake", "cube.obj", "-r", "20"]);
+    assert!(err.contains("-r 20 is rounded up to 32"), "{err}");
+    let report = bench.bake(&["cube.obj", "--voxel-size", "0.1"]);
+    assert_eq!(report["resolution"], 16);
+    assert!((report["voxelSize"].as_f64().unwrap() - 0.1).abs() < 1e-6);
+    for size in ["0", "nan", "1e-9"] {
+        let (code, line) = bench.fails(&["cube.obj", "--voxel-size", size]);
+        assert!(code == 2 && line.contains("--voxel-size"), "{line}");
+    }
+    for resolution in ["0", "4097", "x"] {
+        assert_eq!(bench.fails(&["cube.obj", "-r", resolution]).0, 2);
+    }
+    let (code, line) = bench.fails(&["cube.obj", "--memory", "1K"]);
+    assert!(code == 1 && line.contains("the limit is 1024"), "{line}");
+}
+
+#[test]
+fn what_is_stored() {
+    let bench = Bench::new();
+    let bytes = |args: &[&str]| bench.bake(args)["fileBytes"].as_u64().unwrap();
+    let full = bytes(&["cube.obj", "-r", "32"]);
+    assert!(
+        bytes(&["cube.obj", "-r", "32", "--compress", "19"]) <= bytes(&["cube.obj", "-r", "32", "--compress", "1"])
+    );
+    assert!(bytes(&["cube.obj", "-r", "32", "--quality", "lean"]) <= full);
+    for (args, key, want) in [
+        (["--cyclic", "u,w"], "cyclic", serde_json::json!([true, false, true])),
+        (["--model", "neyret"], "model", serde_json::json!("neyret")),
+        (["--model", "coverage"], "model", serde_json::json!("coverage")),
+    ] {
+        bench.bake(&[&["cube.obj", "-r", "16", "-o", "o.vtex"], &args[..]].concat());
+        let (code, out, err) = bench.vtex(&["inspect", "o.vtex", "--json"]);
+        assert_eq!(code, 0, "{err}");
+        let inspected: serde_json::Value = serde_json::from_str(&out).unwrap();
+        assert_eq!(inspected[key], want);
+    }
+    assert_eq!(bench.fails(&["cube.obj", "--cyclic", "x"]).0, 2);
+}
+
+#[test]
+fn any_number_of_threads_writes_the_same_bytes() {
+    let bench = Bench::new();
+    for threads in ["1", "2", "5"] {
+        bench.bake(&["cube.obj", "-r", "64", "--threads", threads, "-o", &format!("{threads}.vtex")]);
+    }
+    assert!(bench.bytes("1.vtex") == bench.bytes("2.vtex") && bench.bytes("1.vtex") == bench.bytes("5.vtex"));
+}
+
+#[test]
+fn scenes_and_nodes() {
+    let bench = Bench::new();
+    let size = |args: &[&str]| {
+        let report = bench.bake(&[&["nodes.gltf", "-r", "16"], args].concat());
+        report["voxelSize"].as_f64().unwrap() * 16.0
+    };
+    let both = size(&[]);
+    let one = size(&["--include", "Trunk"]);
+    // 4 m and 1 m, and at most a voxel and a half around.
+    assert!((4.0..4.5).contains(&both) && (1.0..1.2).contains(&one), "{both} {one}");
+    for args in [["--include", "Leaf*"], ["--exclude", "Tr?nk"], ["--scene", "one"], ["--scene", "1"]] {
+        assert!((size(&args) - one).abs() < 1e-6, "{args:?}");
+    }
+    for args in [["--include", "oak"], ["--scene", "9"]] {
+        let (code, line) = bench.fails(&["nodes.gltf", args[0], args[1]]);
+        assert!(code == 2 && line.contains(args[1]), "{line}");
+    }
+    let (code, line) = bench.fails(&["nodes.gltf", "--exclude", "*"]);
+    assert!(code == 1 && line.contains("nothing is drawn"), "{line}");
+}
+
+#[test]
+fn lines_need_a_width() {
+    let bench = Bench::new();
+    let (code, line) = bench.fails(&["lines.obj"]);
+    assert!(code == 1 && line.contains("2 × lines and points are left out"), "{line}");
+    assert!(!bench.path("lines.vtex").exists());
+    let report = bench.bake(&["lines.obj", "-r", "32", "--line-width", "0.05"]);
+    assert!(report["finestVoxels"].as_u64().unwrap() > 50);
+    assert_eq!(bench.fails(&["lines.obj", "--line-width", "0"]).0, 2);
+}
+
+#[test]
+fn outputs_are_checked_before_work_begins() {
+    let bench = Bench::new();
+    let before = bench.bytes("cube.obj");
+    for args in [["-o", "no/where.vtex"], ["--depfile", "no/where.d"], ["--report", "no/where.json"]] {
+        let (code, line) = bench.fails(&["cube.obj", "-r", "16", args[0], args[1]]);
+        assert!(code == 1 && line.contains("no/where") && line.contains("folder"), "{line}");
+        assert!(!bench.path("cube.vtex").exists(), "{args:?}");
+    }
+    for output in ["cube.obj", "./c.mtl", "."] {
+        let (code, line) = bench.fails(&["cube.obj", "-r", "16", "-o", output]);
+        assert_eq!(code, 2, "{line}");
+    }
+    assert_eq!(bench.bytes("cube.obj"), before);
+    let (code, line) = bench.fails(&["cube.stl"]);
+    assert!(code == 1 && line.contains(".gltf, .glb, .obj"), "{line}");
+    assert!(!parts_left(bench.0.path()));
+}
+
+#[test]
+fn a_depfile_is_a_rule_of_make() {
+    let bench = Bench::new();
+    bench.bake(&["cube.obj", "-r", "16", "-o", "a b.vtex", "--depfile", "a.d"]);
+    assert_eq!(String::from_utf8(bench.bytes("a.d")).unwrap(), "a\\ b.vtex: cube.obj \\\n  c.mtl\n");
+}
+
+#[test]
+fn strict_fails_on_warnings_and_leaves_the_old_file() {
+    let bench = Bench::new();
+    std::fs::remove_file(bench.path("c.mtl")).unwrap();
+    std::fs::write(bench.path("cube.vtex"), "old").unwrap();
+    assert!(bench.fails(&["cube.obj", "-r", "16", "--strict"]).1.contains("--strict"));
+    assert_eq!(bench.bytes("cube.vtex"), b"old");
+    bench.bake(&["cube.obj", "-r", "16"]);
+    assert_ne!(bench.bytes("cube.vtex"), b"old");
+    assert!(!parts_left(bench.0.path()));
+}
+
+fn parts_left(dir: &Path) -> bool {
+    std::fs::read_dir(dir).unwrap().any(|e| e.unwrap().path().extension().is_some_and(|e| e == "part"))
+}
