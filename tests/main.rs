@@ -5,6 +5,7 @@ mod assets;
 mod bake;
 mod bake_cli;
 mod compare;
+mod demo;
 mod files;
 mod import;
 mod layers;
