@@ -3,7 +3,7 @@
 use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use memmap2::Mmap;
 
@@ -20,6 +20,13 @@ use crate::{Error, Result, Warnings, par};
 /// Decoded bytes of a node: its voxel and its child mask.
 const NODE_BYTES: u64 = size_of::<Voxel>() as u64 + 1;
 
+/// The pages of a section.
+struct Index {
+    refs: Vec<PageRef>,
+    /// Which of them were read: no byte counts twice.
+    seen: Vec<AtomicBool>,
+}
+
 /// An open file. Cheap to open whatever the file's size; may be used by any number of threads.
 pub struct Reader {
     path: PathBuf,
@@ -30,7 +37,7 @@ pub struct Reader {
     known: Vec<usize>,
     /// Depths that are opened: all, or those that the limit leaves.
     depths: usize,
-    indices: Vec<OnceLock<Vec<PageRef>>>,
+    indices: Vec<OnceLock<Index>>,
     bytes_read: AtomicU64,
 }
 
@@ -128,7 +135,7 @@ impl Reader {
         &self.path
     }
 
-    /// Bytes of the file consumed so far.
+    /// Bytes of the file consumed so far, each counted once however often it was read.
     pub fn bytes_read(&self) -> u64 {
         self.bytes_read.load(Ordering::Relaxed)
     }
@@ -166,7 +173,7 @@ impl Reader {
         Ok(Volume { info: self.head.info.clone(), depths })
     }
 
-    /// `length` bytes from `offset`, copied out and counted.
+    /// `length` bytes from `offset`, copied out; not counted.
     pub(super) fn read(&self, offset: u64, length: u64) -> Result<Vec<u8>, Broken> {
         let end = offset.checked_add(length).filter(|&end| end <= self.map.len() as u64);
         let bytes = end.and_then(|end| self.map.get(offset as usize..end as usize)).ok_or_else(|| Broken {
@@ -174,7 +181,6 @@ impl Reader {
             offset,
             what: "a section ends behind the file".into(),
         })?;
-        self.bytes_read.fetch_add(length, Ordering::Relaxed);
         Ok(bytes.to_vec())
     }
 
@@ -184,19 +190,36 @@ impl Reader {
         self.head.sections.iter().enumerate().find(|(_, s)| wanted(s))
     }
 
-    fn index(&self, number: usize, section: &SectionEntry) -> Result<&[PageRef], Broken> {
-        if let Some(refs) = self.indices[number].get() {
-            return Ok(refs);
+    fn index(&self, number: usize, section: &SectionEntry) -> Result<&Index, Broken> {
+        if let Some(index) = self.indices[number].get() {
+            return Ok(index);
         }
         let bytes = self.read(section.offset, section.index_len())?;
         let refs = page::parse_index(section, &bytes)?;
-        Ok(self.indices[number].get_or_init(|| refs))
+        Ok(self.indices[number].get_or_init(|| {
+            self.bytes_read.fetch_add(section.index_len(), Ordering::Relaxed);
+            Index { seen: refs.iter().map(|_| AtomicBool::new(false)).collect(), refs }
+        }))
     }
 
-    /// One page of a section, decoded and unfiltered: codes of `nodes` nodes, component k at most `most[k]`.
-    fn page(&self, section: &SectionEntry, page: &PageRef, nodes: u64, most: &[u8]) -> Result<Vec<u8>, Broken> {
+    /// Page `number` of a section, decoded and unfiltered: codes of `nodes` nodes, component k at most `most[k]`. Empty
+    /// where the section has no such page.
+    fn page(
+        &self,
+        section: &SectionEntry,
+        index: &Index,
+        number: usize,
+        nodes: u64,
+        most: &[u8],
+    ) -> Result<Vec<u8>, Broken> {
+        let (Some(page), Some(seen)) = (index.refs.get(number), index.seen.get(number)) else {
+            return Ok(Vec::new());
+        };
         let offset = section.offset + page.offset;
         let bytes = self.read(offset, page.length.into())?;
+        if !seen.swap(true, Ordering::Relaxed) {
+            self.bytes_read.fetch_add(page.length.into(), Ordering::Relaxed);
+        }
         let mut codes = page::decode(&bytes, page.crc, section.codec, nodes as usize * most.len(), offset)?;
         require(filter::inverse(section.filter, &mut codes, most), codes::PAGE_VALUE, offset, || {
             format!("a page has codes above {most:?}, the most that its stream allows")
@@ -211,19 +234,20 @@ impl Reader {
         };
         let entry = &self.head.streams[stream];
         let page_log2 = self.head.header.page_log2;
-        let Some(at) = self.index(number, section)?.get(page) else { return Ok(Vec::new()) };
-        let left = self.head.depths[depth].nodes - ((page as u64) << page_log2);
-        self.page(section, at, left.min(1 << page_log2), &entry.maxima())
+        let index = self.index(number, section)?;
+        let left = self.head.depths[depth].nodes.saturating_sub((page as u64) << page_log2);
+        self.page(section, index, page, left.min(1 << page_log2), &entry.maxima())
     }
 
     /// Page `page` of the child masks of the nodes at `depth` − 1.
     pub(super) fn topo_page(&self, depth: usize, page: usize) -> Result<Vec<u8>, Broken> {
         let Some((number, section)) = self.section(SectionKind::Topo, depth, NONE) else { return Ok(Vec::new()) };
-        let refs = self.index(number, section)?;
+        let index = self.index(number, section)?;
+        let refs = &index.refs;
         let Some(at) = refs.get(page) else { return Ok(Vec::new()) };
         let page_log2 = self.head.header.topo_page_log2;
         let left = self.head.depths[depth - 1].nodes - ((page as u64) << page_log2);
-        let masks = self.page(section, at, left.min(1 << page_log2), &[u8::MAX])?;
+        let masks = self.page(section, index, page, left.min(1 << page_log2), &[u8::MAX])?;
         let children: u64 = masks.iter().map(|m| u64::from(m.count_ones())).sum();
         let next = refs.get(page + 1).map_or(self.head.depths[depth].nodes, |next| next.first_child);
         let first = if page == 0 { 0 } else { at.first_child };

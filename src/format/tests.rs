@@ -116,6 +116,13 @@ fn only_what_is_asked_for_is_read() {
     let coarse = reader.bytes_read() - before;
     reader.voxels(7, 1).unwrap();
     assert!(coarse < 4096 && reader.bytes_read() < reader.file_bytes() / 2, "{coarse} {}", reader.bytes_read());
+    let before = reader.bytes_read();
+    reader.voxels(7, 1).unwrap();
+    assert_eq!(reader.bytes_read(), before, "no byte counts twice");
+    for _ in 0..2 {
+        reader.read_all().unwrap();
+        assert!(reader.bytes_read() <= reader.file_bytes());
+    }
 }
 
 #[test]

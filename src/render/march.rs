@@ -150,7 +150,8 @@ fn run(
     }
     stats.stretches += 1;
     let line = Line::new(stretch.origin, stretch.dir / speed);
-    let (min, max) = (info.content.min.as_vec3() - CONTENT_PAD, info.content.max.as_vec3() + CONTENT_PAD);
+    let min = (info.content.min.as_vec3() - CONTENT_PAD).max(Vec3::ZERO);
+    let max = (info.content.max.as_vec3() + CONTENT_PAD).min(Vec3::ONE);
     let (mut s, end) = line.clip(min, max, 0.0, stretch.length * speed);
     let (width, growth) = (stretch.footprint, stretch.growth / speed);
     let mut law = Law {
@@ -181,7 +182,8 @@ fn run(
     law.behind
 }
 
-/// Texel units: the content's box is kept in f64, and a voxel's own faces must not fall outside it in f32.
+/// Texel units: the content's box is kept in f64, and a voxel's own faces must not fall outside it in f32. The cube's own
+/// faces stay: the first voxel on a grazing ray would else begin before its face.
 const CONTENT_PAD: f32 = 1e-6;
 
 /// The law of opacity along one line.

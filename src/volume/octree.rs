@@ -135,6 +135,8 @@ type Page = OnceLock<Box<[Voxel]>>;
 pub struct Octree {
     source: Box<dyn Pages>,
     counts: Vec<usize>,
+    /// Child masks by depth: the blocks of two depths are made of each.
+    masks: Vec<OnceLock<Box<[u8]>>>,
     /// Indexed by the node's depth + 2: slots 0 and 1 are the virtual roots of depths −2 and −1.
     blocks: Vec<OnceLock<Box<[Block]>>>,
     /// Indexed by depth, then page.
@@ -159,6 +161,7 @@ impl Octree {
         let pages = counts.iter().map(|n| (0..n.div_ceil(PAGE)).map(|_| OnceLock::new()).collect()).collect();
         Ok(Octree {
             source: Box::new(source),
+            masks: counts.iter().map(|_| OnceLock::new()).collect(),
             blocks: (0..counts.len() + 1).map(|_| OnceLock::new()).collect(),
             pages,
             counts,
@@ -198,30 +201,42 @@ impl Octree {
     #[cold]
     fn open_blocks(&self, depth: i32) -> &[Block] {
         self.blocks[(depth + 2) as usize].get_or_init(|| {
-            self.build_blocks(depth).unwrap_or_else(|e| {
-                let _ = self.failure.set(e);
-                vec![Block::default(); if depth < 0 { 1 } else { self.counts[depth as usize] }].into()
-            })
+            let blocks = self.build_blocks(depth);
+            // Topology that fails to be read looks terminal; that is not to be shown.
+            if self.failure.get().is_none() { blocks } else { vec![Block::EMPTY; blocks.len()].into() }
         })
     }
 
-    fn build_blocks(&self, depth: i32) -> Result<Box<[Block]>> {
+    /// Child masks of `depth`, read when first asked for.
+    fn masks(&self, depth: usize) -> &[u8] {
+        let Some(slot) = self.masks.get(depth) else { return &[] };
+        slot.get_or_init(|| {
+            let mut masks = self.source.masks(depth).unwrap_or_else(|e| {
+                let _ = self.failure.set(e);
+                Vec::new()
+            });
+            masks.resize(self.counts[depth], 0);
+            masks.into()
+        })
+    }
+
+    fn build_blocks(&self, depth: i32) -> Box<[Block]> {
         if depth < 0 {
             let occupied = match depth {
                 -2 => u64::from(self.count(0) == 1),
-                _ => u64::from(self.source.masks(0)?.first().copied().unwrap_or(0)),
+                _ => u64::from(self.masks(0).first().copied().unwrap_or(0)),
             };
             // A lone terminal root is its own eight children.
             if depth == -1 && occupied == 0 && self.count(0) == 1 {
-                return Ok(Box::new([Block { mask: 255, terminal: 255, first: 0, child: 0 }]));
+                return Box::new([Block { mask: 255, terminal: 255, first: 0, child: 0 }]);
             }
-            return Ok(Box::new([Block { mask: occupied, terminal: 0, first: 0, child: 0 }]));
+            return Box::new([Block { mask: occupied, terminal: 0, first: 0, child: 0 }]);
         }
         let depth = depth as usize;
-        let (nodes, children) = (self.source.masks(depth)?, self.source.masks(depth + 1)?);
+        let (nodes, children) = (self.masks(depth), self.masks(depth + 1));
         let (mut child, mut first) = (0u32, 0u32);
         let mut blocks = Vec::with_capacity(nodes.len());
-        for mask8 in nodes {
+        for &mask8 in nodes {
             if mask8 == 0 {
                 blocks.push(Block { mask: u64::MAX, terminal: u64::MAX, first, child: SELF_TERMINAL });
                 continue;
@@ -239,7 +254,7 @@ impl Octree {
             }
             blocks.push(block);
         }
-        Ok(blocks.into())
+        blocks.into()
     }
 
     /// The voxel of `rank` at `depth`.
