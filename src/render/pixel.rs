@@ -369,8 +369,8 @@ impl<'w> Tracer<'w> {
     /// The share of light that comes along a ray; its cone is `width.0` wide and grows by `width.1`.
     fn visibility(&mut self, from: &Ray, t1: f64, skip: Option<u32>, width: (f64, f64), threshold: f32) -> f32 {
         self.counts.shadow_rays += 1;
-        // One depth coarser than what is seen is enough, and smooths.
-        let bias = self.options.depth_bias as f32 - 1.0;
+        // The depth of what is seen; a coarser one darkens (see `shadow_start`).
+        let bias = self.options.depth_bias as f32;
         let choice = DepthChoice { bias, threshold, finest: u8::MAX };
         super::passage::visibility(self.world, from, t1, skip, width, choice, FAINT, &mut self.counts)
     }
