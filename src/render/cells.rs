@@ -40,6 +40,17 @@ pub struct Visit {
     pub zoom: f64,
 }
 
+impl Visit {
+    /// Whether the stretch passes by `content`, a box in texel space; where it only just does, it may say no.
+    pub fn misses(&self, content: &Aabb) -> bool {
+        // More than what a march allows for by rounding.
+        const PAD: f64 = 1e-5;
+        let inverse = self.dir.recip();
+        let (a, b) = ((content.min - PAD - self.origin) * inverse, (content.max + PAD - self.origin) * inverse);
+        a.min(b).max_element().max(0.0) > a.max(b).min_element().min(self.t1 - self.t0)
+    }
+}
+
 /// The hash that varies copies. Normative: pcg4d on (u, v, w, seed), coordinates and seed as 32-bit two's complement.
 /// `hash(cell, seed)` gives numbers 0 … 3, `hash(cell, !seed)` numbers 4 … 7, each divided by 2^32 into [0, 1):
 /// 0 presence, 1 variant, 2 orientation, 3 scale, 4–6 displacement along u, v, w.
@@ -133,28 +144,29 @@ impl Skin {
         let origin = DVec3::new(cell[0] as f64, cell[1] as f64, cell[2] as f64);
         // A start on a face may lie outside by rounding.
         let mut p = (q - origin).clamp(DVec3::ZERO, DVec3::ONE);
-        let mut linear = DMat3::IDENTITY;
+        let mut sign = DVec3::ONE;
         for k in 0..3 {
             if self.layer.wrap[k] == CellWrap::Mirror && cell[k] & 1 != 0 {
                 p[k] = 1.0 - p[k];
-                let col = linear.col_mut(k);
-                *col = -*col;
+                sign[k] = -1.0;
             }
         }
         let first = self.choice.first()?;
         let Some(discrete) = &self.layer.discrete else {
-            return Some(Visit { texel: first.texel, cell, t0, t1, origin: p, dir: linear * dir, linear, zoom: 1.0 });
+            let linear = DMat3::from_diagonal(sign);
+            return Some(Visit { texel: first.texel, cell, t0, t1, origin: p, dir: sign * dir, linear, zoom: 1.0 });
         };
-        let (choice, place) = self.place(discrete, cell)?;
+        let (choice, Placed { linear: m, origin, zoom }) = self.place(discrete, cell)?;
+        let linear = DMat3::from_cols(m.x_axis * sign.x, m.y_axis * sign.y, m.z_axis * sign.z);
         Some(Visit {
             texel: choice.texel,
             cell,
             t0,
             t1,
-            origin: place.linear * (p - place.origin) + BASE,
-            dir: place.linear * (linear * dir),
-            linear: place.linear * linear,
-            zoom: place.zoom,
+            origin: m * (p - origin) + BASE,
+            dir: linear * dir,
+            linear,
+            zoom,
         })
     }
 
@@ -175,17 +187,10 @@ impl Skin {
         let (cos, sin) = [(1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)][turn & 3];
         let m = if turn >= 4 { -1.0 } else { 1.0 };
         let forward = DMat3::from_cols(DVec3::new(cos, sin, 0.0), DVec3::new(-sin * m, cos * m, 0.0), DVec3::Z) * scale;
-        let extent = Aabb::around((0..8).map(|k| {
-            let corner = DVec3::select(
-                glam::BVec3::new(k & 1 != 0, k & 2 != 0, k & 4 != 0),
-                choice.content.max,
-                choice.content.min,
-            );
-            forward * (corner - BASE) + BASE
-        }));
+        let extent = || Aabb::around([choice.content.min, choice.content.max].map(|c| forward * (c - BASE) + BASE));
         let mut origin = BASE;
         if discrete.displace.iter().any(|&d| d != 0.0) {
-            let h = hash(cell, !discrete.seed).map(unit);
+            let (h, extent) = (hash(cell, !discrete.seed).map(unit), extent());
             for k in 0..3 {
                 let (least, most) = ((-extent.min[k]).min(0.0), (1.0 - extent.max[k]).max(0.0));
                 origin[k] += (discrete.displace[k] * (2.0 * h[k] - 1.0)).clamp(least, most);

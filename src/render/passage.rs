@@ -48,6 +48,10 @@ pub fn passage(
                 Piece { q0: piece.q0 * scale + offset, q1: piece.q1 * scale + offset, to_texel: to_cell, ..*piece };
             let edges = across(&to_cell, ray.dir);
             skin.walk(&piece, &mut |visit| {
+                let texel = world.texels.get(visit.texel).and_then(Option::as_ref);
+                if texel.is_none_or(|t| visit.misses(&t.tree.info().content)) {
+                    return true;
+                }
                 let scale = edges * visit.zoom;
                 let (w0, w1) = (width_at(visit.t0), width_at(visit.t1));
                 let length = visit.t1 - visit.t0;
