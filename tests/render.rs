@@ -1,0 +1,115 @@
+//! `vtex render` from the outside: what it prints, how it fails, and that threads do not show.
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use vtex::format;
+use vtex::geom::{Aabb, DVec3};
+use vtex::volume::{Channels, Depth, Info, Model, Volume, Voxel};
+
+/// A folder with land.gltf: the sample terrain under bushes of nine voxels.
+fn land() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let info = Info {
+        bounds: Aabb::new(DVec3::new(-4.0, 0.0, -4.0), DVec3::new(4.0, 8.0, 4.0)),
+        metres_per_unit: 1.0,
+        up: 1,
+        cyclic: [false; 3],
+        model: Model::Coverage,
+        content: Aabb::new(DVec3::ZERO, DVec3::new(1.0, 1.0, 0.5)),
+        facet_size: 0.01,
+        channels: Channels::default(),
+        meta: Default::default(),
+    };
+    let voxel = Voxel { rate: 140, ..Voxel::default() };
+    let depths =
+        vec![Depth { masks: vec![15], voxels: vec![voxel] }, Depth { masks: vec![0; 4], voxels: vec![voxel; 4] }];
+    format::write(&Volume { info, depths }, folder.path().join("bush.vtex"), &Default::default()).unwrap();
+    let terrain = Path::new(env!("CARGO_MANIFEST_DIR")).join("samples/terrain.glb");
+    std::fs::copy(terrain, folder.path().join("terrain.glb")).unwrap();
+    let (code, _, errors) = vtex(folder.path(), "map terrain.glb --texel bush.vtex -o land.gltf");
+    assert_eq!(code, 0, "{errors}");
+    folder
+}
+
+fn vtex(folder: &Path, arguments: &str) -> (i32, String, String) {
+    let output =
+        Command::new(env!("CARGO_BIN_EXE_vtex")).args(arguments.split(' ')).current_dir(folder).output().unwrap();
+    let text = |bytes: Vec<u8>| String::from_utf8(bytes).unwrap();
+    (output.status.code().unwrap(), text(output.stdout), text(output.stderr))
+}
+
+const FAR: &str = "render land.gltf --camera far --size 48x27";
+
+#[test]
+fn a_pixel_tells_what_it_met() {
+    let folder = land();
+    let (code, text, _) = vtex(folder.path(), "render land.gltf --camera far --pixel 640,500");
+    assert_eq!(code, 0);
+    assert!(text.starts_with("cone ") && text.contains("\nradiance "), "{text}");
+    let (code, text, _) = vtex(folder.path(), "render land.gltf --camera far --pixel 640,500 --json");
+    assert_eq!(code, 0);
+    let met: serde_json::Value = serde_json::from_str(&text).unwrap();
+    assert_eq!(met[0]["met"], "cone");
+    let (code, _, errors) = vtex(folder.path(), "render land.gltf --camera far --pixel 1280,0");
+    assert!(code == 2 && errors.contains("1280×720"), "{errors}");
+}
+
+#[test]
+fn statistics_are_json_and_count_no_byte_twice() {
+    let folder = land();
+    for camera in ["near", "far"] {
+        let (code, text, _) =
+            vtex(folder.path(), &format!("render land.gltf --camera {camera} --size 48x27 -o a.png --stats --json"));
+        assert_eq!(code, 0);
+        let stats: serde_json::Value = serde_json::from_str(&text).unwrap();
+        let figure = |key: &str| stats[key].as_u64().unwrap();
+        assert_eq!(figure("cones"), 48 * 27);
+        assert!(figure("boxes_entered") > 0 && figure("cells_marched") > 0 && figure("shadow_rays") > 0);
+        assert!(figure("bytes_read") > 0 && figure("bytes_read") <= figure("bytes_in_files"), "{text}");
+        assert!(stats["seconds"]["trace"].as_f64().unwrap() > 0.0);
+    }
+    let (_, text, _) = vtex(folder.path(), &format!("{FAR} -o a.png --stats"));
+    assert!(text.contains("shadow rays"), "{text}");
+}
+
+#[test]
+fn what_cannot_be_rendered_is_said_and_the_old_picture_stays() {
+    let folder = land();
+    let picture: PathBuf = folder.path().join("a.png");
+    std::fs::write(&picture, "old").unwrap();
+    let refused = |arguments: &str, wanted: i32, words: &str| {
+        let (code, output, errors) = vtex(folder.path(), arguments);
+        assert_eq!((code, output.as_str()), (wanted, ""), "{arguments}: {errors}");
+        assert!(errors.contains(words), "{arguments}: {errors}");
+        assert_eq!(std::fs::read(&picture).unwrap(), b"old", "{arguments}");
+    };
+    refused("render land.gltf --camera side -o a.png", 2, "\"far\"");
+    for size in ["0x5", "5", "axb", "-3x4", "70000x1"] {
+        refused(&format!("render land.gltf --size={size} -o a.png"), 2, "");
+    }
+    refused("render land.gltf -o a.jpeg", 2, ".png or .exr");
+    refused("render nothing.gltf -o a.png", 1, "nothing.gltf");
+    let texel = folder.path().join("bush.vtex");
+    let mut bytes = std::fs::read(&texel).unwrap();
+    let last = bytes.len() - 1;
+    bytes[last] ^= 1;
+    std::fs::write(&texel, &bytes).unwrap();
+    refused(&format!("{FAR} -o a.png"), 1, "bush.vtex");
+    std::fs::remove_file(&texel).unwrap();
+    refused(&format!("{FAR} -o a.png"), 1, "bush.vtex");
+    let left = std::fs::read_dir(folder.path())
+        .unwrap()
+        .filter(|f| f.as_ref().unwrap().file_name().to_str().unwrap().contains("part"));
+    assert_eq!(left.count(), 0, "nothing half-written stays");
+}
+
+#[test]
+fn threads_do_not_show() {
+    let folder = land();
+    for threads in [1, 2] {
+        assert_eq!(vtex(folder.path(), &format!("{FAR} -o {threads}.exr --threads {threads}")).0, 0);
+    }
+    let bytes = |name: &str| std::fs::read(folder.path().join(name)).unwrap();
+    assert!(bytes("1.exr") == bytes("2.exr"));
+}
