@@ -24,6 +24,9 @@ pub enum Error {
     /// A size that was checked before memory was taken for it.
     #[error("{what} needs {needed}, the limit is {allowed}")]
     Limit { what: String, needed: u64, allowed: u64 },
+    /// So many warnings were given where none was allowed.
+    #[error("{0} warnings were given and --strict allows none")]
+    Warned(u64),
     /// Options that contradict each other or are out of range: the caller's fault, exit code 2.
     #[error("{0}")]
     Options(String),

@@ -41,7 +41,7 @@ impl Ui {
             eprintln!("warning: {text}{times}");
         }
         if self.strict && !warnings.is_empty() {
-            return Err(crate::Error::Options("warnings were given and --strict is on".into()));
+            return Err(crate::Error::Warned(warnings.iter().map(|(_, n)| n).sum()));
         }
         Ok(())
     }
