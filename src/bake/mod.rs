@@ -141,8 +141,9 @@ pub fn bake(
 /// What the file says of how it was made; who calls adds the sources.
 fn meta(report: &Report) -> serde_json::Map<String, serde_json::Value> {
     let mut meta = serde_json::Map::new();
-    let errors: Vec<_> = report.depths.iter().map(|d| [d.error_mean, d.error_p95]).collect();
-    meta.insert("error".into(), serde_json::json!({ "opacity": errors, "what": "mean and 95th percentile, a depth" }));
+    let error = |d: &DepthReport| serde_json::json!({ "opacity": { "mean": d.error_mean, "p95": d.error_p95 } });
+    let depths: Vec<_> = report.depths.iter().map(error).collect();
+    meta.insert("error".into(), serde_json::json!({ "depths": depths }));
     meta.insert("generator".into(), concat!("vtex ", env!("CARGO_PKG_VERSION")).into());
     meta
 }

@@ -138,7 +138,7 @@ fn tables(reader: &Reader) -> String {
     line(format!("  cyclic      {}", if axes.is_empty() { "no" } else { &axes }));
     line(format!("  facet size  {}", number(info.facet_size)));
     line(format!("  content id  {}", hex(&head.content_id())));
-    for (key, value) in &info.meta {
+    for (key, value) in info.meta.iter().filter(|(key, _)| *key != "error") {
         line(format!("  {key:<11} {}", brief(value)));
     }
     let with_error = (0..head.depths.len()).any(|d| depth_error(head, d).is_some());
