@@ -11,7 +11,7 @@
 
 use std::sync::LazyLock;
 
-use super::clip::Polygon;
+use super::clip::{Polygon, ROOM};
 use crate::geom::{AXES13, DVec3};
 
 /// Lines a voxel edge.
@@ -65,16 +65,6 @@ impl Projection {
     /// Lowest value of the sheared coordinate in the unit voxel.
     const fn base(s: i32) -> f64 {
         if s > 0 { -1.0 } else { 0.0 }
-    }
-
-    /// Plane coordinates of `p`, in voxel edges from the lowest that the voxel has.
-    #[inline]
-    pub fn project(&self, p: DVec3) -> (f64, f64) {
-        let d = p[self.drop];
-        (
-            p[self.a] - f64::from(self.sa) * d - Self::base(self.sa),
-            p[self.b] - f64::from(self.sb) * d - Self::base(self.sb),
-        )
     }
 
     /// The point on the line at plane coordinates `(x, y)` where the dropped coordinate is `d`.
@@ -161,9 +151,16 @@ impl Beams {
         parts: &mut [u32; 13],
         mut passes: Option<&mut dyn FnMut(usize, f64, f64) -> bool>,
     ) {
+        let mut scaled = [DVec3::ZERO; ROOM];
+        for (s, c) in scaled.iter_mut().zip(polygon.corners()) {
+            *s = *c * LINES as f64;
+        }
+        let scaled = &scaled[..polygon.corners().len()];
+        let (mut lo, mut hi) = ([0.0; 32], [0.0; 32]);
+        let mut plane = [(0.0, 0.0); ROOM];
         for (k, projection) in PROJECTIONS.iter().enumerate() {
-            let (mut lo, mut hi) = ([f64::INFINITY; 32], [f64::NEG_INFINITY; 32]);
-            let (first, last) = spans(polygon, projection, &mut lo, &mut hi);
+            let plane = &mut plane[..scaled.len()];
+            let (first, last) = spans(scaled, projection, plane, &mut lo, &mut hi);
             for row in first..last {
                 let (from, to) = (line_after(lo[row], 32) as u32, line_after(hi[row], 32) as u32);
                 if from >= to {
@@ -247,19 +244,36 @@ impl Beams {
     }
 }
 
-/// Rows whose middles `polygon` crosses, `first..last`, with the interval of each, all in lines.
-fn spans(polygon: &Polygon, p: &Projection, lo: &mut [f64; 32], hi: &mut [f64; 32]) -> (usize, usize) {
-    let n = LINES as f64;
-    let (mut first, mut last) = (32usize, 0usize);
-    let corners = polygon.corners();
-    let Some(&end) = corners.last() else { return (0, 0) };
-    let (mut x0, mut y0) = p.project(end);
-    (x0, y0) = (x0 * n, y0 * n);
-    for &c in corners {
-        let (x1, y1) = p.project(c);
-        let (x1, y1) = (x1 * n, y1 * n);
-        let (low, high) = (y0.min(y1), y0.max(y1));
-        let (from, to) = (line_after(low, p.rows), line_after(high, p.rows));
+/// Rows whose middles the polygon of `corners` crosses, `first..last`, with the interval of each, all in lines; `plane` is
+/// room for its projection. Most facets are smaller than the lattice and cross none.
+#[inline]
+fn spans(
+    corners: &[DVec3],
+    p: &Projection,
+    plane: &mut [(f64, f64)],
+    lo: &mut [f64; 32],
+    hi: &mut [f64; 32],
+) -> (usize, usize) {
+    let (sa, sb) = (f64::from(p.sa), f64::from(p.sb));
+    let (ba, bb) = (LINES as f64 * Projection::base(p.sa), LINES as f64 * Projection::base(p.sb));
+    let (mut least, mut most) = ((f64::INFINITY, f64::INFINITY), (f64::NEG_INFINITY, f64::NEG_INFINITY));
+    for (at, c) in plane.iter_mut().zip(corners) {
+        let c = c.to_array();
+        let d = c[p.drop];
+        let (x, y) = (c[p.a] - sa * d - ba, c[p.b] - sb * d - bb);
+        least = (least.0.min(x), least.1.min(y));
+        most = (most.0.max(x), most.1.max(y));
+        *at = (x, y);
+    }
+    let (first, last) = (line_after(least.1, p.rows), line_after(most.1, p.rows));
+    if first >= last || line_after(least.0, 32) >= line_after(most.0, 32) {
+        return (0, 0);
+    }
+    lo[first..last].fill(f64::INFINITY);
+    hi[first..last].fill(f64::NEG_INFINITY);
+    let Some(&(mut x0, mut y0)) = plane.last() else { return (0, 0) };
+    for &(x1, y1) in plane.iter() {
+        let (from, to) = (line_after(y0.min(y1), p.rows), line_after(y0.max(y1), p.rows));
         if from < to {
             let slope = (x1 - x0) / (y1 - y0);
             for row in from..to {
@@ -267,11 +281,10 @@ fn spans(polygon: &Polygon, p: &Projection, lo: &mut [f64; 32], hi: &mut [f64; 3
                 lo[row] = lo[row].min(x);
                 hi[row] = hi[row].max(x);
             }
-            (first, last) = (first.min(from), last.max(to));
         }
         (x0, y0) = (x1, y1);
     }
-    (first.min(last), last)
+    (first, last)
 }
 
 /// The first of `count` lines, at i + 1/2, that is beyond `x`; so a line is in an interval when lo < i + 1/2 <= hi.

@@ -8,7 +8,8 @@ use crate::geom::DVec3;
 
 /// Most corners that a source may give a polygon; six planes add one each.
 pub const MAX_CORNERS: usize = 8;
-const ROOM: usize = MAX_CORNERS + 6;
+/// Most corners of a piece.
+pub const ROOM: usize = MAX_CORNERS + 6;
 
 /// A planar convex polygon and the facet of the source that it is a piece of.
 #[derive(Debug, Clone, Copy)]
@@ -120,6 +121,10 @@ impl Polygon {
 
     /// What of it is in the half-open box `[lo, hi)`.
     pub fn clip(&self, lo: DVec3, hi: DVec3) -> Option<Polygon> {
+        let (least, most) = self.bounds();
+        if least.cmpge(lo).all() && most.cmplt(hi).all() {
+            return Some(*self);
+        }
         let mut piece = *self;
         for axis in 0..3 {
             piece = piece.split(axis, lo[axis]).1?;
@@ -128,23 +133,32 @@ impl Polygon {
         Some(piece)
     }
 
-    /// Sort its pieces into the eight octants around `centre` (bit x + 2y + 4z).
-    pub fn split_octants(&self, centre: DVec3, out: &mut [Vec<Polygon>; 8]) {
-        let halves = |p: &Polygon, axis: usize| p.split(axis, centre[axis]);
-        let (x0, x1) = halves(self, 0);
-        for (i, px) in [x0, x1].iter().enumerate() {
-            let Some(px) = px else { continue };
-            let (y0, y1) = halves(px, 1);
-            for (j, py) in [y0, y1].iter().enumerate() {
-                let Some(py) = py else { continue };
-                let (z0, z1) = halves(py, 2);
-                for (k, pz) in [z0, z1].iter().enumerate() {
-                    if let Some(pz) = pz {
-                        out[i + 2 * j + 4 * k].push(*pz);
-                    }
-                }
-            }
+    /// Cut it into the unit voxels, and give each piece with its voxel's lower corner. What lies in one voxel is not copied.
+    pub fn split_voxels(&self, each: &mut impl FnMut(&Polygon, DVec3)) {
+        let (lo, hi) = self.bounds();
+        let cell = lo.floor();
+        // A piece that reaches the plane above from below lies below.
+        let planes = (hi - cell).ceil() - 1.0;
+        let axis = if planes.x >= planes.y && planes.x >= planes.z {
+            0
+        } else if planes.y >= planes.z {
+            1
+        } else {
+            2
+        };
+        if planes[axis].is_nan() || planes[axis] < 1.0 {
+            return each(self, cell);
         }
+        // The middle one of the planes that part it.
+        let (below, above) = self.split(axis, cell[axis] + (0.5 * planes[axis]).ceil());
+        for piece in [below, above].iter().flatten() {
+            piece.split_voxels(each);
+        }
+    }
+
+    /// Its tight box.
+    pub fn bounds(&self) -> (DVec3, DVec3) {
+        self.corners().iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(lo, hi), &c| (lo.min(c), hi.max(c)))
     }
 }
 
@@ -153,9 +167,10 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
+    /// By voxel of the cube of edge 2.
     fn octants(p: &Polygon) -> [Vec<Polygon>; 8] {
         let mut out: [Vec<Polygon>; 8] = Default::default();
-        p.split_octants(DVec3::splat(1.0), &mut out);
+        p.split_voxels(&mut |piece, at| out[at.dot(DVec3::new(1.0, 2.0, 4.0)) as usize].push(*piece));
         out
     }
 

@@ -1,6 +1,5 @@
 //! How large a bake will be, before it is done: the facets of some regions are cut without being measured.
 
-use super::clip::Polygon;
 use super::source::{Placement, Staged};
 use crate::geom::DVec3;
 use crate::{morton, par};
@@ -34,11 +33,25 @@ pub fn estimate(staged: &dyn Staged, place: &Placement) -> Estimate {
         let region = n * step + step / 2 % step.max(1);
         let region = region.min(regions.len() - 1);
         let origin = morton::decode(regions[region]).map(|v| f64::from(v << levels));
-        let mut facets = Vec::new();
-        staged.emit(region, &mut facets);
         let (corner, width) = (DVec3::from(origin), f64::from(1u32 << levels));
-        let facets: Vec<Polygon> = facets.iter().filter_map(|f| f.clip(corner, corner + width)).collect();
-        count(levels, corner, &facets)
+        let mut codes = Vec::new();
+        staged.emit(region, &mut |facet| {
+            let Some(facet) = facet.clip(corner, corner + width) else { return };
+            facet.split_voxels(&mut |_, at| {
+                let cell = (at - corner).clamp(DVec3::ZERO, DVec3::splat(width - 1.0)).as_uvec3();
+                let code = morton::encode(cell.to_array());
+                if codes.last() != Some(&code) {
+                    codes.push(code);
+                }
+            });
+            if codes.len() > 1 << 20 {
+                codes.sort_unstable();
+                codes.dedup();
+            }
+        });
+        codes.sort_unstable();
+        codes.dedup();
+        count(levels, codes)
     });
     let scale = regions.len() as f64 / counted.len().max(1) as f64;
     let sum = |i: usize| counted.iter().map(|c| c[i]).sum::<u64>() as f64 * scale;
@@ -52,24 +65,14 @@ pub fn estimate(staged: &dyn Staged, place: &Placement) -> Estimate {
     }
 }
 
-/// Finest voxels and nodes in a cube.
-fn count(levels: usize, corner: DVec3, polygons: &[Polygon]) -> [u64; 2] {
-    if polygons.is_empty() {
-        return [0, 0];
+/// Finest voxels and nodes in a cube, of its voxels' codes.
+fn count(levels: usize, mut codes: Vec<u64>) -> [u64; 2] {
+    let finest = codes.len() as u64;
+    let mut nodes = finest;
+    for _ in 0..levels {
+        codes.iter_mut().for_each(|c| *c >>= 3);
+        codes.dedup();
+        nodes += codes.len() as u64;
     }
-    if levels == 0 {
-        return [1, 1];
-    }
-    let half = f64::from(1u32 << (levels - 1));
-    let mut octants: [Vec<Polygon>; 8] = Default::default();
-    for polygon in polygons {
-        polygon.split_octants(corner + half, &mut octants);
-    }
-    let mut sum = [0, 1];
-    for (j, octant) in octants.iter().enumerate() {
-        let at = corner + half * DVec3::new((j & 1) as f64, (j >> 1 & 1) as f64, (j >> 2) as f64);
-        let inner = count(levels - 1, at, octant);
-        sum = [sum[0] + inner[0], sum[1] + inner[1]];
-    }
-    sum
+    [finest, nodes]
 }

@@ -3,7 +3,7 @@
 //! Based on: C. Loop et al. / E. Heitz et al., *The SGGX Microflake Distribution*, 2015 (projected areas filter linearly);
 //! G. Loubet, F. Neyret, *Hybrid Mesh-Volume LoDs*, EG 2017 (colour weighted by visibility).
 
-use super::beams::{Beams, LINES, PROJECTIONS, Union, axis_length, box_area, oblique_area};
+use super::beams::{Beams, PROJECTIONS, Union, axis_length, box_area, oblique_area};
 use super::clip::Polygon;
 use super::source::Staged;
 use crate::geom::DVec3;
@@ -29,13 +29,16 @@ pub struct Measure {
     pub averaged: f64,
 }
 
+/// Samples of a cut-out facet along a voxel's edge.
+const CUT_CELLS: usize = 8;
+
 /// A sampling of a cut-out facet: which cells of a small grid over its dominant plane are there.
 struct CutOut {
     a: usize,
     b: usize,
     min: [f64; 2],
     step: [f64; 2],
-    cells: [u16; 16],
+    cells: [u16; CUT_CELLS],
     size: [usize; 2],
     plane: (DVec3, f64),
     share: f64,
@@ -57,8 +60,8 @@ impl CutOut {
         };
         let (a, b) = ((drop + 1) % 3, (drop + 2) % 3);
         let corners = polygon.corners();
-        let (lo, hi) = bounds(corners);
-        let cells = |e: f64| ((e * LINES as f64).ceil() as usize).clamp(2, 16);
+        let (lo, hi) = polygon.bounds();
+        let cells = |e: f64| ((e * CUT_CELLS as f64).ceil() as usize).clamp(2, CUT_CELLS);
         let size = [cells(hi[a] - lo[a]), cells(hi[b] - lo[b])];
         let step = [(hi[a] - lo[a]) / size[0] as f64, (hi[b] - lo[b]) / size[1] as f64];
         let plane = (normal, normal.dot(corners[0]));
@@ -67,7 +70,7 @@ impl CutOut {
             b,
             min: [lo[a], lo[b]],
             step,
-            cells: [0; 16],
+            cells: [0; CUT_CELLS],
             size,
             plane,
             share: 0.0,
@@ -149,10 +152,6 @@ fn holds(corners: &[DVec3], a: usize, b: usize, x: f64, y: f64) -> bool {
     !(left && right)
 }
 
-fn bounds(corners: &[DVec3]) -> (DVec3, DVec3) {
-    corners.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(lo, hi), &c| (lo.min(c), hi.max(c)))
-}
-
 impl Measure {
     fn empty() -> Measure {
         Measure {
@@ -171,57 +170,6 @@ impl Measure {
     pub fn full() -> Measure {
         let side = std::array::from_fn(|k| box_area(k, DVec3::ONE));
         Measure { lo: DVec3::ZERO, hi: DVec3::ONE, cover: side, solid: true, averaged: 1.0, ..Measure::empty() }
-    }
-
-    /// Of the finest voxel at `origin` from its facets (grid space, already cut to the voxel); `None` where they have no area.
-    pub fn of_facets(staged: &dyn Staged, polygons: &[Polygon], origin: DVec3, beams: &mut Beams) -> Option<Measure> {
-        let mut m = Measure::empty();
-        let mut parts = [0u32; 13];
-        let mut areas = [0.0; 13];
-        let mut colour_weight = 0.0;
-        for polygon in polygons {
-            let p = polygon.relative_to(origin);
-            let area = p.area_vector();
-            let size = area.length();
-            if size.is_nan() || size < 1e-14 {
-                continue;
-            }
-            let mut share = 1.0;
-            let albedo;
-            let (mut lo, mut hi) = bounds(p.corners());
-            if staged.cut_out(p.facet) {
-                let Some(cut) = CutOut::new(staged, &p, origin, area / size) else { continue };
-                beams.add(&p, &mut parts, Some(&mut |k, x, y| cut.blocks(k, x, y)));
-                (share, albedo, lo, hi) = (cut.share, cut.albedo, cut.lo, cut.hi);
-            } else {
-                beams.add(&p, &mut parts, None);
-                let s = staged.surface(p.facet, polygon.middle(), size.sqrt());
-                albedo = DVec3::from(s.albedo.map(f64::from));
-            }
-            (m.lo, m.hi) = (m.lo.min(lo), m.hi.max(hi));
-            for (k, sum) in areas.iter_mut().enumerate() {
-                *sum += share * oblique_area(k, area);
-            }
-            m.total += share * size;
-            if staged.one_sided(p.facet) {
-                m.mean += share * area;
-            }
-            m.albedo += share * size * albedo;
-            colour_weight += share * size;
-        }
-        if m.total <= 0.0 {
-            return None;
-        }
-        m.albedo /= colour_weight;
-        (m.lo, m.hi) = (m.lo.clamp(DVec3::ZERO, DVec3::ONE), m.hi.clamp(DVec3::ZERO, DVec3::ONE));
-        for (k, &parts) in parts.iter().enumerate() {
-            let union = beams.count(k);
-            // One facet covers its area exactly; several share lines as the lattice finds it.
-            let ratio = if parts > 0 { f64::from(union) / f64::from(parts) } else { 1.0 };
-            m.cover[k] = (areas[k] * ratio).min(box_area(k, m.hi - m.lo).max(0.0));
-            m.averaged += m.cover[k] / box_area(k, DVec3::ONE) / 13.0;
-        }
-        Some(m)
     }
 
     /// Of a parent from its children.
@@ -259,5 +207,69 @@ impl Measure {
             m.cover[k] = (m.cover[k] * ratio).min(box_area(k, m.hi - m.lo));
         }
         m
+    }
+}
+
+/// A finest voxel while its facets come in, one by one; nothing is kept of them but sums.
+pub struct Gather {
+    measure: Measure,
+    beams: Beams,
+    /// Lines of each facet, before they are united; and oblique areas, an axis.
+    parts: [u32; 13],
+    areas: [f64; 13],
+}
+
+impl Gather {
+    pub fn new() -> Gather {
+        Gather { measure: Measure::empty(), beams: Beams::default(), parts: [0; 13], areas: [0.0; 13] }
+    }
+
+    /// Add a facet (grid space, already cut to the voxel at `origin`).
+    pub fn add(&mut self, staged: &dyn Staged, polygon: &Polygon, origin: DVec3) {
+        let m = &mut self.measure;
+        let p = polygon.relative_to(origin);
+        let area = p.area_vector();
+        let size = area.length();
+        if size.is_nan() || size < 1e-14 {
+            return;
+        }
+        let mut share = 1.0;
+        let albedo;
+        let (mut lo, mut hi) = p.bounds();
+        if staged.cut_out(p.facet) {
+            let Some(cut) = CutOut::new(staged, &p, origin, area / size) else { return };
+            self.beams.add(&p, &mut self.parts, Some(&mut |k, x, y| cut.blocks(k, x, y)));
+            (share, albedo, lo, hi) = (cut.share, cut.albedo, cut.lo, cut.hi);
+        } else {
+            self.beams.add(&p, &mut self.parts, None);
+            let s = staged.surface(p.facet, polygon.middle(), size.sqrt());
+            albedo = DVec3::from(s.albedo.map(f64::from));
+        }
+        (m.lo, m.hi) = (m.lo.min(lo), m.hi.max(hi));
+        for (k, sum) in self.areas.iter_mut().enumerate() {
+            *sum += share * oblique_area(k, area);
+        }
+        m.total += share * size;
+        if staged.one_sided(p.facet) {
+            m.mean += share * area;
+        }
+        m.albedo += share * size * albedo;
+    }
+
+    /// The voxel's measure and lines; `None` where its facets have no area.
+    pub fn finish(self) -> Option<(Measure, Beams)> {
+        let Gather { measure: mut m, beams, parts, areas } = self;
+        if m.total <= 0.0 {
+            return None;
+        }
+        m.albedo /= m.total;
+        (m.lo, m.hi) = (m.lo.clamp(DVec3::ZERO, DVec3::ONE), m.hi.clamp(DVec3::ZERO, DVec3::ONE));
+        for (k, &parts) in parts.iter().enumerate() {
+            // One facet covers its area exactly; several share lines as the lattice finds it.
+            let ratio = if parts > 0 { f64::from(beams.count(k)) / f64::from(parts) } else { 1.0 };
+            m.cover[k] = (areas[k] * ratio).min(box_area(k, m.hi - m.lo).max(0.0));
+            m.averaged += m.cover[k] / box_area(k, DVec3::ONE) / 13.0;
+        }
+        Some((m, beams))
     }
 }

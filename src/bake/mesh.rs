@@ -275,10 +275,10 @@ impl Staged for StagedMesh<'_> {
         (self.starts[region + 1] - self.starts[region]) as u64
     }
 
-    fn emit(&self, region: usize, out: &mut Vec<Polygon>) {
+    fn emit(&self, region: usize, each: &mut dyn FnMut(&Polygon)) {
         for &facet in &self.facets[self.starts[region]..self.starts[region + 1]] {
             let (piece, index) = self.find(facet);
-            out.push(Polygon::new(&piece.triangle(index), facet));
+            each(&Polygon::new(&piece.triangle(index), facet));
         }
     }
 

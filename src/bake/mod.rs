@@ -31,6 +31,7 @@ use crate::geom::{Aabb, DVec3};
 use crate::progress::Progress;
 use crate::volume::{Channels, Info, Model, Volume};
 use crate::{Error, Result, Warnings, morton, par};
+use beams::Beams;
 use tree::{Node, Output, Region};
 
 /// Largest resolution that may be asked for.
@@ -196,15 +197,11 @@ fn build(staged: &dyn Staged, place: &Placement, options: &Options, progress: &d
     let top = place.depth - levels;
     progress.stage("measure", regions.len() as u64);
     let empty = || Output::new(place.depth + 1, options.model);
+    let full = Beams::full();
     let parts: Vec<(Option<Box<Node>>, Output)> = par::map(regions.len(), |i| {
         let origin = morton::decode(regions[i]).map(|v| v << levels);
-        let corner = DVec3::from(origin.map(f64::from));
-        let mut facets = Vec::new();
-        staged.emit(i, &mut facets);
-        let reach = corner + f64::from(1u32 << levels);
-        let facets: Vec<Polygon> = facets.iter().filter_map(|f| f.clip(corner, reach)).collect();
-        let mut region = Region::new(staged, empty());
-        let node = region.node(top, levels, origin, &facets);
+        let mut region = Region { staged, output: empty(), full: &full, origin, levels };
+        let node = region.node(i, top);
         progress.advance(1);
         (node, region.output)
     });

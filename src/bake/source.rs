@@ -102,9 +102,9 @@ pub trait Staged: Sync {
     fn regions(&self) -> &[u64];
     /// How much work a region is, in facets.
     fn weight(&self, region: usize) -> u64;
-    /// Append the facets that may reach into `regions()[region]`: planar and convex, in grid space, in a fixed order.
-    /// What reaches beyond the region is cut off by the caller.
-    fn emit(&self, region: usize, out: &mut Vec<Polygon>);
+    /// Give the facets that may reach into `regions()[region]`, one by one: planar and convex, in grid space, in a fixed
+    /// order. What reaches beyond the region is cut off by the caller.
+    fn emit(&self, region: usize, each: &mut dyn FnMut(&Polygon));
     /// What the facet looks like at `at` (grid space), averaged over about `width` voxels; with 0, a point sample.
     fn surface(&self, facet: u32, at: DVec3, width: f64) -> Surface;
     /// Whether alpha cuts something out of the facet.

@@ -2,9 +2,8 @@
 //! children and, once it does, fits its grandchildren.
 
 use super::beams::Beams;
-use super::clip::Polygon;
 use super::fit::{Cell, Certificate, fit_block};
-use super::measure::Measure;
+use super::measure::{Gather, Measure};
 use super::source::Staged;
 use crate::geom::DVec3;
 use crate::morton;
@@ -57,53 +56,75 @@ fn place(code: usize) -> [u8; 3] {
     morton::decode(code as u64).map(|v| v as u8)
 }
 
-/// Cuts one region.
+/// Measures one region, a cube of `2^levels` finest voxels.
 pub struct Region<'a> {
     pub staged: &'a dyn Staged,
     pub output: Output,
-    /// Pieces by octant, a set a level.
-    scratch: Vec<[Vec<Polygon>; 8]>,
+    /// The lines of an opaque voxel.
+    pub full: &'a Beams,
+    /// Lowest voxel.
+    pub origin: [u32; 3],
+    pub levels: usize,
 }
 
-impl<'a> Region<'a> {
-    pub fn new(staged: &'a dyn Staged, output: Output) -> Self {
-        Region { staged, output, scratch: Vec::new() }
+impl Region<'_> {
+    /// The region's node, which is of `depth`, from the facets of the staged region `index`.
+    pub fn node(&mut self, index: usize, depth: usize) -> Option<Box<Node>> {
+        let corner = DVec3::from(self.origin.map(f64::from));
+        let width = f64::from(1u32 << self.levels);
+        // Voxels by code, as places in `voxels` from 1 on.
+        let mut places = vec![0u32; 1 << (3 * self.levels)];
+        let mut voxels: Vec<(u32, Box<Gather>)> = Vec::new();
+        self.staged.emit(index, &mut |facet| {
+            let Some(facet) = facet.clip(corner, corner + width) else { return };
+            facet.split_voxels(&mut |piece, at| {
+                let cell = (at - corner).clamp(DVec3::ZERO, DVec3::splat(width - 1.0)).as_uvec3();
+                let code = morton::encode(cell.to_array()) as usize;
+                if places[code] == 0 {
+                    voxels.push((code as u32, Box::new(Gather::new())));
+                    places[code] = voxels.len() as u32;
+                }
+                voxels[places[code] as usize - 1].1.add(self.staged, piece, at);
+            });
+        });
+        voxels.sort_unstable_by_key(|v| v.0);
+        let mut voxels = voxels.into_iter().peekable();
+        self.cube(depth, self.levels, 0, &mut voxels)
     }
 
-    /// The node at `depth` of the cube of `2^levels` finest voxels at `origin`, from the facets cut to it.
-    pub fn node(&mut self, depth: usize, levels: usize, origin: [u32; 3], polygons: &[Polygon]) -> Option<Box<Node>> {
-        let corner = DVec3::from(origin.map(f64::from));
-        if polygons.is_empty() {
-            let centre = corner + 0.5 * f64::from(1u32 << levels);
-            return self.staged.inside(centre).then(|| Box::new(Node::solid()));
+    /// The node at `depth` of the cube of `2^levels` voxels from `code` on, whose voxels with facets come next.
+    fn cube(&mut self, depth: usize, levels: usize, code: u32, voxels: &mut Voxels) -> Option<Box<Node>> {
+        let end = code + (1 << (3 * levels));
+        if voxels.peek().is_none_or(|v| v.0 >= end) {
+            return self.inner(levels, code);
         }
         if levels == 0 {
-            let mut beams = Beams::default();
-            let measure = Measure::of_facets(self.staged, polygons, corner, &mut beams);
-            let Some(measure) = measure else {
+            let Some((measure, beams)) = voxels.next().and_then(|v| v.1.finish()) else {
                 // Facets of no area: as if there were none.
-                return self.node(depth, levels, origin, &[]);
+                return self.inner(levels, code);
             };
             return Some(Box::new(Node { measure, beams, mask: 0, children: Vec::new() }));
         }
-        let half = 1u32 << (levels - 1);
-        let mut octants = self.scratch.pop().unwrap_or_default();
-        for polygon in polygons {
-            polygon.split_octants(corner + f64::from(half), &mut octants);
-        }
-        let children = std::array::from_fn(|j| {
-            let at = std::array::from_fn(|axis| origin[axis] + half * (j as u32 >> axis & 1));
-            self.node(depth + 1, levels - 1, at, &octants[j])
-        });
-        octants.iter_mut().for_each(Vec::clear);
-        self.scratch.push(octants);
+        let step = 1 << (3 * (levels - 1));
+        let children = std::array::from_fn(|j| self.cube(depth + 1, levels - 1, code + step * j as u32, voxels));
         join(depth, children, &mut self.output)
+    }
+
+    /// A cube without facets: opaque or nothing.
+    fn inner(&self, levels: usize, code: u32) -> Option<Box<Node>> {
+        let low = morton::decode(u64::from(code));
+        let centre = DVec3::from(std::array::from_fn(|axis| f64::from(self.origin[axis] + low[axis])))
+            + 0.5 * f64::from(1u32 << levels);
+        self.staged.inside(centre).then(|| Box::new(Node::solid(self.full)))
     }
 }
 
+/// Voxels with facets, by ascending code.
+type Voxels = std::iter::Peekable<std::vec::IntoIter<(u32, Box<Gather>)>>;
+
 impl Node {
-    fn solid() -> Node {
-        Node { measure: Measure::full(), beams: Beams::full().clone(), mask: 0, children: Vec::new() }
+    fn solid(full: &Beams) -> Node {
+        Node { measure: Measure::full(), beams: full.clone(), mask: 0, children: Vec::new() }
     }
 
     /// Whether the node is one opaque cube without a face in it.
@@ -118,7 +139,7 @@ pub fn join(depth: usize, children: [Option<Box<Node>>; 8], output: &mut Output)
         return None;
     }
     if children.iter().all(|c| c.as_ref().is_some_and(|c| c.is_terminal_solid())) {
-        return Some(Box::new(Node::solid()));
+        return children.into_iter().next().flatten();
     }
     let union = Beams::unite(&children.each_ref().map(|c| c.as_ref().map(|c| &c.beams)), depth);
     let measure = Measure::of_children(&children.each_ref().map(|c| c.as_ref().map(|c| &c.measure)), &union);

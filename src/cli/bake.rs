@@ -15,6 +15,9 @@ use crate::scene::gltf::ReadOptions;
 use crate::volume::{Model, Volume};
 use crate::{Error, Result, par};
 
+/// Bytes that a source may take as it is read where --memory says nothing: a file that lies of its size cannot take more.
+const READ_BYTES: u64 = 2 << 30;
+
 /// Turn a 3D source (.gltf, .glb, .obj) into a texel
 #[derive(clap::Args)]
 pub struct Args {
@@ -183,6 +186,7 @@ fn bake_file(args: &Args, ui: &Ui) -> Result<()> {
         scene: args.scene.clone(),
         include: args.include.clone(),
         exclude: args.exclude.clone(),
+        max_bytes: args.memory.filter(|&m| m > 0).unwrap_or(READ_BYTES),
         ..ReadOptions::default()
     };
     let source = bake::open(&args.input, &read, &args.mesh())?;
