@@ -290,8 +290,8 @@ fn spans(
 /// The first of `count` lines, at i + 1/2, that is beyond `x`; so a line is in an interval when lo < i + 1/2 <= hi.
 #[inline]
 fn line_after(x: f64, count: usize) -> usize {
-    // The cast rounds toward 0 and takes what is below 0 for 0.
-    ((x + 0.5) as usize).min(count)
+    // The cast rounds toward 0; from i32 it is far cheaper than from usize.
+    ((x + 0.5) as i32).clamp(0, count as i32) as usize
 }
 
 /// Bits 0, 2, 4 … 30 gathered into the low half.
@@ -386,6 +386,12 @@ pub fn oblique_area(k: usize, area: DVec3) -> f64 {
 mod tests {
     use super::*;
 
+    /// Plane coordinates of `q`, in voxel edges from the lowest that the voxel has.
+    fn project(p: &Projection, q: DVec3) -> (f64, f64) {
+        let along = |i: usize, s: i32| q[i] - f64::from(s) * q[p.drop] - Projection::base(s);
+        (along(p.a, p.sa), along(p.b, p.sb))
+    }
+
     #[test]
     fn a_full_voxel_blocks_its_box_area() {
         let full = Beams::full();
@@ -437,8 +443,8 @@ mod tests {
                 let (wa, wb) = p.extent();
                 assert!(oa <= wa && ob <= wb);
                 let centre = DVec3::new((j & 1) as f64, (j >> 1 & 1) as f64, (j >> 2) as f64) + 0.4;
-                let (x, y) = p.project(centre);
-                let local = p.project(DVec3::splat(0.4));
+                let (x, y) = project(p, centre);
+                let local = project(p, DVec3::splat(0.4));
                 // The parent's plane starts at −2 child edges where sheared upward, the child's at −1.
                 let base = |s: i32| if s > 0 { 1.0 } else { 0.0 };
                 assert!((x + base(p.sa) - oa as f64 - local.0).abs() < 1e-12);

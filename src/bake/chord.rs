@@ -76,15 +76,18 @@ impl Chords {
             return r;
         }
         // Secant steps on log depth over log r, whose slope is 1 while little is blocked and falls towards opaque.
+        let (goal, most) = (libm::log(want), libm::log(MAX_RATE));
+        let mut x = libm::log(r);
         let mut last: Option<(f64, f64)> = None;
         for _ in 0..8 {
-            let depth = opacity::depth_for((1.0 - self.blocked(r, c)).max(1e-9), c);
-            let slope = last.map_or(1.0, |(r0, d0)| libm::log(depth / d0) / libm::log(r / r0));
+            let y = libm::log(opacity::depth_for((1.0 - self.blocked(r, c)).max(1e-9), c));
+            let slope = last.map_or(1.0, |(x0, y0)| (y - y0) / (x - x0));
             let slope = if slope > 0.02 { slope.min(1.0) } else { 0.02 };
-            last = Some((r, depth));
-            let next = (r * libm::pow(want / depth, 1.0 / slope)).min(MAX_RATE);
-            let done = (next - r).abs() < 0.01 * r;
-            r = next;
+            last = Some((x, y));
+            let next = (x + (goal - y) / slope).min(most);
+            let done = (next - x).abs() < 0.01;
+            x = next;
+            r = libm::exp(x);
             if done {
                 break;
             }

@@ -148,6 +148,12 @@ impl Reader<'_> {
             }
         };
         self.document.charge(12 * indices.len() as u64, &self.at)?;
+        let own = self.primitive.extensions.as_ref().and_then(|e| e.others.get(super::extension::NAME));
+        if own.is_some_and(|e| e.get("patches").is_some()) {
+            warnings.add("a primitive's patches are read as triangles");
+        } else if self.document.root.extensions_used.iter().any(|n| n == "FB_ngon_encoding") {
+            warnings.add("polygons of FB_ngon_encoding are read as triangles");
+        }
         match &self.primitive.mode {
             Checked::Valid(Mode::Points) => part.points = indices,
             Checked::Valid(Mode::Lines) => part.lines = topology::lines(&indices),
