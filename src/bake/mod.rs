@@ -31,7 +31,6 @@ use crate::geom::{Aabb, DVec3};
 use crate::progress::Progress;
 use crate::volume::{Channels, Info, Model, Volume};
 use crate::{Error, Result, Warnings, morton, par};
-use beams::Beams;
 use tree::{Node, Output, Region};
 
 /// Largest resolution that may be asked for.
@@ -197,10 +196,9 @@ fn build(staged: &dyn Staged, place: &Placement, options: &Options, progress: &d
     let top = place.depth - levels;
     progress.stage("measure", regions.len() as u64);
     let empty = || Output::new(place.depth + 1, options.model);
-    let full = Beams::full();
     let parts: Vec<(Option<Box<Node>>, Output)> = par::map(regions.len(), |i| {
         let origin = morton::decode(regions[i]).map(|v| v << levels);
-        let mut region = Region { staged, output: empty(), full: &full, origin, levels };
+        let mut region = Region { staged, output: empty(), origin, levels };
         let node = region.node(i, top);
         progress.advance(1);
         (node, region.output)

@@ -60,8 +60,6 @@ fn place(code: usize) -> [u8; 3] {
 pub struct Region<'a> {
     pub staged: &'a dyn Staged,
     pub output: Output,
-    /// The lines of an opaque voxel.
-    pub full: &'a Beams,
     /// Lowest voxel.
     pub origin: [u32; 3],
     pub levels: usize,
@@ -115,7 +113,7 @@ impl Region<'_> {
         let low = morton::decode(u64::from(code));
         let centre = DVec3::from(std::array::from_fn(|axis| f64::from(self.origin[axis] + low[axis])))
             + 0.5 * f64::from(1u32 << levels);
-        self.staged.inside(centre).then(|| Box::new(Node::solid(self.full)))
+        self.staged.inside(centre).then(|| Box::new(Node::solid()))
     }
 }
 
@@ -123,8 +121,8 @@ impl Region<'_> {
 type Voxels = std::iter::Peekable<std::vec::IntoIter<(u32, Box<Gather>)>>;
 
 impl Node {
-    fn solid(full: &Beams) -> Node {
-        Node { measure: Measure::full(), beams: full.clone(), mask: 0, children: Vec::new() }
+    fn solid() -> Node {
+        Node { measure: Measure::full(), beams: Beams::full().clone(), mask: 0, children: Vec::new() }
     }
 
     /// Whether the node is one opaque cube without a face in it.
