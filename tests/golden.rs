@@ -82,18 +82,6 @@ fn figure() -> Octree {
     Octree::new(Volume { info, depths }).unwrap()
 }
 
-fn layer() -> Layer {
-    Layer {
-        texel: 0,
-        wrap: [CellWrap::Repeat, CellWrap::Repeat, CellWrap::Empty],
-        offset: [0.0; 3],
-        scale: [1.0; 3],
-        opacity_scale: 1.0,
-        diffuse: [1.0; 3],
-        discrete: None,
-    }
-}
-
 fn shell(thickness: f64, layer: Layer) -> Material {
     let layers = vec![layer];
     let shell = ShellMaterial { tex_coord: 0, w: 0.0, dw: 1.0, thickness, surface_visible: true, layers };
@@ -180,7 +168,7 @@ fn a_ball_is_overgrown() {
         DVec3::new(b.sin() * a.cos(), -b.cos(), -b.sin() * a.sin())
     });
     let options = looking([1.5, 2.0, 4.0], [0.0; 3]);
-    golden("ball", vec![(ball, DAffine3::IDENTITY)], vec![shell(0.4, layer())], vec![sun()], options);
+    golden("ball", vec![(ball, DAffine3::IDENTITY)], vec![shell(0.4, Layer::default())], vec![sun()], options);
 }
 
 #[test]
@@ -188,7 +176,7 @@ fn copies_repeat_and_are_mirrored() {
     let wrap = [CellWrap::Mirror, CellWrap::Repeat, CellWrap::Empty];
     let options = looking([0.6, 4.0, 4.0], [0.0; 3]);
     let ground = vec![(square(1.5, 3.0, 0), DAffine3::IDENTITY)];
-    golden("mirror", ground, vec![shell(0.8, Layer { wrap, ..layer() })], vec![sun()], options);
+    golden("mirror", ground, vec![shell(0.8, Layer { wrap, ..Layer::default() })], vec![sun()], options);
 }
 
 #[test]
@@ -203,7 +191,13 @@ fn copies_vary() {
     };
     let options = looking([0.6, 4.0, 4.0], [0.0; 3]);
     let ground = vec![(square(1.5, 4.0, 0), DAffine3::IDENTITY)];
-    golden("vary", ground, vec![shell(0.7, Layer { discrete: Some(discrete), ..layer() })], vec![sun()], options);
+    golden(
+        "vary",
+        ground,
+        vec![shell(0.7, Layer { discrete: Some(discrete), ..Layer::default() })],
+        vec![sun()],
+        options,
+    );
 }
 
 #[test]
@@ -212,13 +206,13 @@ fn a_shell_bends_and_twists() {
     let lean = |[x, _, z]: &[f32; 3]| [0.3 * x, 0.8 + 0.2 * z, 0.2 * x * z];
     part.heights = Some(part.positions.iter().map(lean).collect());
     let options = looking([1.0, 3.0, 4.0], [0.0, 0.5, 0.0]);
-    golden("twist", vec![(part, DAffine3::IDENTITY)], vec![shell(0.8, layer())], vec![sun()], options);
+    golden("twist", vec![(part, DAffine3::IDENTITY)], vec![shell(0.8, Layer::default())], vec![sun()], options);
 }
 
 #[test]
 fn shadows_fall_between_meshes_and_texels() {
     let plate = sheet(1, 1.0, 1, |s, t| DVec3::new(s - 2.3, 1.6, 0.9 - t));
-    let materials = vec![shell(0.9, layer()), plain([0.6, 0.6, 0.6, 1.0])];
+    let materials = vec![shell(0.9, Layer::default()), plain([0.6, 0.6, 0.6, 1.0])];
     let parts = vec![(square(1.5, 3.0, 0), up(0.02)), (square(4.0, 1.0, 1), up(0.0)), (plate, up(0.0))];
     golden("shadows", parts, materials, vec![sun()], looking([1.0, 4.0, 5.0], [0.0, 0.2, 0.0]));
 }
@@ -227,9 +221,9 @@ fn shadows_fall_between_meshes_and_texels() {
 fn boxes_overlap() {
     let mut leaning = square(1.2, 2.0, 1);
     leaning.heights = Some(vec![[0.7, 0.9, 0.0]; 4]);
-    let blue = Layer { diffuse: [0.4, 0.7, 1.0], ..layer() };
+    let blue = Layer { diffuse: [0.4, 0.7, 1.0], ..Layer::default() };
     let parts = vec![(square(1.2, 2.0, 0), up(0.0)), (leaning, up(0.15))];
-    let materials = vec![shell(1.0, layer()), shell(1.0, blue)];
+    let materials = vec![shell(1.0, Layer::default()), shell(1.0, blue)];
     golden("overlap", parts, materials, vec![sun()], looking([1.0, 3.0, 4.0], [0.2, 0.4, 0.0]));
 }
 
@@ -247,7 +241,13 @@ fn masked_cards_stand_before_texels() {
     };
     let upright = sheet(1, 1.0, 1, |s, t| DVec3::new(1.6 * s - 0.8, 1.6 * t, 1.8));
     let parts = vec![(square(1.5, 2.0, 0), up(0.0)), (upright, up(0.0))];
-    golden("mask", parts, vec![shell(1.2, layer()), card], vec![sun()], looking([0.8, 1.6, 5.0], [0.0, 0.6, 0.0]));
+    golden(
+        "mask",
+        parts,
+        vec![shell(1.2, Layer::default()), card],
+        vec![sun()],
+        looking([0.8, 1.6, 5.0], [0.0, 0.6, 0.0]),
+    );
 }
 
 #[test]
@@ -258,7 +258,7 @@ fn lamps_and_spots() {
     let lights =
         vec![light(LightKind::Point, above, DVec3::ZERO, 2.0), light(spot, aside, DVec3::new(-0.6, 0.0, 0.0), 30.0)];
     let options = Options { sky: Some([0.02; 3]), ..looking([0.0, 4.0, 4.0], [0.0; 3]) };
-    golden("lamps", vec![(square(2.0, 3.0, 0), up(0.0))], vec![shell(0.8, layer())], lights, options);
+    golden("lamps", vec![(square(2.0, 3.0, 0), up(0.0))], vec![shell(0.8, Layer::default())], lights, options);
 }
 
 #[test]
@@ -270,11 +270,11 @@ fn the_sky_is_hidden_by_matter() {
         background: Some([0.2; 3]),
         ..looking([0.6, 3.0, 4.0], [0.0, 0.2, 0.0])
     };
-    golden("occluded", vec![(square(1.2, 3.0, 0), up(0.0))], vec![shell(0.8, layer())], vec![dark], options);
+    golden("occluded", vec![(square(1.2, 3.0, 0), up(0.0))], vec![shell(0.8, Layer::default())], vec![dark], options);
 }
 
 #[test]
 fn a_camera_stands_in_the_shell() {
     let options = looking([0.05, 0.35, 1.02], [-0.3, 0.45, -3.0]);
-    golden("inside", vec![(square(4.0, 8.0, 0), up(0.0))], vec![shell(1.0, layer())], vec![sun()], options);
+    golden("inside", vec![(square(4.0, 8.0, 0), up(0.0))], vec![shell(1.0, Layer::default())], vec![sun()], options);
 }

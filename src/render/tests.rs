@@ -3,7 +3,7 @@
 use super::*;
 use crate::geom::{Aabb, DAffine3, DVec3};
 use crate::progress::Quiet;
-use crate::scene::shell::{CellWrap, Environment, Layer, ShellMaterial, TexelRef};
+use crate::scene::shell::{Environment, Layer, ShellMaterial, TexelRef};
 use crate::scene::{Instance, Light, LightKind, Material, Model, Part};
 use crate::volume::{Channels, Depth, Info, Volume, Voxel, voxel};
 
@@ -52,20 +52,9 @@ fn rate_at(code: u8, finest: usize, depth: usize) -> u8 {
     (usize::from(code) + 16 * (finest - depth)).min(255) as u8
 }
 
-fn layer() -> Layer {
-    Layer {
-        texel: 0,
-        wrap: [CellWrap::Repeat, CellWrap::Repeat, CellWrap::Empty],
-        offset: [0.0; 3],
-        scale: [1.0; 3],
-        opacity_scale: 1.0,
-        diffuse: [1.0; 3],
-        discrete: None,
-    }
-}
-
 fn shell(thickness: f64, surface_visible: bool) -> Material {
-    let shell = ShellMaterial { tex_coord: 0, w: 0.0, dw: 1.0, thickness, surface_visible, layers: vec![layer()] };
+    let shell =
+        ShellMaterial { tex_coord: 0, w: 0.0, dw: 1.0, thickness, surface_visible, layers: vec![Layer::default()] };
     Material { base_color: [0.5, 0.5, 0.5, 1.0], shell: Some(Arc::new(shell)), ..Default::default() }
 }
 

@@ -60,6 +60,21 @@ pub struct Layer {
     pub discrete: Option<Discrete>,
 }
 
+impl Default for Layer {
+    /// The root's first texel, as the extension's defaults have it.
+    fn default() -> Self {
+        Layer {
+            texel: 0,
+            wrap: [CellWrap::Repeat, CellWrap::Repeat, CellWrap::Empty],
+            offset: [0.0; 3],
+            scale: [1.0; 3],
+            opacity_scale: 1.0,
+            diffuse: [1.0; 3],
+            discrete: None,
+        }
+    }
+}
+
 /// Per-cell variation of isolated objects, hashed from the integer cell and the seed.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Discrete {

@@ -6,7 +6,7 @@ use super::*;
 use crate::geom::{Aabb, DAffine3, DMat3, DVec3};
 use crate::progress::Quiet;
 use crate::render::{Ambient, CameraChoice};
-use crate::scene::shell::{CellWrap, Environment, Layer, ShellMaterial};
+use crate::scene::shell::{Environment, Layer, ShellMaterial};
 use crate::scene::{Alpha, Instance, Light, LightKind, Material, Model, Part, Texture, TextureRef};
 use crate::volume::{Channels, Info, Model as Appearance, Volume};
 
@@ -112,16 +112,14 @@ fn ground(shell: Option<ShellMaterial>) -> Model {
 }
 
 fn shell() -> ShellMaterial {
-    let layer = Layer {
-        texel: 0,
-        wrap: [CellWrap::Repeat, CellWrap::Repeat, CellWrap::Empty],
-        offset: [0.0; 3],
-        scale: [1.0; 3],
-        opacity_scale: 1.0,
-        diffuse: [1.0; 3],
-        discrete: None,
-    };
-    ShellMaterial { tex_coord: 0, w: 0.0, dw: 1.0, thickness: 2.0, surface_visible: true, layers: vec![layer] }
+    ShellMaterial {
+        tex_coord: 0,
+        w: 0.0,
+        dw: 1.0,
+        thickness: 2.0,
+        surface_visible: true,
+        layers: vec![Layer::default()],
+    }
 }
 
 fn scene(model: Model) -> Scene {
