@@ -24,10 +24,10 @@ mod tube;
 pub use clip::{MAX_CORNERS, Polygon};
 pub use estimate::Estimate;
 pub use mesh::{Fill, MeshOptions, MeshSource};
-pub use open::{dependencies, open};
+pub use open::{OpenOptions, dependencies, open};
 pub use source::{Placement, Source, Staged, Surface};
 
-use crate::geom::{Aabb, DVec3};
+use crate::geom::{Aabb, DAffine3, DVec3};
 use crate::progress::Progress;
 use crate::volume::{Channels, Info, Model, Volume};
 use crate::{Error, Result, Warnings, morton, par};
@@ -153,7 +153,14 @@ fn plan(bounds: Aabb, options: &Options) -> Result<Placement> {
     if options.resolution == 0 || options.resolution > MAX_RESOLUTION {
         return Err(Error::Options(format!("-r {}: the resolution is 1 to {MAX_RESOLUTION}", options.resolution)));
     }
-    let mut place = Placement { bounds: Aabb::UNIT, scale: 1.0, depth: 0, up: options.up, cyclic: options.cyclic };
+    let mut place = Placement {
+        bounds: Aabb::UNIT,
+        transform: DAffine3::IDENTITY,
+        scale: 1.0,
+        depth: 0,
+        up: options.up,
+        cyclic: options.cyclic,
+    };
     let size = if bounds.is_empty() { DVec3::ONE } else { bounds.size() };
     // Source axes that wrap around: u is x; v and w are z and y, or y and z.
     let wraps = |axis: usize| match axis {

@@ -9,17 +9,25 @@ use crate::{Error, Result};
 /// Extensions that are known.
 const KNOWN: &str = ".gltf, .glb, .obj";
 
+/// How a source is read; each kind of source has its own part.
+#[derive(Debug, Clone, Default)]
+pub struct OpenOptions {
+    /// Of every source: what is selected, and the limits.
+    pub read: ReadOptions,
+    pub mesh: MeshOptions,
+}
+
 /// Open the source `path`.
 ///
 /// # Errors
 /// [`Error::Input`] where the extension is not known, and all that reading gives.
-pub fn open(path: &Path, read: &ReadOptions, mesh: &MeshOptions) -> Result<Box<dyn Source>> {
+pub fn open(path: &Path, options: &OpenOptions) -> Result<Box<dyn Source>> {
     let model = match extension(path).as_str() {
-        "gltf" | "glb" => gltf::read(path, read)?.model,
-        "obj" => super::obj::read(path, read)?,
+        "gltf" | "glb" => gltf::read(path, &options.read)?.model,
+        "obj" => super::obj::read(path, &options.read)?,
         _ => return Err(Error::input(path, "", format!("its extension is not known; what can be baked: {KNOWN}"))),
     };
-    Ok(Box::new(MeshSource::new(model, mesh)))
+    Ok(Box::new(MeshSource::new(model, &options.mesh)))
 }
 
 fn extension(path: &Path) -> String {
@@ -91,7 +99,7 @@ mod tests {
 
     #[test]
     fn unknown_extensions_are_told_the_known() {
-        let error = open(Path::new("a.xyz"), &ReadOptions::default(), &MeshOptions::default()).err().unwrap();
+        let error = open(Path::new("a.xyz"), &OpenOptions::default()).err().unwrap();
         assert!(error.to_string().contains(".gltf"), "{error}");
     }
 

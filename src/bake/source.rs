@@ -1,7 +1,7 @@
 //! What a bake needs of a source: its extent, and its matter as facets, a region at a time.
 
 use super::clip::Polygon;
-use crate::geom::{Aabb, DVec3};
+use crate::geom::{Aabb, DAffine3, DVec3};
 use crate::progress::Progress;
 use crate::{Result, Warnings};
 
@@ -11,9 +11,11 @@ pub const REGION_LOG2: usize = 5;
 /// Where a source lies in the grid of finest voxels.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Placement {
-    /// The box in source space that the texel's cube is: a cube, or what wraps around along cyclic axes.
+    /// The box that the texel's cube is: a cube, or what wraps around along cyclic axes.
     pub bounds: Aabb,
-    /// Voxel edges in a source unit.
+    /// The source's own space → the space of `bounds`: where a source is placed as a part of another.
+    pub transform: DAffine3,
+    /// Voxel edges in a unit of that space.
     pub scale: f64,
     /// Finest depth: 2^depth voxels a side.
     pub depth: usize,
@@ -26,12 +28,12 @@ pub struct Placement {
 impl Placement {
     /// Source space → grid space, [0, 2^depth]^3.
     pub fn to_grid(&self, p: DVec3) -> DVec3 {
-        let p = self.turn(p);
+        let p = self.turn(self.transform.transform_point3(p));
         (p - self.turned_min()) * self.scale
     }
 
-    /// A direction of the source, along u, v, w.
-    pub fn turn(&self, p: DVec3) -> DVec3 {
+    /// A direction of the space of `bounds`, along u, v, w.
+    fn turn(&self, p: DVec3) -> DVec3 {
         if self.up == 1 { DVec3::new(p.x, -p.z, p.y) } else { p }
     }
 

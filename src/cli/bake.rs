@@ -8,21 +8,21 @@ use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
 
 use super::Ui;
-use crate::bake::{self, DepthReport, Estimate, Fill, MAX_RESOLUTION, MeshOptions, Options};
+use super::quantity::{bytes, count, size};
+use super::source::{SourceArgs, clap_name};
+use crate::bake::{self, DepthReport, Estimate, MAX_RESOLUTION, Options};
 use crate::format::{self, Quality, WriteOptions};
 use crate::progress::Progress;
-use crate::scene::gltf::ReadOptions;
 use crate::volume::{Model, Volume};
 use crate::{Error, Result, par};
-
-/// Bytes that a source may take as it is read where --memory says nothing: a file that lies of its size cannot take more.
-const READ_BYTES: u64 = 2 << 30;
 
 /// Turn a 3D source (.gltf, .glb, .obj) into a texel
 #[derive(clap::Args)]
 pub struct Args {
     /// The source
     input: PathBuf,
+    #[command(flatten)]
+    source: SourceArgs,
     /// The .vtex file to write [default: the input's name with .vtex, here]
     #[arg(short, long, value_name = "OUT.vtex")]
     output: Option<PathBuf>,
@@ -32,9 +32,6 @@ pub struct Args {
     /// Edge of the finest voxel in source units, instead of a resolution
     #[arg(long, value_name = "X")]
     voxel_size: Option<f64>,
-    /// What is within closed surfaces: nothing, or opaque matter (auto: in every component that closes)
-    #[arg(long, value_enum, default_value = "auto")]
-    fill: FillArg,
     /// Axes along which the texel continues itself; with --voxel-size and -r, content beyond comes in on the other side
     #[arg(long, value_name = "AXES", value_delimiter = ',', value_parser = ["u", "v", "w"])]
     cyclic: Vec<String>,
@@ -56,18 +53,6 @@ pub struct Args {
     /// Threads to use [default: all cores]
     #[arg(long, default_value_t = 0, hide_default_value = true, value_name = "N")]
     threads: usize,
-    /// Width of lines and points in source units; without it they are left out
-    #[arg(long, value_name = "X", value_parser = positive)]
-    line_width: Option<f64>,
-    /// Scene of the file, by name or index
-    #[arg(long, value_name = "SCENE")]
-    scene: Option<String>,
-    /// Take only the nodes of this name (* and ? match) and all below them; may be given again
-    #[arg(long, value_name = "NAME")]
-    include: Vec<String>,
-    /// Leave out the nodes of this name and all below them; may be given again
-    #[arg(long, value_name = "NAME")]
-    exclude: Vec<String>,
     /// Write what the output depends on, for make and ninja
     #[arg(long, value_name = "FILE")]
     depfile: Option<PathBuf>,
@@ -77,13 +62,6 @@ pub struct Args {
     /// Print a summary as JSON
     #[arg(long)]
     json: bool,
-}
-
-#[derive(Clone, Copy, clap::ValueEnum)]
-enum FillArg {
-    Surface,
-    Solid,
-    Auto,
 }
 
 #[derive(Clone, Copy, clap::ValueEnum)]
@@ -123,47 +101,18 @@ impl Args {
         }
     }
 
-    fn mesh(&self) -> MeshOptions {
-        let fill = match self.fill {
-            FillArg::Surface => Fill::Surface,
-            FillArg::Solid => Fill::Solid,
-            FillArg::Auto => Fill::Auto,
-        };
-        MeshOptions { line_width: self.line_width, fill }
-    }
-
     /// What decides on the content, for the file's provenance.
     fn provenance(&self) -> Value {
         let name = |v: &dyn clap_name::Name| v.name();
         let mut out = json!({
-            "fill": name(&self.fill), "model": name(&self.model), "quality": name(&self.quality), "up": name(&self.up),
-            "resolution": self.resolution,
+            "model": name(&self.model), "quality": name(&self.quality), "up": name(&self.up), "resolution": self.resolution,
         });
-        let mut add = |key: &str, value: Value| out[key] = value;
-        self.voxel_size.into_iter().for_each(|v| add("voxelSize", v.into()));
-        self.line_width.into_iter().for_each(|v| add("lineWidth", v.into()));
-        self.scene.iter().for_each(|v| add("scene", v.as_str().into()));
-        for (key, list) in [("cyclic", &self.cyclic), ("include", &self.include), ("exclude", &self.exclude)] {
-            if !list.is_empty() {
-                add(key, list.clone().into());
-            }
+        self.voxel_size.into_iter().for_each(|v| out["voxelSize"] = v.into());
+        if !self.cyclic.is_empty() {
+            out["cyclic"] = self.cyclic.clone().into();
         }
+        self.source.provenance(&mut out);
         out
-    }
-}
-
-mod clap_name {
-    use clap::ValueEnum;
-
-    /// The name of an argument's value, as it is typed.
-    pub trait Name {
-        fn name(&self) -> String;
-    }
-
-    impl<T: ValueEnum> Name for T {
-        fn name(&self) -> String {
-            self.to_possible_value().map(|v| v.get_name().to_owned()).unwrap_or_default()
-        }
     }
 }
 
@@ -182,14 +131,7 @@ fn bake_file(args: &Args, ui: &Ui) -> Result<()> {
         ui.say(&format!("-r {} is rounded up to {}", args.resolution, args.resolution.next_power_of_two()));
     }
     ui.stage("read", 0);
-    let read = ReadOptions {
-        scene: args.scene.clone(),
-        include: args.include.clone(),
-        exclude: args.exclude.clone(),
-        max_bytes: args.memory.filter(|&m| m > 0).unwrap_or(READ_BYTES),
-        ..ReadOptions::default()
-    };
-    let source = bake::open(&args.input, &read, &args.mesh())?;
+    let source = bake::open(&args.input, &args.source.options(args.memory))?;
     let read_time = start.elapsed();
     let mut foresee = |e: &Estimate| {
         if e.finest_voxels == 0 {
@@ -330,53 +272,9 @@ fn save(path: &Path, text: &str) -> Result<()> {
     std::fs::write(path, text).map_err(|e| Error::io(path, e))
 }
 
-/// 1500000 → "1.5 M".
-fn count(n: u64) -> String {
-    match n {
-        0..10_000 => n.to_string(),
-        10_000..1_000_000 => format!("{} k", n / 1000),
-        _ => format!("{:.1} M", n as f64 * 1e-6),
-    }
-}
-
-fn size(bytes: u64) -> String {
-    match bytes {
-        0..10_000 => format!("{bytes} bytes"),
-        10_000..1_000_000 => format!("{} kB", bytes / 1000),
-        1_000_000..1_000_000_000 => format!("{:.1} MB", bytes as f64 * 1e-6),
-        _ => format!("{:.2} GB", bytes as f64 * 1e-9),
-    }
-}
-
-/// A number of bytes with an optional K, M, G or T (powers of 1024).
-fn bytes(text: &str) -> Result<u64, String> {
-    let trimmed = text.trim().trim_end_matches(['B', 'b']).trim_end_matches(['i', 'I']);
-    let (digits, unit) = match trimmed.char_indices().last() {
-        Some((i, c)) if c.is_ascii_alphabetic() => (&trimmed[..i], c.to_ascii_uppercase()),
-        _ => (trimmed, ' '),
-    };
-    let power = " KMGT".find(unit).ok_or_else(|| format!("{unit} is not one of K, M, G, T"))?;
-    let number: f64 = digits.trim().parse().map_err(|_| "not a number of bytes, such as 800M or 2G".to_owned())?;
-    let value = number * 1024f64.powi(power as i32);
-    if (1.0..1e18).contains(&value) { Ok(value as u64) } else { Err("out of range".into()) }
-}
-
-fn positive(text: &str) -> Result<f64, String> {
-    let value: f64 = text.parse().map_err(|_| "not a number".to_owned())?;
-    if value > 0.0 && value.is_finite() { Ok(value) } else { Err("must be above 0".into()) }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn byte_counts() {
-        assert_eq!(bytes("2G"), Ok(2 << 30));
-        assert_eq!(bytes("1.5MiB"), Ok(3 << 19));
-        assert_eq!(bytes("4096"), Ok(4096));
-        assert!(bytes("x").is_err() && bytes("-1G").is_err() && bytes("").is_err());
-    }
 
     #[test]
     fn rules_are_escaped() {

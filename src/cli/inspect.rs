@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use serde_json::{Value, json};
 
 use super::Ui;
+use super::quantity::size;
 use crate::format::{Head, Limits, Reader};
 use crate::volume::octree::Pages;
 use crate::{Error, Result};
@@ -177,14 +178,6 @@ fn number(v: f64) -> String {
 
 fn corner(p: crate::geom::DVec3) -> String {
     format!("({}, {}, {})", number(p.x), number(p.y), number(p.z))
-}
-
-fn size(bytes: u64) -> String {
-    match bytes {
-        0..10_000 => format!("{bytes} bytes"),
-        10_000..10_000_000 => format!("{:.1} kB", bytes as f64 / 1e3),
-        _ => format!("{:.1} MB", bytes as f64 / 1e6),
-    }
 }
 
 /// A META value in one line: numbers short, an object as `key value` pairs, long texts cut.

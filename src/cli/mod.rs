@@ -10,10 +10,14 @@ mod compare;
 mod demo;
 mod inspect;
 mod map;
+#[cfg_attr(not(feature = "bake"), allow(dead_code))]
+mod quantity;
 #[cfg(feature = "render")]
 mod reference;
 #[cfg(feature = "render")]
 mod render;
+#[cfg(feature = "bake")]
+mod source;
 mod truncate;
 mod ui;
 mod verify;
