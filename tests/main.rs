@@ -11,5 +11,6 @@ mod golden;
 mod import;
 mod layers;
 mod map;
+mod medium;
 mod reference;
 mod render;

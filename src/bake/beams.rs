@@ -181,6 +181,27 @@ impl Beams {
         }
     }
 
+    /// Block the line `bit` in the row `row` of the axis `k`.
+    pub fn set(&mut self, k: usize, row: usize, bit: usize) {
+        self.rows[PROJECTIONS[k].first + row] |= 1 << bit;
+    }
+
+    /// Take over the lines of the axis `k`.
+    pub fn copy_axis(&mut self, k: usize, other: &Beams) {
+        let p = &PROJECTIONS[k];
+        self.rows[p.first..p.first + p.rows].copy_from_slice(other.axis(k));
+    }
+
+    /// Block all that `other` blocks, and count its lines into `parts`.
+    pub fn merge(&mut self, other: &Beams, parts: &mut [u32; 13]) {
+        for (k, parts) in parts.iter_mut().enumerate() {
+            *parts += other.count(k);
+        }
+        for (mine, theirs) in self.rows.iter_mut().zip(&other.rows) {
+            *mine |= theirs;
+        }
+    }
+
     /// Every line through a full voxel; found once, as every solid voxel asks for them.
     pub fn full() -> &'static Beams {
         static FULL: LazyLock<Beams> = LazyLock::new(Beams::find_full);

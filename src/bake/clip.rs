@@ -64,6 +64,15 @@ impl Polygon {
         moved
     }
 
+    /// The same, larger by `factor` about the origin.
+    pub fn scaled(&self, factor: f64) -> Polygon {
+        let mut larger = *self;
+        for c in &mut larger.corners[..self.len] {
+            *c *= factor;
+        }
+        larger
+    }
+
     fn side(&self, axis: usize, plane: f64) -> Side {
         let (mut below, mut above) = (false, false);
         for c in self.corners() {

@@ -49,6 +49,10 @@ pub fn estimate(staged: &dyn Staged, place: &Placement) -> Estimate {
                 codes.dedup();
             }
         });
+        staged.medium(region, &mut |medium| {
+            let cell = medium.at.map(|v| v & ((1 << levels) - 1));
+            codes.push(morton::encode(cell));
+        });
         codes.sort_unstable();
         codes.dedup();
         count(levels, codes)

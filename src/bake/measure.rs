@@ -5,6 +5,7 @@
 
 use super::beams::{Beams, PROJECTIONS, Union, axis_length, box_area, oblique_area};
 use super::clip::Polygon;
+use super::medium::Share;
 use super::source::Staged;
 use crate::geom::DVec3;
 
@@ -254,6 +255,17 @@ impl Gather {
             m.mean += share * area;
         }
         m.albedo += share * size * albedo;
+    }
+
+    /// Add a share of a medium: it fills `lo..hi` of the voxel, and hides what is behind it as chance has it.
+    pub fn add_medium(&mut self, share: &Share, albedo: [f32; 3]) {
+        let m = &mut self.measure;
+        self.beams.merge(&share.beams, &mut self.parts);
+        (m.lo, m.hi) = (m.lo.min(share.lo), m.hi.max(share.hi));
+        self.areas.iter_mut().zip(&share.cover).for_each(|(sum, c)| *sum += c);
+        m.total += share.area;
+        m.mean += share.facing;
+        m.albedo += share.area * DVec3::from(albedo.map(f64::from));
     }
 
     /// The voxel's measure and lines; `None` where its facets have no area.

@@ -1,6 +1,7 @@
 //! What a bake needs of a source: its extent, and its matter as facets, a region at a time.
 
 use super::clip::Polygon;
+use super::medium::Medium;
 use crate::geom::{Aabb, DAffine3, DVec3};
 use crate::progress::Progress;
 use crate::{Result, Warnings};
@@ -113,6 +114,9 @@ pub trait Staged: Sync {
     fn cut_out(&self, facet: u32) -> bool;
     /// Whether the facet is one face of a closed thing: its normal points to where it is seen from.
     fn one_sided(&self, facet: u32) -> bool;
+    /// Give the semi-transparent matter in `regions()[region]`, cube by cube: no two overlap, and a cube lies within the
+    /// region. What of it is within opaque matter is to be left out.
+    fn medium(&self, _region: usize, _each: &mut dyn FnMut(&Medium)) {}
     /// Whether the point `at` (grid space) is within opaque matter; only asked of cubes that no facet reaches, about their
     /// middles. Regions without facets that are within have to be among [`Staged::regions`].
     fn inside(&self, at: DVec3) -> bool;

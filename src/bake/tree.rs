@@ -4,6 +4,7 @@
 use super::beams::Beams;
 use super::fit::{Cell, Certificate, fit_block};
 use super::measure::{Gather, Measure};
+use super::medium::{Medium, share};
 use super::source::Staged;
 use crate::geom::DVec3;
 use crate::morton;
@@ -86,39 +87,70 @@ impl Region<'_> {
             });
         });
         voxels.sort_unstable_by_key(|v| v.0);
-        let mut voxels = voxels.into_iter().peekable();
-        self.cube(depth, self.levels, 0, &mut voxels)
+        let mut media: Vec<(u32, Medium)> = Vec::new();
+        self.staged.medium(index, &mut |medium| {
+            let cell: [u32; 3] = std::array::from_fn(|axis| medium.at[axis].wrapping_sub(self.origin[axis]));
+            let inner = cell.iter().all(|&c| c >> self.levels == 0) && medium.levels as usize <= self.levels;
+            if inner && medium.is_valid() {
+                media.push((morton::encode(cell) as u32, *medium));
+            }
+        });
+        media.sort_by_key(|m| m.0);
+        let mut matter = Matter { voxels: voxels.into_iter().peekable(), media: media.into_iter().peekable() };
+        self.cube(depth, self.levels, 0, None, &mut matter)
     }
 
-    /// The node at `depth` of the cube of `2^levels` voxels from `code` on, whose voxels with facets come next.
-    fn cube(&mut self, depth: usize, levels: usize, code: u32, voxels: &mut Voxels) -> Option<Box<Node>> {
+    /// The node at `depth` of the cube of `2^levels` voxels from `code` on, whose matter comes next, and which lies in the
+    /// cube of the medium `within`.
+    fn cube(
+        &mut self,
+        depth: usize,
+        levels: usize,
+        code: u32,
+        within: Option<&Medium>,
+        matter: &mut Matter,
+    ) -> Option<Box<Node>> {
         let end = code + (1 << (3 * levels));
-        if voxels.peek().is_none_or(|v| v.0 >= end) {
-            return self.inner(levels, code);
+        let own = matter.media.next_if(|m| m.0 == code && m.1.levels as usize >= levels);
+        let within = own.as_ref().map(|m| &m.1).or(within);
+        let faces = matter.voxels.peek().is_some_and(|v| v.0 < end);
+        if levels > 0 && (faces || matter.media.peek().is_some_and(|m| m.0 < end)) {
+            let step = 1 << (3 * (levels - 1));
+            let children =
+                std::array::from_fn(|j| self.cube(depth + 1, levels - 1, code + step * j as u32, within, matter));
+            return join(depth, children, &mut self.output);
         }
-        if levels == 0 {
-            let Some((measure, beams)) = voxels.next().and_then(|v| v.1.finish()) else {
-                // Facets of no area: as if there were none.
-                return self.inner(levels, code);
-            };
-            return Some(Box::new(Node { measure, beams, mask: 0, children: Vec::new() }));
+        let mut gather = if faces { matter.voxels.next().map(|v| v.1) } else { None };
+        if let Some(medium) = within
+            && let Some(share) = share(medium, self.lowest(code), levels as u32)
+        {
+            gather.get_or_insert_with(|| Box::new(Gather::new())).add_medium(&share, medium.albedo);
         }
-        let step = 1 << (3 * (levels - 1));
-        let children = std::array::from_fn(|j| self.cube(depth + 1, levels - 1, code + step * j as u32, voxels));
-        join(depth, children, &mut self.output)
+        match gather.and_then(|g| g.finish()) {
+            Some((measure, beams)) => Some(Box::new(Node { measure, beams, mask: 0, children: Vec::new() })),
+            // Facets of no area: as if there were none.
+            None => self.inner(levels, code),
+        }
+    }
+
+    /// The voxel of `code`, in the grid.
+    fn lowest(&self, code: u32) -> [u32; 3] {
+        let low = morton::decode(u64::from(code));
+        std::array::from_fn(|axis| self.origin[axis] + low[axis])
     }
 
     /// A cube without facets: opaque or nothing.
     fn inner(&self, levels: usize, code: u32) -> Option<Box<Node>> {
-        let low = morton::decode(u64::from(code));
-        let centre = DVec3::from(std::array::from_fn(|axis| f64::from(self.origin[axis] + low[axis])))
-            + 0.5 * f64::from(1u32 << levels);
+        let centre = DVec3::from(self.lowest(code).map(f64::from)) + 0.5 * f64::from(1u32 << levels);
         self.staged.inside(centre).then(|| Box::new(Node::solid()))
     }
 }
 
-/// Voxels with facets, by ascending code.
-type Voxels = std::iter::Peekable<std::vec::IntoIter<(u32, Box<Gather>)>>;
+/// What is left of a region's matter, by ascending code.
+struct Matter {
+    voxels: std::iter::Peekable<std::vec::IntoIter<(u32, Box<Gather>)>>,
+    media: std::iter::Peekable<std::vec::IntoIter<(u32, Medium)>>,
+}
 
 impl Node {
     fn solid() -> Node {

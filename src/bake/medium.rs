@@ -1,0 +1,196 @@
+//! Semi-transparent matter: cubes filled evenly by a cloud of specks, entered into the same measure as facets.
+//!
+//! Based on: J. Kajiya, B. Von Herzen, *Ray Tracing Volume Densities*, SIGGRAPH 1984 (what a density takes away along a ray);
+//! W. Jakob et al., *A Radiative Transfer Framework for Rendering Materials with Anisotropic Structure*, SIGGRAPH 2010
+//! (extinction by flakes with normals).
+//!
+//! A cube blocks the share of its lines that its density takes away, which is exact. Which lines these are is drawn from a
+//! fixed table: a line is blocked from some extinction on, in another order for every place along any of the 13 axes, so
+//! that cubes which are united at a coarser depth hide one another as independent matter does.
+
+use std::sync::LazyLock;
+
+use super::beams::{Beams, PROJECTIONS, axis_length, box_area, crossing};
+use super::chord::Chords;
+use crate::geom::{DVec3, directions13};
+
+/// Matter that fills a cube of voxels evenly.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Medium {
+    /// Lowest voxel of the cube, in grid space.
+    pub at: [u32; 3],
+    /// log2 of the cube's edge in voxels. The cube lies at a multiple of its edge, within one region.
+    pub levels: u32,
+    /// The part of the cube that is filled, within [0, 1]^3 of the cube.
+    pub lo: DVec3,
+    pub hi: DVec3,
+    /// Hits in a voxel's edge, > 0, in the mean over all directions.
+    pub extinction: f64,
+    /// Share of the matter that is flakes square to `normal`, in [0, 1]; the rest looks the same from every side.
+    pub flat: f64,
+    /// Unit direction that the matter faces, in grid space; zero where there is none.
+    pub normal: DVec3,
+    /// How far it faces that way, in [0, 1]: the length of the mean normal of what is seen.
+    pub facing: f64,
+    /// Linear Rec. 709.
+    pub albedo: [f32; 3],
+}
+
+impl Medium {
+    /// A whole cube that looks the same from every side.
+    pub fn even(at: [u32; 3], levels: u32, extinction: f64, albedo: [f32; 3]) -> Medium {
+        Medium {
+            at,
+            levels,
+            lo: DVec3::ZERO,
+            hi: DVec3::ONE,
+            extinction,
+            flat: 0.0,
+            normal: DVec3::ZERO,
+            facing: 0.0,
+            albedo,
+        }
+    }
+
+    /// Whether there is anything, and nothing out of range.
+    pub fn is_valid(&self) -> bool {
+        let inner = self.lo.cmpge(DVec3::ZERO).all() && self.hi.cmple(DVec3::ONE).all();
+        self.extinction > 0.0 && self.extinction.is_finite() && inner && self.lo.cmplt(self.hi).all()
+    }
+
+    /// Hits in an edge of the cube of `2^levels` voxels along each axis.
+    fn rates(&self, levels: u32) -> [f64; 13] {
+        let whole = self.extinction * f64::from(1u32 << levels);
+        // Flakes of one normal: |n . w| is 1/2 in the mean.
+        directions13().map(|w| whole * (1.0 + self.flat * (2.0 * self.normal.dot(w).abs() - 1.0)))
+    }
+}
+
+/// What a cube of a medium adds to a voxel; lengths in edges of the cube.
+pub struct Share {
+    pub lo: DVec3,
+    pub hi: DVec3,
+    pub beams: Beams,
+    /// Oblique area of what is blocked, an axis.
+    pub cover: [f64; 13],
+    /// Area of the flakes, both faces as one.
+    pub area: f64,
+    /// Sum of their area vectors, where they face one way.
+    pub facing: DVec3,
+}
+
+/// Orders in which lines are blocked. A prime: every step along an axis, straight or to the next but one neighbour, leads to
+/// another.
+const ORDERS: usize = 31;
+/// Extinctions in the table: 2^(level / STEPS − OCTAVES_BELOW) hits an edge.
+const LEVELS: usize = 64;
+const STEPS: f64 = 5.0;
+const OCTAVES_BELOW: f64 = 8.0;
+
+/// By order and level.
+static TABLE: LazyLock<Vec<Beams>> = LazyLock::new(|| {
+    let mut table = vec![Beams::default(); ORDERS * LEVELS];
+    for order in 0..ORDERS {
+        for (k, lines) in (0..13).map(|k| (k, thresholds(order, k))) {
+            for (row, bit, depth) in lines {
+                let (x, y) = middle(row, bit);
+                let Some((from, to)) = crossing(k, x, y, DVec3::ZERO, DVec3::ONE) else { continue };
+                let from_extinction = depth / ((to - from) * axis_length(k));
+                let first = (libm::log2(from_extinction) + OCTAVES_BELOW) * STEPS;
+                for level in first.ceil().clamp(0.0, LEVELS as f64) as usize..LEVELS {
+                    table[order * LEVELS + level].set(k, row, bit);
+                }
+            }
+        }
+    }
+    table
+});
+
+/// Plane coordinates of a line, voxel edges.
+fn middle(row: usize, bit: usize) -> (f64, f64) {
+    let at = |i: usize| (i as f64 + 0.5) / super::beams::LINES as f64;
+    (at(bit), at(row))
+}
+
+/// The optical depth from which on each line of axis `k` through a voxel is blocked: row, bit, depth.
+fn thresholds(order: usize, k: usize) -> Vec<(usize, usize, f64)> {
+    let (wa, wb) = PROJECTIONS[k].extent();
+    let all = (0..16 * wb).flat_map(|row| (0..16 * wa).map(move |bit| (row, bit)));
+    let mut lines: Vec<(u64, usize, usize)> = all
+        .filter(|&(row, bit)| {
+            let (x, y) = middle(row, bit);
+            crossing(k, x, y, DVec3::ZERO, DVec3::ONE).is_some()
+        })
+        .map(|(row, bit)| (mix((order << 24 | k << 16 | row << 8 | bit) as u64), row, bit))
+        .collect();
+    lines.sort_unstable();
+    let count = lines.len() as f64;
+    // One line in every equal part of [0, 1).
+    lines
+        .into_iter()
+        .enumerate()
+        .map(|(n, (_, row, bit))| (row, bit, -libm::log1p(-(n as f64 + 0.5) / count)))
+        .collect()
+}
+
+/// A fixed number for every number (Stafford's finisher of 64 bits).
+fn mix(v: u64) -> u64 {
+    let v = v.wrapping_add(0x9e37_79b9_7f4a_7c15);
+    let v = (v ^ v >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    let v = (v ^ v >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
+    v ^ v >> 31
+}
+
+/// The order of the cube of `2^levels` voxels at the voxel `at`.
+fn order(at: [u32; 3], levels: u32) -> usize {
+    let [x, y, z] = at.map(|v| u64::from(v >> levels));
+    ((x + 3 * y + 9 * z + 5 * u64::from(levels)) % ORDERS as u64) as usize
+}
+
+/// What `medium` adds to the cube of `2^levels` voxels at the voxel `at`, which is a part of its own cube.
+pub fn share(medium: &Medium, at: [u32; 3], levels: u32) -> Option<Share> {
+    // The filled part, in edges of the cube that is asked about.
+    let ratio = f64::from(1u32 << medium.levels.saturating_sub(levels));
+    let edge = f64::from(1u32 << levels);
+    let offset = (DVec3::from(at.map(f64::from)) - DVec3::from(medium.at.map(f64::from))) / edge;
+    let lo = (medium.lo * ratio - offset).max(DVec3::ZERO);
+    let hi = (medium.hi * ratio - offset).min(DVec3::ONE);
+    if !lo.cmplt(hi).all() {
+        return None;
+    }
+    let rates = medium.rates(levels);
+    let e = hi - lo;
+    let cover = std::array::from_fn(|k| box_area(k, e) * Chords::new(k, e).blocked(rates[k], 0.0));
+    let order = order(at, levels);
+    let whole = lo == DVec3::ZERO && hi == DVec3::ONE;
+    let beams = if whole { whole_cube(order, &rates) } else { part_of_cube(order, &rates, lo, hi) };
+    // Facets of area A block A / 2 in the mean over all directions.
+    let area = 2.0 * medium.extinction * edge * e.element_product();
+    Some(Share { lo, hi, beams, cover, area, facing: area * medium.facing * medium.normal })
+}
+
+fn whole_cube(order: usize, rates: &[f64; 13]) -> Beams {
+    let mut beams = Beams::default();
+    for (k, &rate) in rates.iter().enumerate() {
+        let level = ((libm::log2(rate) + OCTAVES_BELOW) * STEPS).round();
+        if level >= 0.0 {
+            beams.copy_axis(k, &TABLE[order * LEVELS + (level as usize).min(LEVELS - 1)]);
+        }
+    }
+    beams
+}
+
+fn part_of_cube(order: usize, rates: &[f64; 13], lo: DVec3, hi: DVec3) -> Beams {
+    let mut beams = Beams::default();
+    for (k, &rate) in rates.iter().enumerate() {
+        for (row, bit, depth) in thresholds(order, k) {
+            let (x, y) = middle(row, bit);
+            if let Some((from, to)) = crossing(k, x, y, lo, hi)
+                && rate * (to - from) * axis_length(k) > depth
+            {
+                beams.set(k, row, bit);
+            }
+        }
+    }
+    beams
+}
