@@ -207,7 +207,7 @@ pub struct Torus {
 
 impl Torus {
     /// From the nearest point of the circle.
-    fn from_circle(&self, p: DVec3) -> DVec3 {
+    fn off_circle(&self, p: DVec3) -> DVec3 {
         let d = p - self.centre;
         let height = d.dot(self.axis);
         let flat = d - height * self.axis;
@@ -218,11 +218,11 @@ impl Torus {
 
 impl Field for Torus {
     fn value(&self, p: DVec3) -> f64 {
-        self.from_circle(p).length() - self.thickness
+        self.off_circle(p).length() - self.thickness
     }
 
     fn gradient(&self, p: DVec3) -> DVec3 {
-        self.from_circle(p)
+        self.off_circle(p)
     }
 
     fn bounds(&self) -> Aabb {

@@ -36,7 +36,8 @@ impl FieldSource {
     pub fn new(field: Box<dyn Field>, window: Option<Aabb>) -> Result<FieldSource> {
         let own = field.bounds();
         let window = window.map_or(own, |w| w.intersection(own));
-        if !window.is_empty() && !(window.min.is_finite() && window.max.is_finite()) {
+        let finite = window.min.is_finite() && window.max.is_finite();
+        if !window.is_empty() && !finite {
             return Err(Error::Options(
                 "the shape has no end: give bounds within which it is to be taken, or cut it by a box".into(),
             ));
