@@ -6,6 +6,7 @@
 mod beams;
 mod chord;
 mod clip;
+pub mod curve;
 mod ellipsoid;
 mod estimate;
 pub mod field;
@@ -24,6 +25,7 @@ mod tree;
 mod tube;
 
 pub use clip::{MAX_CORNERS, Polygon};
+pub use curve::{CurveOptions, CurveSource, Interpolation, Section, Strand};
 pub use estimate::Estimate;
 pub use medium::Medium;
 pub use mesh::{Fill, MeshOptions, MeshSource};
