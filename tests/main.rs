@@ -10,6 +10,7 @@ mod files;
 mod golden;
 mod import;
 mod layers;
+mod levels;
 mod map;
 mod medium;
 mod reference;

@@ -13,7 +13,7 @@ use super::source::{SourceArgs, clap_name};
 use crate::bake::{self, DepthReport, Estimate, MAX_RESOLUTION, Options};
 use crate::format::{self, Quality, WriteOptions};
 use crate::progress::Progress;
-use crate::volume::{Model, Volume};
+use crate::volume::{Model, Octree, Volume, level};
 use crate::{Error, Result, par};
 
 /// Turn a 3D source (.gltf, .glb, .obj) into a texel
@@ -144,7 +144,7 @@ fn bake_file(args: &Args, ui: &Ui) -> Result<()> {
             size(e.memory_bytes)
         ));
     };
-    let (mut volume, report) = bake::bake(&*source, &args.options(), ui, &mut foresee)?;
+    let (volume, report) = bake::bake(&*source, &args.options(), ui, &mut foresee)?;
     if volume.depths.is_empty() {
         let why = report.warnings.as_reasons();
         return Err(Error::input(
@@ -155,6 +155,8 @@ fn bake_file(args: &Args, ui: &Ui) -> Result<()> {
     }
     ui.warn(&report.warnings)?;
     let bake_time = start.elapsed() - read_time;
+    ui.stage("level", 0);
+    let mut volume = levelled(volume)?;
     let files = bake::dependencies(&args.input);
     volume.info.meta.insert("options".into(), args.provenance());
     volume.info.meta.insert("sources".into(), sources(&args.input, &files)?);
@@ -201,6 +203,21 @@ fn bake_file(args: &Args, ui: &Ui) -> Result<()> {
         ));
     }
     Ok(())
+}
+
+/// With the factors that make its depths agree.
+#[cfg(feature = "render")]
+fn levelled(volume: Volume) -> Result<Volume> {
+    let volume = std::sync::Arc::new(volume);
+    let levels = crate::render::level::measure(Octree::new(std::sync::Arc::clone(&volume))?)?;
+    let mut volume = std::sync::Arc::unwrap_or_clone(volume);
+    level::store(&levels, &mut volume.info.meta);
+    Ok(volume)
+}
+
+#[cfg(not(feature = "render"))]
+fn levelled(volume: Volume) -> Result<Volume> {
+    Ok(volume)
 }
 
 /// That what will be written has a place, and is none of the files that are read.

@@ -10,6 +10,7 @@ mod descent;
 mod faces;
 mod film;
 pub mod image_io;
+pub mod level;
 mod light;
 pub mod march;
 mod mesh;

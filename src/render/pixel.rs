@@ -277,7 +277,8 @@ impl<'w> Tracer<'w> {
         let mut groups = std::mem::take(&mut self.groups);
         groups.clear();
         let lights = std::mem::take(&mut self.lights);
-        let mut shader = Shader::new(turn(-cone.ray.dir), &lights, warp, frame.tint, &mut groups);
+        let levels = world.texels[frame.texel].as_ref().map_or(&[][..], |t| &t.tree.levels()[..]);
+        let mut shader = Shader::new(turn(-cone.ray.dir), &lights, warp, frame.tint, levels, &mut groups);
         for event in run {
             if let Source::Voxel { voxel, depth, t, position, .. } = &event.source {
                 shader.voxel(&Hit { t: *t, weight: event.alpha, depth: *depth, voxel, position: *position });

@@ -1,6 +1,7 @@
 //! Shading of what a march meets: reflected sky at once, and sunlight gathered in groups that share one shadow ray.
 
 use crate::geom::{Mat3, Vec3};
+use crate::volume::level::Level;
 use crate::volume::{Sggx, Voxel};
 
 use super::march::{Hit, Sink};
@@ -40,6 +41,7 @@ pub struct Shader<'a> {
     lights: &'a [Vec3],
     warp: Option<Mat3>,
     tint: Vec3,
+    levels: &'a [Level],
     /// One a light, from the first voxel on.
     open: Vec<Open>,
     groups: &'a mut Vec<Group>,
@@ -51,11 +53,18 @@ pub struct Shader<'a> {
 
 impl<'a> Shader<'a> {
     /// `view`: unit direction from the matter to the viewer; `lights`: unit directions from the matter to each light;
-    /// `tint` multiplies albedos; finished groups are appended to `groups`. `warp`: the cofactor matrix of the map from
+    /// `tint` multiplies albedos, `levels` the lights by depth (plain where it ends); finished groups are appended to `groups`. `warp`: the cofactor matrix of the map from
     /// texel space to where `view` and `lights` are given; `None` where that map is a similarity that they were brought
     /// through.
-    pub fn new(view: Vec3, lights: &'a [Vec3], warp: Option<Mat3>, tint: Vec3, groups: &'a mut Vec<Group>) -> Self {
-        Shader { view, lights, warp, tint, open: Vec::new(), groups, albedo: Vec3::ZERO, weight: 0.0 }
+    pub fn new(
+        view: Vec3,
+        lights: &'a [Vec3],
+        warp: Option<Mat3>,
+        tint: Vec3,
+        levels: &'a [Level],
+        groups: &'a mut Vec<Group>,
+    ) -> Self {
+        Shader { view, lights, warp, tint, levels, open: Vec::new(), groups, albedo: Vec3::ZERO, weight: 0.0 }
     }
 
     /// Close every group; to be called where the ray leaves the instance.
@@ -95,8 +104,10 @@ impl Sink for Shader<'_> {
             0.0 => EQUAL,
             share => normals.one_sided(mean_normal(voxel, self.warp), share),
         };
+        let level = self.levels.get(usize::from(hit.depth)).unwrap_or(&Level::PLAIN);
         for light in 0..self.lights.len() {
-            let cosine = normals.diffuse(&weights, self.lights[light]);
+            let towards = self.lights[light];
+            let cosine = normals.diffuse(&weights, towards) * level.lit(self.view.dot(towards));
             let lit = hit.weight * cosine;
             if lit <= 0.0 {
                 continue;
@@ -154,7 +165,7 @@ mod tests {
     fn white_furnace_gives_the_coverage() {
         let voxel = Voxel::default();
         let mut groups = Vec::new();
-        let mut shader = Shader::new(Vec3::Z, &[], None, Vec3::ONE, &mut groups);
+        let mut shader = Shader::new(Vec3::Z, &[], None, Vec3::ONE, &[], &mut groups);
         for i in 0..5 {
             shader.voxel(&hit(&voxel, 0.15, i as f32));
         }
@@ -168,7 +179,7 @@ mod tests {
         let voxel = Voxel::default();
         let mut groups = Vec::new();
         let lights = [Vec3::Z, -Vec3::Z];
-        let mut shader = Shader::new(Vec3::Z, &lights, None, Vec3::ONE, &mut groups);
+        let mut shader = Shader::new(Vec3::Z, &lights, None, Vec3::ONE, &[], &mut groups);
         for i in 0..10 {
             shader.voxel(&hit(&voxel, 0.1, i as f32));
         }

@@ -10,6 +10,7 @@
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, OnceLock};
 
+use super::level::{Level, levels};
 use super::{Info, MAX_DEPTH, Volume, Voxel};
 use crate::{Error, Result};
 
@@ -141,6 +142,7 @@ pub struct Octree {
     blocks: Vec<OnceLock<Box<[Block]>>>,
     /// Indexed by depth, then page.
     pages: Vec<Box<[Page]>>,
+    levels: [Level; MAX_DEPTH + 1],
     failure: OnceLock<Error>,
     pages_opened: AtomicU64,
     voxels_opened: AtomicU64,
@@ -160,6 +162,7 @@ impl Octree {
         }
         let pages = counts.iter().map(|n| (0..n.div_ceil(PAGE)).map(|_| OnceLock::new()).collect()).collect();
         Ok(Octree {
+            levels: levels(source.info()),
             source: Box::new(source),
             masks: counts.iter().map(|_| OnceLock::new()).collect(),
             blocks: (0..counts.len() + 1).map(|_| OnceLock::new()).collect(),
@@ -179,6 +182,11 @@ impl Octree {
     /// The finest depth; `None` for a texel without matter.
     pub fn finest(&self) -> Option<usize> {
         (self.counts.first() == Some(&1)).then(|| self.counts.len() - 1)
+    }
+
+    /// What the voxels of each depth are multiplied by, root first.
+    pub fn levels(&self) -> &[Level; MAX_DEPTH + 1] {
+        &self.levels
     }
 
     /// Nodes at `depth`.
@@ -307,7 +315,7 @@ impl Octree {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::super::{Channels, Depth, Model};
     use super::*;
     use crate::geom::Aabb;
