@@ -36,6 +36,17 @@ impl Aabb {
         Aabb { min: self.min.max(other.min), max: self.max.min(other.max) }
     }
 
+    /// The box around this one's corners where `map` takes them.
+    pub fn transformed(self, map: DAffine3) -> Self {
+        if self.is_empty() {
+            return Aabb::EMPTY;
+        }
+        let corner = |i: usize| {
+            DVec3::from_array(std::array::from_fn(|a| if i >> a & 1 == 0 { self.min[a] } else { self.max[a] }))
+        };
+        Aabb::around((0..8).map(|i| map.transform_point3(corner(i))))
+    }
+
     pub fn is_empty(&self) -> bool {
         !(self.min.cmple(self.max)).all()
     }

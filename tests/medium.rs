@@ -53,6 +53,9 @@ impl<F: Fn(DVec3) -> Option<Medium> + Sync> Staged for StagedCloud<'_, F> {
     fn weight(&self, _: usize) -> u64 {
         1
     }
+    fn facets(&self) -> u32 {
+        0
+    }
     fn emit(&self, _: usize, _: &mut dyn FnMut(&Polygon)) {}
     fn surface(&self, _: u32, _: DVec3, _: f64) -> Surface {
         Surface { albedo: [1.0; 3], alpha: 1.0 }

@@ -5,7 +5,7 @@ use super::interior::Interior;
 use super::patch::{self, Face};
 use super::source::{Placement, Source, Staged, Surface};
 use super::tube;
-use crate::geom::{Aabb, DVec3};
+use crate::geom::{Aabb, DAffine3, DVec3};
 use crate::progress::Progress;
 use crate::scene::model::{Alpha, Material, Model, Part};
 use crate::scene::texture::Texture;
@@ -91,13 +91,22 @@ fn opaque_share(material: &Material) -> f64 {
 }
 
 /// Corner `i` of `part` in world space.
-pub fn world(part: &Part, i: u32, transform: crate::geom::DAffine3) -> DVec3 {
+pub fn world(part: &Part, i: u32, transform: DAffine3) -> DVec3 {
     transform.transform_point3(DVec3::from(part.positions[i as usize].map(f64::from)))
 }
 
 impl Source for MeshSource {
     fn bounds(&self) -> Aabb {
         self.bounds
+    }
+
+    fn bounds_in(&self, transform: DAffine3) -> Aabb {
+        let corners = self.model.instances.iter().flat_map(|instance| {
+            let part = &self.model.parts[instance.part];
+            let map = transform * instance.transform;
+            part.triangles.iter().flatten().map(move |&i| world(part, i, map))
+        });
+        Aabb::around(corners)
     }
 
     fn metres_per_unit(&self) -> f64 {
@@ -123,12 +132,13 @@ impl Source for MeshSource {
     fn stage<'a>(&'a self, place: &Placement, progress: &dyn Progress) -> Result<Box<dyn Staged + 'a>> {
         let mut pieces = Vec::with_capacity(self.model.instances.len());
         let mut first = 0u64;
+        let placed_mirrored = place.transform.matrix3.determinant() < 0.0;
         for instance in &self.model.instances {
             let part = &self.model.parts[instance.part];
             let corners: Vec<DVec3> =
                 (0..part.positions.len()).map(|i| place.to_grid(world(part, i as u32, instance.transform))).collect();
             // A mirrored part turns its triangles around.
-            let mirrored = instance.transform.matrix3.determinant() < 0.0;
+            let mirrored = placed_mirrored != (instance.transform.matrix3.determinant() < 0.0);
             let material = &self.model.materials[part.material];
             let faces = &self.faces[instance.part][..];
             for shift in place.shifts(Aabb::around(corners.iter().copied())) {
@@ -267,6 +277,10 @@ impl StagedMesh<'_> {
 }
 
 impl Staged for StagedMesh<'_> {
+    fn facets(&self) -> u32 {
+        self.pieces.last().map_or(0, |p| p.first + p.part.triangles.len() as u32)
+    }
+
     fn regions(&self) -> &[u64] {
         &self.regions
     }

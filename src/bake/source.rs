@@ -2,7 +2,7 @@
 
 use super::clip::Polygon;
 use super::medium::Medium;
-use crate::geom::{Aabb, DAffine3, DVec3};
+use crate::geom::{Aabb, DAffine3, DMat3, DVec3};
 use crate::progress::Progress;
 use crate::{Result, Warnings};
 
@@ -31,6 +31,18 @@ impl Placement {
     pub fn to_grid(&self, p: DVec3) -> DVec3 {
         let p = self.turn(self.transform.transform_point3(p));
         (p - self.turned_min()) * self.scale
+    }
+
+    /// [`Placement::to_grid`] as a map.
+    pub fn grid_map(&self) -> DAffine3 {
+        let turned = DMat3::from_cols(self.turn(DVec3::X), self.turn(DVec3::Y), self.turn(DVec3::Z));
+        let scaled = DMat3::from_diagonal(DVec3::splat(self.scale));
+        DAffine3::from_mat3_translation(scaled * turned, -self.scale * self.turned_min()) * self.transform
+    }
+
+    /// The same with the source placed by `transform` within its own space.
+    pub fn within(&self, transform: DAffine3) -> Placement {
+        Placement { transform: self.transform * transform, ..*self }
     }
 
     /// A direction of the space of `bounds`, along u, v, w.
@@ -87,6 +99,10 @@ pub struct Surface {
 pub trait Source: Sync {
     /// The tight box of all matter, in source space; empty where there is none.
     fn bounds(&self) -> Aabb;
+    /// A box of all matter where the source is placed by `transform`; the tight one where that is affordable.
+    fn bounds_in(&self, transform: DAffine3) -> Aabb {
+        self.bounds().transformed(transform)
+    }
     /// Metres in a source unit; 0 where unknown.
     fn metres_per_unit(&self) -> f64;
     /// Edge of a mean facet patch (a leaf, a twig's width), in source units; 0 where unknown.
@@ -103,8 +119,10 @@ pub trait Source: Sync {
 pub trait Staged: Sync {
     /// Morton codes of the regions that may hold matter, ascending. A region is 2^region_log2 voxels wide.
     fn regions(&self) -> &[u64];
-    /// How much work a region is, in facets.
+    /// How many facets are kept in memory for a region.
     fn weight(&self, region: usize) -> u64;
+    /// One more than the highest number of a facet.
+    fn facets(&self) -> u32;
     /// Give the facets that may reach into `regions()[region]`, one by one: planar and convex, in grid space, in a fixed
     /// order. What reaches beyond the region is cut off by the caller.
     fn emit(&self, region: usize, each: &mut dyn FnMut(&Polygon));

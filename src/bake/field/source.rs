@@ -308,6 +308,10 @@ impl Staged for StagedField<'_> {
         REGION_WEIGHT
     }
 
+    fn facets(&self) -> u32 {
+        1
+    }
+
     fn emit(&self, region: usize, each: &mut dyn FnMut(&Polygon)) {
         let lo = morton::decode(self.regions[region]).map(|v| i64::from(v) * self.cells);
         let scale = 1.0 / self.laid.cells;

@@ -1,0 +1,573 @@
+//! A source made of other sources, each placed once or many times.
+//!
+//! A source that is placed a few times is laid into the grid for each place. One that is placed often is laid once into a
+//! grid of its own, at the resolution of its largest copy; what a copy has in a region is carried over when it is asked for,
+//! so that a copy takes a few bytes a region it reaches and not a few a facet.
+
+use super::clip::{MAX_CORNERS, Polygon};
+use super::medium::Medium;
+use super::mixture::mix;
+use super::patch::weighted_median;
+use super::source::{Placement, Source, Staged, Surface};
+use crate::geom::{Aabb, DAffine3, DVec3};
+use crate::progress::Progress;
+use crate::{Error, Result, Warnings, morton};
+
+/// One source at one place.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Part {
+    /// Index into the group's sources.
+    pub source: usize,
+    /// The source's space → the group's.
+    pub transform: DAffine3,
+}
+
+/// Sources and where they are placed.
+pub struct GroupSource {
+    sources: Vec<Box<dyn Source>>,
+    /// A list a source.
+    places: Vec<Vec<DAffine3>>,
+    bounds: Aabb,
+    facet_size: f64,
+    metres_per_unit: f64,
+    warnings: Warnings,
+}
+
+/// Copies of a source up to which each is laid into the grid by itself.
+const FEW: usize = 4;
+/// How much finer than its largest copy a source's own grid is: `inside` answers for the middles of its voxels.
+const FINER: f64 = 2.0;
+/// Largest depth of a source's own grid.
+const MAX_DEPTH: usize = 12;
+/// Copies times the regions of one, summed up, up to which a group is laid out.
+const MAX_ENTRIES: u64 = 1 << 28;
+
+impl GroupSource {
+    /// `metres_per_unit` of the group's space: 0 where unknown. Parts of sources that there are not, and parts whose
+    /// transform is singular or not finite, are left out with a warning.
+    pub fn new(sources: Vec<Box<dyn Source>>, parts: &[Part], metres_per_unit: f64) -> GroupSource {
+        let mut warnings = Warnings::default();
+        for source in &sources {
+            warnings.merge(source.warnings().clone());
+        }
+        let mut places = vec![Vec::new(); sources.len()];
+        let mut bounds = Aabb::EMPTY;
+        let mut sizes = Vec::with_capacity(parts.len());
+        for part in parts {
+            let volume = part.transform.matrix3.determinant().abs();
+            let (Some(source), true) = (sources.get(part.source), part.transform.is_finite() && volume > 0.0) else {
+                warnings.add("parts that are placed nowhere, or flattened to nothing, are left out");
+                continue;
+            };
+            let loose = source.bounds().transformed(part.transform);
+            if bounds.union(loose) != bounds {
+                bounds = bounds.union(source.bounds_in(part.transform));
+            }
+            sizes.push((libm::cbrt(volume) * source.facet_size(), 1.0));
+            places[part.source].push(part.transform);
+        }
+        sizes.retain(|s| s.0 > 0.0);
+        GroupSource { sources, places, bounds, facet_size: weighted_median(sizes), metres_per_unit, warnings }
+    }
+}
+
+impl Source for GroupSource {
+    fn bounds(&self) -> Aabb {
+        self.bounds
+    }
+
+    fn bounds_in(&self, transform: DAffine3) -> Aabb {
+        let mut bounds = Aabb::EMPTY;
+        for (source, places) in self.sources.iter().zip(&self.places) {
+            let loose = source.bounds();
+            for place in places.iter().map(|p| transform * *p) {
+                if bounds.union(loose.transformed(place)) != bounds {
+                    bounds = bounds.union(source.bounds_in(place));
+                }
+            }
+        }
+        bounds
+    }
+
+    fn metres_per_unit(&self) -> f64 {
+        self.metres_per_unit
+    }
+
+    fn facet_size(&self) -> f64 {
+        self.facet_size
+    }
+
+    fn has_colour(&self) -> bool {
+        self.sources.iter().zip(&self.places).any(|(s, p)| !p.is_empty() && s.has_colour())
+    }
+
+    fn warnings(&self) -> &Warnings {
+        &self.warnings
+    }
+
+    fn stage<'a>(&'a self, place: &Placement, progress: &dyn Progress) -> Result<Box<dyn Staged + 'a>> {
+        let mut staged = StagedGroup {
+            pieces: Vec::new(),
+            facets: 0,
+            regions: Vec::new(),
+            starts: Vec::new(),
+            entries: Vec::new(),
+            levels: place.region_log2(),
+            last: f64::from((place.side() >> place.region_log2()) - 1),
+        };
+        let mut entries = Vec::new();
+        for (source, places) in self.sources.iter().zip(&self.places) {
+            let often = if places.len() > FEW { Piece::often(&**source, places, place, progress)? } else { None };
+            if let Some(piece) = often {
+                staged.add(piece, &mut entries)?;
+                continue;
+            }
+            for transform in places {
+                staged.add(Piece::once(source.stage(&place.within(*transform), progress)?), &mut entries)?;
+            }
+        }
+        entries.sort_unstable();
+        entries.dedup();
+        for (i, entry) in entries.iter().enumerate() {
+            if staged.regions.last() != Some(&entry.0) {
+                staged.regions.push(entry.0);
+                staged.starts.push(i);
+            }
+        }
+        staged.starts.push(entries.len());
+        staged.entries = entries.into_iter().map(|(_, piece, copy)| (piece, copy)).collect();
+        Ok(Box::new(staged))
+    }
+}
+
+/// A source in a grid, and its copies.
+struct Piece<'a> {
+    staged: Box<dyn Staged + 'a>,
+    /// Of its own numbers.
+    facets: u32,
+    /// Number of the first facet of its first copy.
+    first: u32,
+    /// None where it is in the group's grid itself.
+    copies: Vec<Copy>,
+    /// log2 of the voxels a region of its own grid is wide.
+    levels: usize,
+}
+
+/// A copy of what is in a grid of its own.
+struct Copy {
+    /// Its own grid → the group's, and back.
+    map: DAffine3,
+    back: DAffine3,
+    /// Voxels of the own grid in a voxel edge.
+    scale: f64,
+    mirrored: bool,
+    bounds: Aabb,
+}
+
+impl<'a> Piece<'a> {
+    fn once(staged: Box<dyn Staged + 'a>) -> Piece<'a> {
+        Piece { facets: staged.facets(), staged, first: 0, copies: Vec::new(), levels: 0 }
+    }
+
+    /// `None` for what has no matter, and for media: voxels are not carried from grid to grid.
+    fn often(
+        source: &'a dyn Source,
+        places: &[DAffine3],
+        place: &Placement,
+        progress: &dyn Progress,
+    ) -> Result<Option<Piece<'a>>> {
+        let bounds = source.bounds();
+        if bounds.is_empty() {
+            return Ok(None);
+        }
+        let maps: Vec<DAffine3> = places.iter().map(|p| place.within(*p).grid_map()).collect();
+        let stretch = |m: &DAffine3| (0..3).map(|i| m.matrix3.col(i).length()).fold(0.0, f64::max);
+        let largest = maps.iter().map(stretch).fold(0.0, f64::max);
+        // A hair larger all around, so that what lies on the upper faces is within.
+        let extent = bounds.size().max_element().max(1.0 / largest);
+        let pad = extent / f64::from(1 << 20);
+        let (least, extent) = (bounds.min - pad, extent + 2.0 * pad);
+        let want = libm::log2((extent * largest * FINER).max(1.0)).ceil();
+        let depth = (want as usize).min(MAX_DEPTH).min(place.depth + 1);
+        let side = f64::from(1u32 << depth);
+        let own = Placement {
+            bounds: Aabb::new(least, least + extent),
+            transform: DAffine3::IDENTITY,
+            scale: side / extent,
+            depth,
+            cyclic: [false; 3],
+            ..*place
+        };
+        let back = own.grid_map().inverse();
+        let staged = source.stage(&own, progress)?;
+        let mut cloudy = false;
+        for region in 0..staged.regions().len() {
+            staged.medium(region, &mut |_| cloudy = true);
+            if cloudy {
+                return Ok(None);
+            }
+        }
+        let levels = own.region_log2();
+        let extent = staged.regions().iter().fold(Aabb::EMPTY, |b, &code| b.union(cube(code, levels)));
+        let mut copies = Vec::with_capacity(maps.len());
+        for map in maps.iter().map(|m| *m * back) {
+            let bounds = extent.transformed(map);
+            for shift in place.shifts(bounds) {
+                let map = DAffine3::from_translation(shift) * map;
+                let determinant = map.matrix3.determinant();
+                copies.push(Copy {
+                    map,
+                    back: map.inverse(),
+                    scale: 1.0 / libm::cbrt(determinant.abs()),
+                    mirrored: determinant < 0.0,
+                    bounds: Aabb::new(bounds.min + shift, bounds.max + shift),
+                });
+            }
+        }
+        Ok(Some(Piece { facets: staged.facets(), staged, first: 0, copies, levels }))
+    }
+
+    /// The copy of a facet, and its number in the piece.
+    fn find(&self, facet: u32) -> (Option<&Copy>, u32) {
+        let local = facet - self.first;
+        match self.copies.get((local / self.facets.max(1)) as usize) {
+            Some(copy) => (Some(copy), local % self.facets.max(1)),
+            None => (None, local),
+        }
+    }
+
+    /// Regions of its own grid that may reach into the box `target` of the group's.
+    fn reaching(&self, copy: &Copy, target: Aabb, each: &mut dyn FnMut(usize)) {
+        let width = f64::from(1u32 << self.levels);
+        let box_ = target.transformed(copy.back);
+        let regions = self.staged.regions();
+        let Some(&last) = regions.last() else { return };
+        // Codes grow with every coordinate, but the last code need not have the largest.
+        let most = f64::from(1u32 << (64 - last.leading_zeros()).div_ceil(3));
+        let lo = (box_.min / width).floor().clamp(DVec3::ZERO, DVec3::splat(most)).as_uvec3();
+        let hi = (box_.max / width).floor().clamp(DVec3::ZERO, DVec3::splat(most)).as_uvec3();
+        let cells = (hi - lo + 1).as_u64vec3().element_product();
+        if cells > regions.len() as u64 {
+            for (i, &code) in regions.iter().enumerate() {
+                let at = morton::decode(code);
+                if (0..3).all(|a| (lo[a]..=hi[a]).contains(&at[a])) {
+                    each(i);
+                }
+            }
+            return;
+        }
+        for z in lo.z..=hi.z {
+            for y in lo.y..=hi.y {
+                for x in lo.x..=hi.x {
+                    if let Ok(i) = regions.binary_search(&morton::encode([x, y, z])) {
+                        each(i);
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// The box of a region.
+fn cube(code: u64, levels: usize) -> Aabb {
+    let corner = DVec3::from(morton::decode(code).map(|v| f64::from(v << levels)));
+    Aabb::new(corner, corner + f64::from(1u32 << levels))
+}
+
+/// Region, piece, copy (0 where the piece has none); for a piece without copies its own index of the region.
+type Entry = (u64, u32, u32);
+
+struct StagedGroup<'a> {
+    pieces: Vec<Piece<'a>>,
+    facets: u32,
+    regions: Vec<u64>,
+    /// Where each region's entries start, and the end.
+    starts: Vec<usize>,
+    /// Piece, and its copy or its own index of the region.
+    entries: Vec<(u32, u32)>,
+    levels: usize,
+    /// Highest coordinate of a region.
+    last: f64,
+}
+
+impl<'a> StagedGroup<'a> {
+    fn add(&mut self, mut piece: Piece<'a>, entries: &mut Vec<Entry>) -> Result<()> {
+        let index = self.pieces.len() as u32;
+        piece.first = self.facets;
+        let count = u64::from(piece.facets) * piece.copies.len().max(1) as u64;
+        let needed = u64::from(self.facets) + count;
+        let limit = |what: &str, needed, allowed| Err(Error::Limit { what: what.into(), needed, allowed });
+        if needed > u64::from(u32::MAX) {
+            return limit("the number of facets of all copies", needed, u32::MAX.into());
+        }
+        self.facets = needed as u32;
+        if piece.copies.is_empty() {
+            entries.extend(piece.staged.regions().iter().enumerate().map(|(i, &code)| (code, index, i as u32)));
+        }
+        let work = piece.copies.len() as u64 * piece.staged.regions().len() as u64;
+        if work > MAX_ENTRIES {
+            return limit("the number of copies times the regions of one", work, MAX_ENTRIES);
+        }
+        let width = f64::from(1u32 << self.levels);
+        let clamped = |v: DVec3| (v / width).floor().clamp(DVec3::ZERO, DVec3::splat(self.last)).as_uvec3();
+        let grid = Aabb::new(DVec3::ZERO, DVec3::splat((self.last + 1.0) * width));
+        for (n, copy) in piece.copies.iter().enumerate() {
+            let before = entries.len();
+            for &code in piece.staged.regions() {
+                let reach = cube(code, piece.levels).transformed(copy.map);
+                if reach.intersection(grid).is_empty() {
+                    continue;
+                }
+                let (lo, hi) = (clamped(reach.min), clamped(reach.max));
+                for z in lo.z..=hi.z {
+                    for y in lo.y..=hi.y {
+                        for x in lo.x..=hi.x {
+                            entries.push((morton::encode([x, y, z]), index, n as u32));
+                        }
+                    }
+                }
+            }
+            // Neighbouring regions of a copy reach the same of the group's.
+            entries[before..].sort_unstable();
+            let mut kept = before;
+            for i in before..entries.len() {
+                if i == before || entries[i] != entries[kept - 1] {
+                    entries[kept] = entries[i];
+                    kept += 1;
+                }
+            }
+            entries.truncate(kept);
+            if entries.len() as u64 > MAX_ENTRIES {
+                return limit("the number of regions that copies reach", entries.len() as u64, MAX_ENTRIES);
+            }
+        }
+        self.pieces.push(piece);
+        Ok(())
+    }
+
+    fn find(&self, facet: u32) -> (&Piece<'a>, Option<&Copy>, u32) {
+        let at = self.pieces.partition_point(|p| p.first <= facet) - 1;
+        let piece = &self.pieces[at];
+        let (copy, local) = piece.find(facet);
+        (piece, copy, local)
+    }
+
+    fn entries(&self, region: usize) -> &[(u32, u32)] {
+        &self.entries[self.starts[region]..self.starts[region + 1]]
+    }
+}
+
+impl Staged for StagedGroup<'_> {
+    fn regions(&self) -> &[u64] {
+        &self.regions
+    }
+
+    fn weight(&self, region: usize) -> u64 {
+        let of = |&(piece, at): &(u32, u32)| {
+            let piece = &self.pieces[piece as usize];
+            if piece.copies.is_empty() { piece.staged.weight(at as usize) } else { 1 }
+        };
+        self.entries(region).iter().map(of).sum()
+    }
+
+    fn facets(&self) -> u32 {
+        self.facets
+    }
+
+    fn emit(&self, region: usize, each: &mut dyn FnMut(&Polygon)) {
+        let target = cube(self.regions[region], self.levels);
+        for &(piece, at) in self.entries(region) {
+            let piece = &self.pieces[piece as usize];
+            let Some(copy) = piece.copies.get(at as usize) else {
+                piece.staged.emit(at as usize, &mut |p| {
+                    let mut numbered = *p;
+                    numbered.facet += piece.first;
+                    each(&numbered);
+                });
+                continue;
+            };
+            let first = piece.first + at * piece.facets;
+            piece.reaching(copy, target, &mut |own| {
+                // A facet in several regions of the own grid is to be given once, so each gives what is in it.
+                let bounds = cube(piece.staged.regions()[own], piece.levels);
+                piece.staged.emit(own, &mut |p| {
+                    let Some(p) = p.clip(bounds.min, bounds.max) else { return };
+                    carry(&p, copy, first + p.facet, each);
+                });
+            });
+        }
+    }
+
+    fn surface(&self, facet: u32, at: DVec3, width: f64) -> Surface {
+        match self.find(facet) {
+            (piece, None, local) => piece.staged.surface(local, at, width),
+            (piece, Some(copy), local) => {
+                piece.staged.surface(local, copy.back.transform_point3(at), width * copy.scale)
+            }
+        }
+    }
+
+    fn cut_out(&self, facet: u32) -> bool {
+        let (piece, _, local) = self.find(facet);
+        piece.staged.cut_out(local)
+    }
+
+    fn one_sided(&self, facet: u32) -> bool {
+        let (piece, _, local) = self.find(facet);
+        piece.staged.one_sided(local)
+    }
+
+    fn medium(&self, region: usize, each: &mut dyn FnMut(&Medium)) {
+        let (mut media, mut givers, mut others) = (Vec::new(), 0, 0);
+        for &(piece, at) in self.entries(region) {
+            let (piece, before) = (&self.pieces[piece as usize], media.len());
+            if piece.copies.is_empty() {
+                piece.staged.medium(at as usize, &mut |m| media.push(*m));
+            }
+            let gave = media.len() > before;
+            givers += usize::from(gave);
+            others += usize::from(!gave);
+        }
+        if givers + others.min(1) > 1 {
+            media = mix(&media, &|m| !self.inside(DVec3::from(m.at.map(f64::from)) + 0.5));
+        }
+        media.iter().for_each(each);
+    }
+
+    fn inside(&self, at: DVec3) -> bool {
+        let width = f64::from(1u32 << self.levels);
+        let region = (at / width).floor().clamp(DVec3::ZERO, DVec3::splat(self.last)).as_uvec3();
+        let Ok(region) = self.regions.binary_search(&morton::encode(region.to_array())) else { return false };
+        self.entries(region).iter().any(|&(piece, copy)| {
+            let piece = &self.pieces[piece as usize];
+            match piece.copies.get(copy as usize) {
+                None => piece.staged.inside(at),
+                Some(copy) => {
+                    let within = at.cmpge(copy.bounds.min).all() && at.cmple(copy.bounds.max).all();
+                    within && piece.staged.inside(copy.back.transform_point3(at))
+                }
+            }
+        })
+    }
+}
+
+/// Give the polygon of a copy in the group's grid; clipped ones may have more corners than a facet has, and go in two.
+fn carry(p: &Polygon, copy: &Copy, facet: u32, each: &mut dyn FnMut(&Polygon)) {
+    let corners = p.corners();
+    let mut placed = [DVec3::ZERO; super::clip::ROOM];
+    for (to, from) in placed.iter_mut().zip(corners) {
+        *to = copy.map.transform_point3(*from);
+    }
+    let placed = &mut placed[..corners.len()];
+    if copy.mirrored {
+        placed.reverse();
+    }
+    if placed.len() <= MAX_CORNERS {
+        return each(&Polygon::new(placed, facet));
+    }
+    each(&Polygon::new(&placed[..MAX_CORNERS], facet));
+    let mut rest = vec![placed[0]];
+    rest.extend_from_slice(&placed[MAX_CORNERS - 1..]);
+    each(&Polygon::new(&rest, facet));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bake::{MeshOptions, MeshSource, Options, bake};
+    use crate::progress::Quiet;
+    use crate::scene::model::{Instance, Material, Model, Part as MeshPart};
+
+    /// Cubes of edge 1 standing on 0, one an instance.
+    fn cubes(places: &[DAffine3]) -> MeshSource {
+        let positions = (0..8).map(|i| [i & 1, i >> 1 & 1, i >> 2].map(|v| v as f32)).collect();
+        let quads = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+        let triangles = quads.iter().flat_map(|q| [[q[0], q[1], q[2]], [q[0], q[2], q[3]]]).collect();
+        let part = MeshPart { positions, triangles, ..MeshPart::default() };
+        let instances = places.iter().map(|&transform| Instance { part: 0, transform, node: String::new() }).collect();
+        let model = Model { parts: vec![part], instances, materials: vec![Material::default()], ..Model::default() };
+        MeshSource::new(model, &MeshOptions::default())
+    }
+
+    fn places(n: usize) -> Vec<DAffine3> {
+        let turn = |i: usize| {
+            let t = 0.7 * i as f64;
+            let s = 0.5 + 0.1 * (i % 4) as f64;
+            let mirror = if i % 3 == 0 { DVec3::new(-s, s, s) } else { DVec3::splat(s) };
+            DAffine3::from_translation(DVec3::new(2.0 * (i % 4) as f64, 0.3 * i as f64, 2.0 * (i / 4) as f64))
+                * DAffine3::from_axis_angle(DVec3::new(1.0, 2.0, 0.5).normalize(), t)
+                * DAffine3::from_scale(mirror)
+        };
+        (0..n).map(turn).collect()
+    }
+
+    fn group(places: &[DAffine3]) -> GroupSource {
+        let parts: Vec<Part> = places.iter().map(|&transform| Part { source: 0, transform }).collect();
+        GroupSource::new(vec![Box::new(cubes(&[DAffine3::IDENTITY]))], &parts, 0.0)
+    }
+
+    /// Of everything a source gives at 64^3.
+    fn area(source: &dyn Source) -> (f64, DVec3) {
+        let place = crate::bake::plan(source.bounds(), &Options { resolution: 64, ..Options::default() }).unwrap();
+        let staged = source.stage(&place, &Quiet).unwrap();
+        let mut sum = (0.0, DVec3::ZERO);
+        for (i, &code) in staged.regions().iter().enumerate() {
+            let b = cube(code, 5);
+            staged.emit(i, &mut |p| {
+                if let Some(p) = p.clip(b.min, b.max) {
+                    sum.0 += p.area_vector().length();
+                    sum.1 += p.area_vector();
+                    assert!(p.facet < staged.facets() && staged.one_sided(p.facet));
+                }
+            });
+        }
+        (sum.0 / place.scale.powi(2), sum.1)
+    }
+
+    #[test]
+    fn copies_have_the_area_of_instances() {
+        for n in [2, 13] {
+            let p = places(n);
+            let group = group(&p);
+            let exact: f64 = p.iter().map(|t| 6.0 * libm::pow(t.matrix3.determinant().abs(), 2.0 / 3.0)).sum();
+            let (sum, vector) = area(&group);
+            // Positions in f32, cut at region borders in two grids: each crossing rounds to 1e-7 of the edge.
+            assert!((sum - exact).abs() < 1e-5 * exact, "{n}: {sum} {exact}");
+            // Closed surfaces: the vectors cancel, mirrored or not.
+            assert!(vector.length() < 1e-3, "{vector}");
+            let whole = cubes(&p);
+            assert!((whole.bounds().min - group.bounds().min).length() < 1e-12);
+            assert!((whole.bounds().max - group.bounds().max).length() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn copies_bake_as_instances_do() {
+        let p = places(13);
+        let options = Options { resolution: 128, ..Options::default() };
+        let volume = |source: &dyn Source| bake(source, &options, &Quiet, &mut |_| {}).unwrap().0;
+        let (copies, instances) = (volume(&group(&p)), volume(&cubes(&p)));
+        for (a, b) in copies.depths.iter().zip(&instances.depths) {
+            let (a, b) = (a.voxels.len() as f64, b.voxels.len() as f64);
+            // Corners that touch a voxel by a rounding error, and middles of columns within two grids.
+            assert!((a - b).abs() <= 0.002 * b + 1.0, "{a} {b}");
+        }
+        let solid = |v: &crate::volume::Volume| {
+            let all = &v.depths.last().unwrap().voxels;
+            all.iter().filter(|v| v.rate == crate::volume::voxel::RATE_MAX).count() as f64
+        };
+        assert!((solid(&copies) / solid(&instances) - 1.0).abs() < 0.02);
+    }
+
+    #[test]
+    fn what_cannot_be_placed_is_counted() {
+        let cube = || Box::new(cubes(&[DAffine3::IDENTITY]));
+        let flat = DAffine3::from_scale(DVec3::new(1.0, 0.0, 1.0));
+        let lost = DAffine3::from_translation(DVec3::NAN);
+        let parts =
+            [(0, flat), (0, lost), (7, DAffine3::IDENTITY)].map(|(source, transform)| Part { source, transform });
+        let group = GroupSource::new(vec![cube()], &parts, 0.0);
+        assert!(group.bounds().is_empty());
+        assert_eq!(group.warnings().iter().next().unwrap().1, 3);
+    }
+}
