@@ -322,6 +322,10 @@ impl Staged for StagedCurves<'_> {
         (self.starts[region + 1] - self.starts[region]) as u64
     }
 
+    fn facets(&self) -> u32 {
+        (self.knots.len() * self.shifts.len()) as u32
+    }
+
     fn emit(&self, region: usize, each: &mut dyn FnMut(&Polygon)) {
         let mut sweep: Option<(DVec3, Sweep)> = None;
         for &facet in &self.pieces[self.starts[region]..self.starts[region + 1]] {
