@@ -493,7 +493,7 @@ mod tests {
         let turn = |i: usize| {
             let t = 0.7 * i as f64;
             let s = 0.5 + 0.1 * (i % 4) as f64;
-            let mirror = if i % 3 == 0 { DVec3::new(-s, s, s) } else { DVec3::splat(s) };
+            let mirror = if i.is_multiple_of(3) { DVec3::new(-s, s, s) } else { DVec3::splat(s) };
             DAffine3::from_translation(DVec3::new(2.0 * (i % 4) as f64, 0.3 * i as f64, 2.0 * (i / 4) as f64))
                 * DAffine3::from_axis_angle(DVec3::new(1.0, 2.0, 0.5).normalize(), t)
                 * DAffine3::from_scale(mirror)
