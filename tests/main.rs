@@ -6,6 +6,7 @@ mod bake;
 mod bake_cli;
 mod compare;
 mod demo;
+mod error;
 mod files;
 mod golden;
 mod import;

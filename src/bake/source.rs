@@ -4,6 +4,7 @@ use super::clip::Polygon;
 use super::medium::Medium;
 use crate::geom::{Aabb, DAffine3, DMat3, DVec3};
 use crate::progress::Progress;
+use crate::volume::Info;
 use crate::{Result, Warnings};
 
 /// log2 of the voxels a region is wide; a texel of fewer voxels is one region.
@@ -27,6 +28,18 @@ pub struct Placement {
 }
 
 impl Placement {
+    /// Where the source of a texel that says `info` of itself was laid, with `depth` as the finest depth.
+    pub fn of(info: &Info, depth: usize) -> Placement {
+        Placement {
+            bounds: info.bounds,
+            transform: DAffine3::IDENTITY,
+            scale: libm::exp2(depth as f64) / info.bounds.size().x,
+            depth,
+            up: info.up,
+            cyclic: info.cyclic,
+        }
+    }
+
     /// Source space → grid space, [0, 2^depth]^3.
     pub fn to_grid(&self, p: DVec3) -> DVec3 {
         let p = self.turn(self.transform.transform_point3(p));

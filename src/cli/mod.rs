@@ -8,14 +8,20 @@ mod bake;
 mod compare;
 #[cfg(all(feature = "bake", feature = "render"))]
 mod demo;
+#[cfg(all(feature = "bake", feature = "render", feature = "plot"))]
+mod error;
 mod inspect;
 mod map;
+#[cfg(all(feature = "bake", feature = "render", feature = "plot"))]
+mod plot;
 #[cfg_attr(not(feature = "bake"), allow(dead_code))]
 mod quantity;
 #[cfg(feature = "render")]
 mod reference;
 #[cfg(feature = "render")]
 mod render;
+#[cfg(all(test, feature = "bake", feature = "render", feature = "plot"))]
+mod shapes;
 #[cfg(feature = "bake")]
 mod source;
 mod truncate;
@@ -57,6 +63,9 @@ enum Command {
     /// Measure how far a picture is from a reference: RMSE, relMSE, PSNR, FLIP, bias, covered area
     #[cfg(feature = "render")]
     Compare(compare::Args),
+    /// Measure how far a texel is from its source: opacity, normals, colour, shadows, by depth
+    #[cfg(all(feature = "bake", feature = "render", feature = "plot"))]
+    Error(Box<error::Args>),
     Inspect(inspect::Args),
     /// Render a landscape: one cone a pixel, the texels read only as far as they are seen
     #[cfg(feature = "render")]
@@ -104,6 +113,8 @@ fn run(command: Command, ui: &Ui) -> crate::Result<()> {
         Command::Bake(args) => bake::run(&args, ui),
         #[cfg(feature = "render")]
         Command::Compare(args) => compare::run(&args, ui),
+        #[cfg(all(feature = "bake", feature = "render", feature = "plot"))]
+        Command::Error(args) => error::run(&args, ui),
         Command::Inspect(args) => inspect::run(&args, ui),
         #[cfg(feature = "render")]
         Command::Render(args) => render::run(&args, ui),

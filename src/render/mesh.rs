@@ -49,13 +49,13 @@ pub struct Surface {
 }
 
 /// A ray prepared for triangles: its largest axis becomes z, and a shear makes it run along z.
-struct Shear {
+pub struct Shear {
     axes: [usize; 3],
     scale: DVec3,
 }
 
 impl Shear {
-    fn new(dir: DVec3) -> Shear {
+    pub fn new(dir: DVec3) -> Shear {
         let a = dir.abs();
         let z = if a.x > a.y && a.x > a.z { 0 } else { 1 + usize::from(a.z >= a.y) };
         let (mut x, mut y) = ((z + 1) % 3, (z + 2) % 3);
@@ -66,7 +66,7 @@ impl Shear {
     }
 
     /// (t, b1, b2) where the ray from the origin meets the triangle.
-    fn meet(&self, corners: [DVec3; 3]) -> Option<(f64, [f64; 2])> {
+    pub fn meet(&self, corners: [DVec3; 3]) -> Option<(f64, [f64; 2])> {
         let [x, y, z] = self.axes;
         let [a, b, c] =
             corners.map(|p| DVec3::new(p[x] - self.scale.x * p[z], p[y] - self.scale.y * p[z], self.scale.z * p[z]));

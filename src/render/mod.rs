@@ -7,6 +7,7 @@ mod bvh;
 mod camera;
 mod cells;
 mod descent;
+pub mod error;
 mod faces;
 mod film;
 pub mod image_io;

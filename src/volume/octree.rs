@@ -265,6 +265,28 @@ impl Octree {
         blocks.into()
     }
 
+    /// The voxel that the cell of Morton code `code` at `depth` shows; `None` where it is empty, or there is no such depth.
+    pub fn find(&self, depth: usize, code: u64) -> Option<Place> {
+        if depth > self.finest()? || code >> (3 * depth) != 0 {
+            return None;
+        }
+        let mut above = depth as i32 % 2 - 2;
+        let mut node = 0;
+        loop {
+            let block = self.blocks(above).get(node as usize)?;
+            let below = depth as i32 - above - 2;
+            let cell = (code >> (3 * below)) as u32 & 63;
+            if block.mask >> cell & 1 == 0 {
+                return None;
+            }
+            if below == 0 || block.terminal >> cell & 1 != 0 {
+                return Some(block.place(above, node, cell));
+            }
+            node = block.rank(cell);
+            above += 2;
+        }
+    }
+
     /// The voxel of `rank` at `depth`.
     #[inline]
     pub fn voxel(&self, place: Place) -> &Voxel {
@@ -358,6 +380,17 @@ pub(super) mod tests {
         assert_eq!(tree.blocks(-1)[0].place(-1, 0, 7), Place { depth: 1, rank: 1 });
         assert_eq!(tree.blocks(-2)[0].place(-2, 0, 0), Place { depth: 0, rank: 0 });
         assert_eq!(tree.opened().pages, 1);
+    }
+
+    #[test]
+    fn cells_are_found_by_their_codes() {
+        let tree = small();
+        assert_eq!(tree.find(0, 0), Some(Place { depth: 0, rank: 0 }));
+        assert_eq!([tree.find(1, 7), tree.find(1, 3)], [Some(Place { depth: 1, rank: 1 }), None]);
+        assert_eq!([tree.find(2, 57), tree.find(2, 58)], [Some(Place { depth: 2, rank: 0 }), None]);
+        // Within a terminal node, and outside of the texel.
+        assert_eq!([tree.find(2, 5), tree.find(2, 64)], [Some(Place { depth: 1, rank: 0 }), None]);
+        assert_eq!(tree.find(3, 0), None);
     }
 
     #[test]

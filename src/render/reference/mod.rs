@@ -3,7 +3,7 @@
 //! Based on: J. Kajiya, T. Kay, *Rendering Fur with Three Dimensional Textures*, SIGGRAPH 1989 (a straight ray is followed
 //! through texture space); R. Cook, *Stochastic Sampling in Computer Graphics*, TOG 1986.
 
-mod sampling;
+pub(super) mod sampling;
 mod source;
 mod store;
 #[cfg(test)]

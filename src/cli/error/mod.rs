@@ -1,0 +1,228 @@
+//! `vtex error`: how far a texel is from the source that it was baked from.
+
+use std::path::{Path, PathBuf};
+
+use serde_json::{Value, json};
+use sha2::{Digest, Sha256};
+
+use super::Ui;
+use super::plot::{self, Axis, Chart, Scale, Series};
+use super::quantity::bytes;
+use super::source::SourceArgs;
+use crate::bake::{self, Placement};
+use crate::format::{Limits, Reader};
+use crate::geom::DVec3;
+use crate::render::error::{Areas, DepthError, Facet, Opacity, Options, Spread, Truth, measure};
+use crate::volume::Octree;
+use crate::{Error, Result, Warnings, par};
+
+#[derive(clap::Args)]
+pub struct Args {
+    /// The .vtex file
+    texel: PathBuf,
+    /// The source that it was baked from, with the options that it was baked with
+    #[arg(long, value_name = "FILE")]
+    source: PathBuf,
+    #[command(flatten)]
+    how: SourceArgs,
+    #[command(flatten)]
+    measure: MeasureArgs,
+    /// Threads to use [default: all cores]
+    #[arg(long, default_value_t = 0, hide_default_value = true, value_name = "N")]
+    threads: usize,
+    /// Memory that the source and its facets may take each, such as 800M or 2G
+    #[arg(long, value_name = "BYTES", value_parser = bytes)]
+    memory: Option<u64>,
+    /// Print JSON
+    #[arg(long)]
+    json: bool,
+    /// Draw the errors over the depths
+    #[arg(long, value_name = "SVG|PNG")]
+    plot: Option<PathBuf>,
+}
+
+/// How finely it is measured.
+#[derive(clap::Args)]
+pub struct MeasureArgs {
+    /// Pixels a direction, depth and size
+    #[arg(long, value_name = "N", default_value_t = Options::default().pixels)]
+    pixels: u32,
+    /// Rays a pixel at the most, a power of two; fewer where they leave noise below .005
+    #[arg(long, value_name = "N", default_value_t = Options::default().rays[1])]
+    rays: u32,
+    /// Only so many of the finest depths
+    #[arg(long, value_name = "N", default_value_t = usize::MAX, hide_default_value = true)]
+    depths: usize,
+    /// Turn the 26 directions away from those that the bake measures along
+    #[arg(long)]
+    turned: bool,
+    /// Other pixels and rays
+    #[arg(long, value_name = "N", default_value_t = Options::default().seed)]
+    seed: u32,
+}
+
+impl MeasureArgs {
+    pub fn options(&self) -> Options {
+        let default = Options::default();
+        let rays = [default.rays[0].min(self.rays), self.rays];
+        Options { pixels: self.pixels, rays, turned: self.turned, depths: self.depths, seed: self.seed, ..default }
+    }
+}
+
+/// Bytes that facets may take where --memory says nothing.
+const FACET_BYTES: u64 = 4 << 30;
+
+pub fn run(args: &Args, ui: &Ui) -> Result<()> {
+    args.plot.iter().try_for_each(|path| plot::check_name(path))?;
+    par::with_threads(args.threads, || {
+        let reader = Reader::open(&args.texel, &Limits { decoded_bytes: u64::MAX })?;
+        ui.warn(&reader.warnings())?;
+        ui.warn(&differences(args, &reader)?)?;
+        let tree = Octree::new(reader)?;
+        let source = bake::open(&args.source, &args.how.options(args.memory))?;
+        let limit = args.memory.unwrap_or(FACET_BYTES);
+        let found = against(&tree, &*source, &args.measure.options(), limit, ui)?;
+        if let Some(failure) = tree.into_failure() {
+            return Err(failure);
+        }
+        ui.finish();
+        if args.json {
+            println!("{:#}", described(args, &found));
+        } else {
+            print!("{}", table(args, &found));
+        }
+        args.plot.iter().try_for_each(|path| plot::write(path, &charts(&args.texel, &found), 2))
+    })?
+}
+
+/// Measure a texel against its source.
+pub fn against(
+    tree: &Octree,
+    source: &dyn bake::Source,
+    options: &Options,
+    max_bytes: u64,
+    ui: &Ui,
+) -> Result<Vec<DepthError>> {
+    let Some(finest) = tree.finest() else { return Ok(Vec::new()) };
+    let place = Placement::of(tree.info(), finest);
+    let staged = source.stage(&place, ui)?;
+    let bake::Facets { pieces, areas, media } = bake::facets(&*staged, &place, max_bytes, ui)?;
+    if media > 0 {
+        return Err(Error::Options("only facets are measured: this source has semi-transparent matter".into()));
+    }
+    let side = f64::from(place.side());
+    let facet = |p: bake::Piece| Facet { corners: p.corners.map(|c| c / side), number: p.facet, cut_out: p.cut_out };
+    let look = |facet: u32, at: DVec3| {
+        let seen = staged.surface(facet, at * side, 0.0);
+        (seen.albedo, seen.alpha)
+    };
+    let truth = Truth::new(pieces.into_iter().map(facet).collect(), &look);
+    measure(tree, &truth, Some(Areas::new(areas)), options, ui)
+}
+
+/// Whether the texel was baked from another file, or with other options.
+fn differences(args: &Args, reader: &Reader) -> Result<Warnings> {
+    let mut warnings = Warnings::default();
+    let meta = &reader.head().info.meta;
+    if let Some(known) = meta.get("sources").and_then(|s| s[0]["sha256"].as_str()) {
+        let data = std::fs::read(&args.source).map_err(|e| Error::io(&args.source, e))?;
+        let digest: String = Sha256::digest(&data).iter().map(|b| format!("{b:02x}")).collect();
+        if digest != known {
+            let (source, texel) = (args.source.display(), args.texel.display());
+            warnings.add(format!("{source} is not the file, or not the version of it, that {texel} was baked from"));
+        }
+    }
+    let Some(Value::Object(known)) = meta.get("options") else { return Ok(warnings) };
+    let mut mine = json!({});
+    args.how.provenance(&mut mine);
+    for (name, value) in mine.as_object().into_iter().flatten() {
+        if known.get(name).is_some_and(|k| k != value) || known.get(name).is_none() {
+            let was = known.get(name).map_or("without it".into(), Value::to_string);
+            warnings.add(format!("the texel was baked with another {name} ({was}): give the same options"));
+        }
+    }
+    Ok(warnings)
+}
+
+/// The worst and the aims, in words that scripts can ask for.
+fn described(args: &Args, depths: &[DepthError]) -> Value {
+    json!({
+        "texel": args.texel.display().to_string(),
+        "source": args.source.display().to_string(),
+        "directions": 26,
+        "turned": args.measure.turned,
+        "depths": depths,
+    })
+}
+
+fn table(args: &Args, depths: &[DepthError]) -> String {
+    let mut out = format!(
+        "{} against {}: 26 directions{}, pixels as wide as a voxel, and of 4 voxels\n\n",
+        args.texel.display(),
+        args.source.display(),
+        if args.measure.turned { " (turned)" } else { "" }
+    );
+    let opacity = |o: &Opacity| format!("{} {:>6.3}", spread(&o.spread), o.area);
+    out +=
+        "               | |ΔT|, pixel = voxel         | by one ray    | |ΔT|, pixel of 4 voxels     | sigma       |\n";
+    out += "depth   voxels |  mean   p95    bias   area  |  mean   p95   |  mean   p95    bias   area  |  mean   p95 | albedo shading shadow  light  noise\n";
+    for d in depths {
+        let four = d.opacity_at_4.as_ref().map_or(format!("{:27}", ""), &opacity);
+        let sigma = d.sigma.map_or(format!("{:11}", ""), |s| format!("{:>5.3} {:>5.3}", s.mean, s.p95));
+        out += &format!(
+            "{:>5} {:>8} | {} | {:>5.3} {:>6.3}  | {four} | {sigma} | {:>6.3} {:>7.3} {:>6.3} {:>6.3}  {:.4}\n",
+            d.depth,
+            d.voxels,
+            opacity(&d.opacity),
+            d.one_ray.mean,
+            d.one_ray.p95,
+            d.albedo.mean,
+            d.shading.mean,
+            d.shadow.mean,
+            d.light.mean,
+            d.opacity.noise.max(d.opacity_at_4.map_or(0.0, |o| o.noise)),
+        );
+    }
+    out
+}
+
+fn spread(s: &Spread) -> String {
+    format!("{:>5.3} {:>6.3} {:>+7.3}", s.mean, s.p95, s.bias)
+}
+
+/// Opacity on the left, what covers on the right.
+fn charts(texel: &Path, depths: &[DepthError]) -> [Chart; 2] {
+    let line = |name: &str, of: &dyn Fn(&DepthError) -> Option<f64>| Series {
+        name: name.into(),
+        points: depths.iter().filter_map(|d| Some((d.depth as f64, of(d)?))).collect(),
+        line: true,
+    };
+    let chart = |title: String, label: &str, series: Vec<Series>, aims: Vec<f64>| Chart {
+        title,
+        x: Axis { label: "depth".into(), scale: Scale::Linear },
+        y: Axis { label: label.into(), scale: Scale::Linear },
+        series,
+        aims,
+    };
+    let name = texel.file_name().unwrap_or_default().to_string_lossy();
+    let opacity = vec![
+        line("pixel = voxel", &|d| Some(d.opacity.spread.mean)),
+        line("pixel = voxel, 95 %", &|d| Some(d.opacity.spread.p95)),
+        line("pixel of 4 voxels", &|d| d.opacity_at_4.map(|o| o.spread.mean)),
+        line("one ray", &|d| Some(d.one_ray.mean)),
+    ];
+    let rest = vec![
+        line("sigma", &|d| d.sigma.map(|s| s.mean)),
+        line("albedo", &|d| Some(d.albedo.mean)),
+        line("shading", &|d| Some(d.shading.mean)),
+        line("shadow", &|d| Some(d.shadow.mean)),
+        line("light", &|d| Some(d.light.mean)),
+    ];
+    [
+        chart(format!("{name}: opacity"), "mean error of opacity", opacity, vec![0.03, 0.06]),
+        chart(format!("{name}: appearance"), "mean error", rest, Vec::new()),
+    ]
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,107 @@
+//! The source of a texel as triangles with a look, for rays in texel space.
+
+use crate::geom::{Aabb, DVec3, Ray};
+use crate::render::bvh::Bvh;
+use crate::render::mesh::Shear;
+
+/// A triangle of the source, texel space.
+#[derive(Debug, Clone, Copy)]
+pub struct Facet {
+    pub corners: [DVec3; 3],
+    /// The source's own number for what this is a piece of.
+    pub number: u32,
+    /// Whether alpha cuts something out of it.
+    pub cut_out: bool,
+}
+
+/// Linear colour and alpha in [0, 1] of the facet of that number at a point of texel space.
+pub type Look<'a> = dyn Fn(u32, DVec3) -> ([f32; 3], f32) + Sync + 'a;
+
+/// A source, ready for rays.
+pub struct Truth<'a> {
+    facets: Vec<Facet>,
+    bvh: Bvh,
+    look: &'a Look<'a>,
+}
+
+/// What a ray sees: a share of it ends on each.
+#[derive(Debug, Clone, Copy)]
+pub struct Layer {
+    pub facet: u32,
+    pub t: f64,
+    /// Share of the ray.
+    pub weight: f64,
+    pub albedo: [f32; 3],
+    /// Unit, towards the viewer.
+    pub normal: DVec3,
+}
+
+/// Rays that start on a facet do not meet what is nearer than this, cube edges.
+const APART: f64 = 1e-7;
+
+impl<'a> Truth<'a> {
+    /// Facets within or about the unit cube; those that are not finite are left out.
+    pub fn new(mut facets: Vec<Facet>, look: &'a Look<'a>) -> Truth<'a> {
+        facets.retain(|f| f.corners.iter().all(|c| c.is_finite()));
+        let bounds: Vec<Aabb> = facets.iter().map(|f| Aabb::around(f.corners)).collect();
+        Truth { bvh: Bvh::new(&bounds), facets, look }
+    }
+
+    fn meet(&self, shear: &Shear, ray: &Ray, index: u32) -> Option<f64> {
+        shear.meet(self.facets[index as usize].corners.map(|c| c - ray.origin)).map(|m| m.0)
+    }
+
+    /// What `ray` sees, front to back; gives the share that comes through.
+    pub fn see(&self, ray: &Ray, layers: &mut Vec<Layer>) -> f64 {
+        layers.clear();
+        let shear = Shear::new(ray.dir);
+        let layer = |facet: u32, t: f64, alpha: f32, albedo: [f32; 3]| {
+            let [a, b, c] = self.facets[facet as usize].corners;
+            let normal = (b - a).cross(c - a).normalize_or_zero();
+            let normal = if normal.dot(ray.dir) > 0.0 { -normal } else { normal };
+            Layer { facet, t, weight: f64::from(alpha), albedo, normal }
+        };
+        let mut last: Option<(u32, f64)> = None;
+        let end = self.bvh.nearest(ray, f64::INFINITY, |index, t1| {
+            let Some(t) = self.meet(&shear, ray, index).filter(|&t| t > 0.0 && t < t1) else { return t1 };
+            let facet = &self.facets[index as usize];
+            if !facet.cut_out {
+                last = Some((index, t));
+                return t;
+            }
+            let (albedo, alpha) = (self.look)(facet.number, ray.at(t));
+            if alpha > 0.0 {
+                layers.push(layer(index, t, alpha.min(1.0), albedo));
+            }
+            t1
+        });
+        layers.retain(|l| l.t < end);
+        layers.sort_by(|a, b| a.t.total_cmp(&b.t).then(a.facet.cmp(&b.facet)));
+        if let Some((index, t)) = last {
+            let (albedo, _) = (self.look)(self.facets[index as usize].number, ray.at(t));
+            layers.push(layer(index, t, 1.0, albedo));
+        }
+        let mut through = 1.0;
+        for layer in layers {
+            layer.weight *= through;
+            through -= layer.weight;
+        }
+        through.max(0.0)
+    }
+
+    /// The share that comes through along `ray`, which starts on the facet `skip`.
+    pub fn open(&self, ray: &Ray, skip: u32) -> f64 {
+        let shear = Shear::new(ray.dir);
+        let mut through = 1.0;
+        let end = self.bvh.nearest(ray, f64::INFINITY, |index, t1| {
+            if index == skip {
+                return t1;
+            }
+            let Some(t) = self.meet(&shear, ray, index).filter(|&t| t > APART) else { return t1 };
+            let facet = &self.facets[index as usize];
+            through *= if facet.cut_out { 1.0 - f64::from((self.look)(facet.number, ray.at(t)).1) } else { 0.0 };
+            if through <= 0.0 { -1.0 } else { t1 }
+        });
+        if end < 0.0 { 0.0 } else { through }
+    }
+}
