@@ -197,10 +197,10 @@ fn charts(texel: &Path, depths: &[DepthError]) -> [Chart; 2] {
         points: depths.iter().filter_map(|d| Some((d.depth as f64, of(d)?))).collect(),
         line: true,
     };
-    let chart = |title: String, label: &str, series: Vec<Series>, aims: Vec<f64>| Chart {
+    let chart = |title: String, scale: Scale, series: Vec<Series>, aims: Vec<f64>| Chart {
         title,
         x: Axis { label: "depth".into(), scale: Scale::Linear },
-        y: Axis { label: label.into(), scale: Scale::Linear },
+        y: Axis { label: "error".into(), scale },
         series,
         aims,
     };
@@ -219,8 +219,8 @@ fn charts(texel: &Path, depths: &[DepthError]) -> [Chart; 2] {
         line("light", &|d| Some(d.light.mean)),
     ];
     [
-        chart(format!("{name}: opacity"), "mean error of opacity", opacity, vec![0.03, 0.06]),
-        chart(format!("{name}: appearance"), "mean error", rest, Vec::new()),
+        chart(format!("{name}: opacity"), Scale::Linear, opacity, vec![0.03, 0.06]),
+        chart(format!("{name}: appearance"), Scale::Log, rest, Vec::new()),
     ]
 }
 
