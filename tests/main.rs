@@ -14,5 +14,6 @@ mod layers;
 mod levels;
 mod map;
 mod medium;
+mod near;
 mod reference;
 mod render;

@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use super::{Ui, reference};
 use crate::geom::DVec3;
-use crate::render::{self, Ambient, CameraChoice, Met, Options, Stats};
+use crate::render::{self, Ambient, CameraChoice, Met, Near, Options, Stats};
 use crate::scene::gltf;
 use crate::{Error, Result};
 
@@ -58,6 +58,10 @@ pub struct Args {
     /// Added to the depth that fits a pixel: −1 is one coarser
     #[arg(long, value_name = "DEPTHS", default_value_t = 0.0, allow_hyphen_values = true)]
     depth_bias: f64,
+    /// What is seen of a texel where a pixel is smaller than its finest voxel: the mesh that it was baked from, where the
+    /// landscape names it, or its voxels
+    #[arg(long, value_enum, default_value = "geometry")]
+    near: NearArg,
     /// Lights shine through everything
     #[arg(long)]
     no_shadows: bool,
@@ -76,6 +80,12 @@ pub struct Args {
     /// Print --stats or --pixel as JSON
     #[arg(long)]
     json: bool,
+}
+
+#[derive(Clone, Copy, clap::ValueEnum)]
+enum NearArg {
+    Geometry,
+    Voxels,
 }
 
 #[derive(Clone, Copy, clap::ValueEnum)]
@@ -137,6 +147,10 @@ impl Args {
             exposure: self.exposure,
             threads: self.threads,
             depth_bias: self.depth_bias,
+            near: match self.near {
+                NearArg::Geometry => Near::Geometry,
+                NearArg::Voxels => Near::Voxels,
+            },
             shadows: !self.no_shadows,
         }
     }
@@ -206,6 +220,8 @@ fn print_stats(stats: &Stats, json: bool) {
             "copies_marched": c.march.stretches,
             "cells_marched": c.march.cells,
             "voxels_met": c.march.voxels,
+            "near_copies": c.near_copies,
+            "near_triangles": stats.near_triangles,
             "shadow_rays": c.shadow_rays,
             "seconds": times,
             "peak_bytes": stats.peak_bytes,
@@ -221,6 +237,8 @@ fn print_stats(stats: &Stats, json: bool) {
         "cells marched",
         format!("{} in {} copies of texels, {} voxels met", c.march.cells, c.march.stretches, c.march.voxels),
     );
+    let (copies, triangles) = (c.near_copies, stats.near_triangles);
+    row("near", format!("{copies} copies traced as triangles of their source, of which {triangles} were read"));
     row("cones", c.cones.to_string());
     row("shadow rays", c.shadow_rays.to_string());
     let times: Vec<_> = stats.times.iter().map(|(name, t)| format!("{name} {:.2}", t.as_secs_f64())).collect();
@@ -250,6 +268,9 @@ fn print_trace(trace: &[Met], json: bool) -> Result<()> {
                     "  copy    {texel} in cell {u} {v} {w}: {a:.4} … {b:.4} m, {depth}, T {before:.4} → {after:.4}"
                 );
             }
+            Met::Near { texel, cell: [u, v, w], metres: [a, b], contacts, before, after } => println!(
+                "  near    {texel} in cell {u} {v} {w}: {a:.4} … {b:.4} m, {contacts} triangles, T {before:.4} → {after:.4}"
+            ),
             Met::Surface { metres, albedo: [r, g, b], normal: [x, y, z], through } => println!(
                 "surface   at {metres:.4} m, albedo {r:.3} {g:.3} {b:.3}, normal {x:.3} {y:.3} {z:.3}, {through:.4} of the light"
             ),

@@ -116,6 +116,10 @@ impl Mesh {
         self.triangles.is_empty()
     }
 
+    pub fn len(&self) -> usize {
+        self.triangles.len()
+    }
+
     fn corners(&self, t: &Triangle) -> [DVec3; 3] {
         t.vertices.map(|v| self.vertices[v as usize])
     }

@@ -16,6 +16,7 @@ mod light;
 pub mod march;
 mod mesh;
 pub mod metrics;
+mod near;
 mod options;
 mod passage;
 mod pixel;
@@ -24,6 +25,7 @@ pub mod preview;
 pub mod reference;
 pub mod shade;
 mod shell;
+mod source;
 mod stats;
 #[cfg(test)]
 mod tests;
@@ -36,7 +38,7 @@ use std::time::Instant;
 pub use cells::hash;
 pub use film::Film;
 pub use march::{DepthChoice, Hit, MarchStats, Sink, Stretch, march, transmittance};
-pub use options::{Ambient, CameraChoice, Options};
+pub use options::{Ambient, CameraChoice, Near, Options};
 pub use stats::{Counts, Stats, peak_memory};
 pub use trace::{Met, Trace};
 
@@ -93,6 +95,9 @@ pub fn render_with(
             stats.bricks += opened.pages;
             stats.voxels += opened.voxels;
             stats.deepest = stats.deepest.max(opened.deepest);
+            if let Some(near) = texel.near {
+                stats.near_triangles += near.finish(&mut world.warnings);
+            }
             if let Some(failure) = texel.tree.into_failure() {
                 return Err(failure);
             }
@@ -205,9 +210,27 @@ fn film(world: &World<'_>, options: &Options, progress: &dyn Progress) -> (Film,
     (film, counts)
 }
 
+/// Lanes that are added where a single one came upon triangles of a texel's source, which are not filtered.
+const NEAR_LANES: u32 = 2;
+
 /// The mean over the pixel's lanes, before exposure.
 fn pixel_of(tracer: &mut Tracer<'_>, x: u32, y: u32) -> [f32; 4] {
-    let (world, lanes) = (tracer.world, tracer.options.lanes);
+    let lanes = tracer.options.lanes;
+    let before = tracer.counts.near_copies;
+    let mut sum = lanes_of(tracer, [x, y], lanes);
+    let mut count = lanes;
+    if lanes == 1 && tracer.counts.near_copies > before {
+        let added = lanes_of(tracer, [x, y], NEAR_LANES);
+        sum = (sum.0 + added.0, sum.1 + added.1);
+        count += NEAR_LANES;
+    }
+    let share = 1.0 / count as f32;
+    [sum.0.x * share, sum.0.y * share, sum.0.z * share, sum.1 * share]
+}
+
+/// Radiance and cover, summed over `lanes` lanes.
+fn lanes_of(tracer: &mut Tracer<'_>, [x, y]: [u32; 2], lanes: u32) -> (Vec3, f32) {
+    let world = tracer.world;
     let (mut sum, mut cover) = (Vec3::ZERO, 0.0);
     for lane in 0..lanes {
         let [dx, dy] = lane_offset(lane, lanes);
@@ -224,8 +247,7 @@ fn pixel_of(tracer: &mut Tracer<'_>, x: u32, y: u32) -> [f32; 4] {
         sum += radiance;
         cover += alpha;
     }
-    let share = 1.0 / lanes as f32;
-    [sum.x * share, sum.y * share, sum.z * share, cover * share]
+    (sum, cover)
 }
 
 /// Where in its pixel a lane looks: a rotated grid, row i at column bit-reversed i.

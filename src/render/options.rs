@@ -21,6 +21,8 @@ pub struct Options {
     pub threads: usize,
     /// Added to the depth that fits a cone: −1 is one coarser.
     pub depth_bias: f64,
+    /// What is seen where a pixel is smaller than a texel's finest voxel.
+    pub near: Near,
     /// Whether lights are tested for what stands before them.
     pub shadows: bool,
 }
@@ -37,6 +39,7 @@ impl Default for Options {
             exposure: 0.0,
             threads: 0,
             depth_bias: 0.0,
+            near: Near::Geometry,
             shadows: true,
         }
     }
@@ -53,6 +56,16 @@ pub enum CameraChoice {
     Framed,
     /// Perspective from `eye` to `target`, metres; vertical field of view in radians.
     LookAt { eye: DVec3, target: DVec3, yfov: f64 },
+}
+
+/// What stands for a texel where a pixel is smaller than its finest voxel.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Near {
+    /// The mesh that it was baked from, where the scene names it; read when a cone first needs it.
+    #[default]
+    Geometry,
+    /// Its voxels.
+    Voxels,
 }
 
 /// How much of the sky a point sees.

@@ -18,6 +18,25 @@ pub struct Stretched {
     pub scale: f64,
 }
 
+/// A triangle that a ray starts on: of the scene's meshes, or of the source of a texel's copy.
+#[derive(Clone, Copy)]
+pub struct Start {
+    pub triangle: u32,
+    pub copy: Option<(usize, [i64; 3])>,
+}
+
+impl Start {
+    /// The triangle, if it is of the source of this copy.
+    pub fn within(start: Option<Start>, visit: &Visit) -> Option<u32> {
+        start.filter(|s| s.copy == Some((visit.texel, visit.cell))).map(|s| s.triangle)
+    }
+
+    /// The triangle, if it is of the scene's meshes.
+    pub fn plain(start: Option<Start>) -> Option<u32> {
+        start.filter(|s| s.copy.is_none()).map(|s| s.triangle)
+    }
+}
+
 /// How far a straight piece may stray from the path, in widths of the cone.
 const STRAY: f64 = 0.25;
 /// And at the least, in cells: finer than a voxel of depth 10.
@@ -81,20 +100,20 @@ fn across(m: &DMat3, d: DVec3) -> f64 {
     if along > 0.0 { (m.determinant().abs() / along).sqrt() } else { 0.0 }
 }
 
-/// The share of light that comes through all that stands along `ray` up to t1, 0 below `stop`. The ray starts on the
-/// triangle `skip`; its cone is `width.0` wide at the start and grows by `width.1`.
+/// The share of light that comes through all that stands along `ray` up to t1, 0 below `stop`. The ray starts on
+/// `start`; its cone is `width.0` wide at the start and grows by `width.1`.
 #[allow(clippy::too_many_arguments)]
 pub fn visibility(
     world: &World<'_>,
     ray: &Ray,
     t1: f64,
-    skip: Option<u32>,
+    start: Option<Start>,
     width: (f64, f64),
     choice: DepthChoice,
     stop: f32,
     counts: &mut Counts,
 ) -> f32 {
-    let mut through = world.mesh.transmittance(&world.scene.model, ray, t1, skip, width.0);
+    let mut through = world.mesh.transmittance(&world.scene.model, ray, t1, Start::plain(start), width.0);
     if through < stop {
         return 0.0;
     }
@@ -106,6 +125,15 @@ pub fn visibility(
             open = open
                 && passage(world, ray, index, None, (a, b), &width_at, &mut |step| {
                     let Some(Some(texel)) = world.texels.get(step.visit.texel) else { return true };
+                    if let Some(source) = texel.near(step.stretch.footprint, choice.threshold) {
+                        counts.near_copies += 1;
+                        let (visit, width) = (&step.visit, f64::from(step.stretch.footprint));
+                        let inside = Ray { origin: visit.origin, dir: visit.dir };
+                        let skip = Start::within(start, visit);
+                        let t1 = visit.t1 - visit.t0;
+                        through *= source.mesh.transmittance(&source.model, &inside, t1, skip, width);
+                        return through >= stop;
+                    }
                     let choice = DepthChoice { finest: texel.finest, ..choice };
                     through *= transmittance(&texel.tree, &step.stretch, choice, stop / through, &mut counts.march);
                     through >= stop

@@ -12,7 +12,7 @@ use super::cells::Visit;
 use super::march::{DepthChoice, Hit, OPAQUE_BELOW, Sink, march};
 use super::mesh::{Contact, Surface};
 use super::options::{Ambient, Options};
-use super::passage::{Stretched, passage};
+use super::passage::{Start, Stretched, passage};
 use super::prepare::World;
 use super::shade::{Group, Shader, shadow_start};
 use super::stats::Counts;
@@ -31,7 +31,18 @@ struct Event {
 
 #[derive(Clone, Copy)]
 enum Source {
-    Voxel { frame: u32, voxel: Voxel, depth: u8, t: f32, position: Vec3 },
+    Voxel {
+        frame: u32,
+        voxel: Voxel,
+        depth: u8,
+        t: f32,
+        position: Vec3,
+    },
+    /// A triangle of a copy's source.
+    Near {
+        frame: u32,
+        contact: Contact,
+    },
     Veil(u32),
 }
 
@@ -40,6 +51,9 @@ struct Frame {
     texel: usize,
     tint: Vec3,
     t0: f64,
+    cell: [i64; 3],
+    /// The ray in texel space, from t0 on.
+    inside: Ray,
     /// World → texel, the linear part.
     to_texel: DMat3,
     /// Cube edges in a unit of length across the ray.
@@ -71,6 +85,8 @@ pub struct Tracer<'w> {
     events: Vec<Event>,
     frames: Vec<Frame>,
     veils: Vec<Contact>,
+    /// Contacts in one copy's source.
+    contacts: Vec<Contact>,
     groups: Vec<Group>,
     lights: Vec<Vec3>,
 }
@@ -101,6 +117,7 @@ impl<'w> Tracer<'w> {
             events: Vec::new(),
             frames: Vec::new(),
             veils: Vec::new(),
+            contacts: Vec::new(),
             groups: Vec::new(),
             lights: Vec::new(),
         }
@@ -162,7 +179,8 @@ impl<'w> Tracer<'w> {
                     alpha = 1.0;
                     let width = cone.width_at(contact.t);
                     let surface = world.mesh.surface(&world.scene.model, &cone.ray, &contact, width);
-                    self.light_surface(&surface, contact.triangle, width, threshold, through, &mut sum);
+                    let start = Start { triangle: contact.triangle, copy: None };
+                    self.light_surface(&surface, start, width, threshold, through, &mut sum);
                     let (albedo, normal) = (surface.albedo.to_array(), surface.normal.to_array());
                     let metres = contact.t * world.unit;
                     self.tell(|| Met::Surface { metres, albedo, normal, through });
@@ -179,6 +197,7 @@ impl<'w> Tracer<'w> {
     fn enter(&mut self, cone: &Cone, span: &Span, (index, layer): (u32, u32), threshold: f32, through: f32) {
         let world = self.world;
         let (events, frames, counts, trace) = (&mut self.events, &mut self.frames, &mut self.counts, &mut self.trace);
+        let contacts = &mut self.contacts;
         counts.boxes += 1;
         if let Some(trace) = trace {
             let metres = [span.t0 * world.unit, span.t1 * world.unit];
@@ -193,6 +212,32 @@ impl<'w> Tracer<'w> {
             let Stretched { visit, stretch, to_texel, scale, .. } = step;
             let Some(Some(texel)) = world.texels.get(visit.texel) else { return true };
             let frame = frames.len() as u32;
+            let frame_of = || {
+                let inside = Ray { origin: visit.origin, dir: visit.dir };
+                let (texel, cell, t0) = (visit.texel, visit.cell, visit.t0);
+                Frame { texel, tint, t0, cell, inside, to_texel: *to_texel, scale: *scale }
+            };
+            if let Some(source) = texel.near(stretch.footprint + 0.5 * stretch.growth * stretch.length, threshold) {
+                counts.near_copies += 1;
+                let new = frame_of();
+                contacts.clear();
+                let width = |t: f64| f64::from(stretch.footprint + stretch.growth * t as f32);
+                let last = source.mesh.nearest(&source.model, &new.inside, visit.t1 - visit.t0, width, contacts);
+                contacts.extend(last);
+                let before = own;
+                for &contact in contacts.iter() {
+                    own *= 1.0 - contact.alpha;
+                    let source = Source::Near { frame, contact };
+                    events.push(Event { t: visit.t0 + contact.t, alpha: contact.alpha, source });
+                }
+                if let Some(trace) = trace {
+                    trace.push(near(world, visit, contacts.len(), before, own));
+                }
+                if !contacts.is_empty() {
+                    frames.push(new);
+                }
+                return own > 0.0;
+            }
             let mut recorder = Recorder { events, own, frame, t0: visit.t0 };
             let choice = DepthChoice { bias, threshold, finest: texel.finest };
             let before = (own, recorder.events.len());
@@ -201,7 +246,7 @@ impl<'w> Tracer<'w> {
                 trace.push(cell(world, visit, &events[before.1..], before.0, own));
             }
             if events.len() > before.1 {
-                frames.push(Frame { texel: visit.texel, tint, t0: visit.t0, to_texel: *to_texel, scale: *scale });
+                frames.push(frame_of());
             }
             own > 0.0
         });
@@ -235,7 +280,7 @@ impl<'w> Tracer<'w> {
         }
         // Each copy's voxels together, so that they share shadow rays.
         let place = |e: &Event| match e.source {
-            Source::Voxel { frame, .. } => frame,
+            Source::Voxel { frame, .. } | Source::Near { frame, .. } => frame,
             Source::Veil(i) => u32::MAX - i,
         };
         if !settled.is_sorted_by_key(place) {
@@ -244,16 +289,32 @@ impl<'w> Tracer<'w> {
         for run in settled.chunk_by(|a, b| place(a) == place(b)) {
             match run[0].source {
                 Source::Voxel { frame, .. } => self.light_copy(cone, frame as usize, run, threshold, sum),
+                Source::Near { .. } => run.iter().for_each(|e| self.light_near(cone, e, threshold, sum)),
                 Source::Veil(i) => {
                     let contact = self.veils[i as usize];
                     let width = cone.width_at(contact.t);
                     let surface = self.world.mesh.surface(&self.world.scene.model, &cone.ray, &contact, width);
-                    self.light_surface(&surface, contact.triangle, width, threshold, run[0].alpha, sum);
+                    let start = Start { triangle: contact.triangle, copy: None };
+                    self.light_surface(&surface, start, width, threshold, run[0].alpha, sum);
                 }
             }
         }
         events.drain(..count);
         self.events = events;
+    }
+
+    /// Light a triangle of a copy's source, whose event carries its weight.
+    fn light_near(&mut self, cone: &Cone, event: &Event, threshold: f32, sum: &mut Sum) {
+        let Source::Near { frame, contact } = event.source else { return };
+        let frame = &self.frames[frame as usize];
+        let Some(texel) = &self.world.texels[frame.texel] else { return };
+        let width = cone.width_at(event.t);
+        // It was read when it was traced.
+        let Some(source) = texel.near(0.0, threshold) else { return };
+        let seen = source.surface(&cone.ray, frame.t0, &frame.inside, &contact, &frame.to_texel, width * frame.scale);
+        let surface = Surface { albedo: seen.albedo * frame.tint, ..seen };
+        let start = Start { triangle: contact.triangle, copy: Some((frame.texel, frame.cell)) };
+        self.light_surface(&surface, start, width, threshold, event.alpha, sum);
     }
 
     /// Light voxels of one copy, whose events carry their weights.
@@ -313,7 +374,7 @@ impl<'w> Tracer<'w> {
         light: Vec3,
         from: &Ray,
         distance: f64,
-        skip: Option<u32>,
+        start: Option<Start>,
         width: f64,
         threshold: f32,
         sum: &mut Sum,
@@ -327,7 +388,7 @@ impl<'w> Tracer<'w> {
             sum.faint += light;
             return;
         }
-        let seen = self.visibility(from, distance, skip, (width, 0.0), threshold);
+        let seen = self.visibility(from, distance, start, (width, 0.0), threshold);
         sum.radiance += seen * light;
         sum.seen += seen * bright;
         sum.tested += bright;
@@ -339,7 +400,7 @@ impl<'w> Tracer<'w> {
     fn light_surface(
         &mut self,
         surface: &Surface,
-        triangle: u32,
+        start: Start,
         width: f64,
         threshold: f32,
         weight: f32,
@@ -353,7 +414,7 @@ impl<'w> Tracer<'w> {
         let albedo = weight * surface.albedo;
         let open = match self.options.ambient {
             Ambient::Constant => 1.0,
-            Ambient::Occluded => self.open_sky(surface.point, Some((surface.normal, triangle)), width, threshold),
+            Ambient::Occluded => self.open_sky(surface.point, Some((surface.normal, start)), width, threshold),
         };
         sum.radiance += open * albedo * world.sky;
         for lamp in &world.lamps {
@@ -362,22 +423,22 @@ impl<'w> Tracer<'w> {
             if cosine > 0.0 {
                 let light = albedo * sight.irradiance * (cosine * FRAC_1_PI);
                 let from = Ray { origin: surface.lifted, dir: sight.dir };
-                self.add(light, &from, sight.distance, Some(triangle), width, threshold, sum);
+                self.add(light, &from, sight.distance, Some(start), width, threshold, sum);
             }
         }
     }
 
     /// The share of light that comes along a ray; its cone is `width.0` wide and grows by `width.1`.
-    fn visibility(&mut self, from: &Ray, t1: f64, skip: Option<u32>, width: (f64, f64), threshold: f32) -> f32 {
+    fn visibility(&mut self, from: &Ray, t1: f64, start: Option<Start>, width: (f64, f64), threshold: f32) -> f32 {
         self.counts.shadow_rays += 1;
         // The depth of what is seen; a coarser one darkens (see `shadow_start`).
         let bias = self.options.depth_bias as f32;
         let choice = DepthChoice { bias, threshold, finest: u8::MAX };
-        super::passage::visibility(self.world, from, t1, skip, width, choice, FAINT, &mut self.counts)
+        super::passage::visibility(self.world, from, t1, start, width, choice, FAINT, &mut self.counts)
     }
 
     /// The share of the sky that a point sees: of the half around a surface's normal, or of all around a voxel.
-    fn open_sky(&mut self, x: DVec3, surface: Option<(DVec3, u32)>, width: f64, threshold: f32) -> f32 {
+    fn open_sky(&mut self, x: DVec3, surface: Option<(DVec3, Start)>, width: f64, threshold: f32) -> f32 {
         // A cube's corners, turned so that none lies along an axis; each stands for an eighth of the sphere, which is a
         // cone of about 60 degrees.
         const GROWTH: f64 = 0.8;
@@ -389,8 +450,8 @@ impl<'w> Tracer<'w> {
             let weight = surface.map_or(1.0, |(n, _)| n.dot(dir).max(0.0) as f32);
             if weight > 0.0 {
                 let from = Ray { origin: x + width * dir, dir };
-                let skip = surface.map(|s| s.1);
-                open += weight * self.visibility(&from, f64::INFINITY, skip, (width, GROWTH), threshold);
+                let start = surface.map(|s| s.1);
+                open += weight * self.visibility(&from, f64::INFINITY, start, (width, GROWTH), threshold);
                 all += weight;
             }
         }
@@ -429,10 +490,21 @@ impl Sink for Recorder<'_> {
     }
 }
 
+fn near(world: &World<'_>, visit: &Visit, contacts: usize, before: f32, after: f32) -> Met {
+    Met::Near {
+        texel: world.scene.texels.get(visit.texel).map_or(String::new(), |t| t.name.clone()),
+        cell: visit.cell,
+        metres: [visit.t0 * world.unit, visit.t1 * world.unit],
+        contacts,
+        before,
+        after,
+    }
+}
+
 fn cell(world: &World<'_>, visit: &Visit, events: &[Event], before: f32, after: f32) -> Met {
     let depth = events.iter().find_map(|e| match e.source {
         Source::Voxel { depth, .. } => Some(depth),
-        Source::Veil(_) => None,
+        Source::Near { .. } | Source::Veil(_) => None,
     });
     Met::Cell {
         texel: world.scene.texels.get(visit.texel).map_or(String::new(), |t| t.name.clone()),

@@ -9,8 +9,10 @@ use super::cells::{Choice, Skin};
 use super::faces;
 use super::light::{DEFAULT_SKY, Lamp, default_sun};
 use super::mesh::{Mesh, MeshBuilder};
-use super::options::{CameraChoice, Options};
+use super::near::Near;
+use super::options::{self, CameraChoice, Options};
 use super::shell::ShellBox;
+use super::source::Source;
 use crate::geom::{Aabb, DAffine3, DVec3, Vec3};
 use crate::scene::shell::ShellMaterial;
 use crate::scene::{Part, Projection, Scene};
@@ -22,6 +24,19 @@ pub struct Texel {
     pub tree: Octree,
     /// Deepest depth to be used.
     pub finest: u8,
+    /// What it was baked from, if that is to be seen near the camera.
+    pub near: Option<Near>,
+}
+
+impl Texel {
+    /// The source, where a cone `width` cube edges wide is to see it instead of voxels; `threshold` in [0, 1) decides
+    /// where it might be either.
+    pub fn near(&self, width: f32, threshold: f32) -> Option<&Source> {
+        let near = self.near.as_ref()?;
+        let finest = self.tree.finest()?.min(usize::from(self.finest));
+        let pixels = (-(finest as f32)).exp2() / width.max(f32::MIN_POSITIVE);
+        near.source(self.tree.info(), pixels, threshold)
+    }
 }
 
 /// A scene, ready for rays.
@@ -87,7 +102,10 @@ impl<'a> World<'a> {
         let texels: Vec<Option<Texel>> = texels
             .into_iter()
             .zip(&scene.texels)
-            .map(|(tree, said)| Some(Texel { tree: tree?, finest: said.max_depth.unwrap_or(u8::MAX) }))
+            .map(|(tree, said)| {
+                let near = said.geometry.clone().filter(|_| options.near == options::Near::Geometry).map(Near::new);
+                Some(Texel { tree: tree?, finest: said.max_depth.unwrap_or(u8::MAX), near })
+            })
             .collect();
         let mut world = World {
             scene,

@@ -11,6 +11,8 @@ pub struct Counts {
     pub cones: u64,
     /// Stretches of a ray inside a shell's box.
     pub boxes: u64,
+    /// Copies whose source's triangles were traced instead of voxels.
+    pub near_copies: u64,
     /// Shadow rays, and rays to the sky.
     pub shadow_rays: u64,
     /// Camera and shadow rays together.
@@ -21,6 +23,7 @@ impl Counts {
     pub fn merge(&mut self, other: &Counts) {
         self.cones += other.cones;
         self.boxes += other.boxes;
+        self.near_copies += other.near_copies;
         self.shadow_rays += other.shadow_rays;
         self.march.merge(&other.march);
     }
@@ -40,6 +43,8 @@ pub struct Stats {
     pub voxels: u64,
     /// Deepest depth of which voxels were decoded.
     pub deepest: usize,
+    /// Triangles of texels' sources that were read for what is near.
+    pub near_triangles: u64,
     /// Stage and wall-clock time, in order.
     pub times: Vec<(&'static str, Duration)>,
     /// Most memory that the process has had, where the system tells.

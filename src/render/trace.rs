@@ -13,6 +13,8 @@ pub enum Met {
     Box { index: u32, layer: u32, metres: [f64; 2] },
     /// A copy of a texel: the depth and number of its voxels that stopped light, transmittance before and behind.
     Cell { texel: String, cell: [i64; 3], metres: [f64; 2], depth: Option<u8>, voxels: usize, before: f32, after: f32 },
+    /// A copy of a texel whose source was traced instead of voxels.
+    Near { texel: String, cell: [i64; 3], metres: [f64; 2], contacts: usize, before: f32, after: f32 },
     /// The opaque surface that ends the ray, and how much of the light comes from it.
     Surface { metres: f64, albedo: [f32; 3], normal: [f64; 3], through: f32 },
     /// A ray to a light: what it would bring, and the share that it does.

@@ -4,7 +4,6 @@
 //! through texture space); R. Cook, *Stochastic Sampling in Computer Graphics*, TOG 1986.
 
 pub(super) mod sampling;
-mod source;
 mod store;
 #[cfg(test)]
 mod tests;
@@ -13,7 +12,7 @@ mod trace;
 use std::ops::Range;
 use std::time::Instant;
 
-pub use source::Source;
+pub use super::source::Source;
 use trace::Tracer;
 
 use super::film::Film;

@@ -4,13 +4,14 @@ use crate::geom::{DMat3, DVec3, Ray, Vec3};
 use crate::render::cells::Visit;
 use crate::render::mesh::{Contact, Mesh, Surface};
 use crate::render::options::{Ambient, Options};
+use crate::render::passage::Start;
 use crate::render::prepare::World;
 use crate::render::shell::Piece;
+use crate::render::source::Source;
 use crate::render::stats::Counts;
 use crate::scene::Model;
 
 use super::sampling::{chance, hash, point};
-use super::source::Source;
 
 /// How far a straight piece may stray from the true path through a curved box, in edges of the texel's cube.
 const STRAY: f64 = 1e-4;
@@ -40,13 +41,6 @@ struct Copied<'a> {
     /// The renderer's space → texel space.
     to_texel: DMat3,
     diffuse: Vec3,
-}
-
-/// A triangle that a shadow ray starts on.
-#[derive(Clone, Copy)]
-struct Start {
-    triangle: u32,
-    copy: Option<(usize, [i64; 3])>,
 }
 
 impl<'a> Tracer<'a> {
@@ -164,16 +158,8 @@ impl<'a> Tracer<'a> {
         let Some(copy) = &met.copy else {
             return self.world.mesh.surface(&self.world.scene.model, ray, &met.contact, 0.0);
         };
-        let seen = copy.source.mesh.surface(&copy.source.model, &copy.ray, &met.contact, 0.0);
-        let point = ray.at(copy.t0 + met.contact.t);
-        let normal = (copy.to_texel.transpose() * seen.normal).normalize_or(-ray.dir);
-        Surface {
-            point,
-            lifted: point + copy.to_texel.inverse() * (seen.lifted - seen.point),
-            normal: if normal.dot(ray.dir) > 0.0 { -normal } else { normal },
-            albedo: seen.albedo * copy.diffuse,
-            unlit: seen.unlit,
-        }
+        let surface = copy.source.surface(ray, copy.t0, &copy.ray, &met.contact, &copy.to_texel, 0.0);
+        Surface { albedo: surface.albedo * copy.diffuse, ..surface }
     }
 
     /// The share of light that comes from `distance` away.
@@ -183,8 +169,8 @@ impl<'a> Tracer<'a> {
         }
         counts.shadow_rays += 1;
         let (world, ray) = (self.world, Ray { origin: from, dir });
-        let skip = start.copy.is_none().then_some(start.triangle);
-        let mut through = world.mesh.transmittance(&world.scene.model, &ray, distance, skip, 0.0);
+        let start = Some(start);
+        let mut through = world.mesh.transmittance(&world.scene.model, &ray, distance, Start::plain(start), 0.0);
         if through <= 0.0 {
             return 0.0;
         }
@@ -195,7 +181,7 @@ impl<'a> Tracer<'a> {
                 }
                 let Some(Some(source)) = self.sources.get(visit.texel) else { return true };
                 let inside = Ray { origin: visit.origin, dir: visit.dir };
-                let skip = (start.copy == Some((visit.texel, visit.cell))).then_some(start.triangle);
+                let skip = Start::within(start, visit);
                 through *= source.mesh.transmittance(&source.model, &inside, visit.t1 - visit.t0, skip, 0.0);
                 through > 0.0
             });

@@ -1,13 +1,14 @@
-//! The mesh that a texel was baked from, in texel space; what crosses a cyclic border wraps around.
+//! The mesh that a texel was baked from, in texel space; what crosses a cyclic border wraps around. References trace nothing else, and
+//! pictures where a pixel is smaller than the finest voxel.
 
 use std::path::Path;
 
-use crate::geom::{Aabb, DAffine3, DMat3, DVec3};
+use crate::geom::{Aabb, DAffine3, DMat3, DVec3, Ray};
 use crate::scene::{Instance, Model, gltf};
 use crate::volume::Info;
 use crate::{Error, Result, Warnings};
 
-use super::super::mesh::{Mesh, MeshBuilder};
+use super::mesh::{Contact, Mesh, MeshBuilder, Surface};
 
 /// Source geometry, ready for rays in texel space.
 pub struct Source {
@@ -49,6 +50,28 @@ impl Source {
         }
         model.instances = placed;
         Source { mesh: builder.build(), model }
+    }
+
+    /// What is seen of a copy at a contact of `ray` in the renderer's space, which is `inside` in texel space from t0 on;
+    /// `to_texel`: renderer's → texel space; `width`: of the cone there, cube edges.
+    pub fn surface(
+        &self,
+        ray: &Ray,
+        t0: f64,
+        inside: &Ray,
+        contact: &Contact,
+        to_texel: &DMat3,
+        width: f64,
+    ) -> Surface {
+        let seen = self.mesh.surface(&self.model, inside, contact, width);
+        let point = ray.at(t0 + contact.t);
+        let normal = (to_texel.transpose() * seen.normal).normalize_or(-ray.dir);
+        Surface {
+            point,
+            lifted: point + to_texel.inverse() * (seen.lifted - seen.point),
+            normal: if normal.dot(ray.dir) > 0.0 { -normal } else { normal },
+            ..seen
+        }
     }
 }
 
