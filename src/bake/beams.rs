@@ -12,7 +12,8 @@
 use std::sync::LazyLock;
 
 use super::clip::{Polygon, ROOM};
-use crate::geom::{AXES13, DVec3};
+use super::cutout::CutOut;
+use crate::geom::{AXES13, DVec3, Vec3};
 
 /// Lines a voxel edge.
 pub const LINES: usize = 16;
@@ -30,10 +31,12 @@ pub struct Projection {
     /// First row in [`Beams`], and their number: 16, or 32 where b is sheared.
     first: usize,
     rows: usize,
+    /// Which of [`Plane`]'s coordinates a and b are, sheared.
+    on: [usize; 2],
 }
 
 const fn projections() -> [Projection; 13] {
-    let mut out = [Projection { drop: 0, a: 1, b: 2, sa: 0, sb: 0, first: 0, rows: 16 }; 13];
+    let mut out = [Projection { drop: 0, a: 1, b: 2, sa: 0, sb: 0, first: 0, rows: 16, on: [0; 2] }; 13];
     let (mut k, mut first) = (0, 0);
     while k < 13 {
         let w = AXES13[k];
@@ -50,11 +53,22 @@ const fn projections() -> [Projection; 13] {
         }
         let (sa, sb) = (w[a] as i32 * w[drop] as i32, w[b] as i32 * w[drop] as i32);
         let rows = if sb == 0 { 16 } else { 32 };
-        out[k] = Projection { drop, a, b, sa, sb, first, rows };
+        out[k] = Projection { drop, a, b, sa, sb, first, rows, on: [coordinate(a, sa, drop), coordinate(b, sb, drop)] };
         first += rows;
         k += 1;
     }
     out
+}
+
+/// The nine coordinates that planes have: x, y, z; y ∓ x; z ∓ x; z ∓ y.
+const COORDINATES: usize = 9;
+
+const fn coordinate(q: usize, s: i32, drop: usize) -> usize {
+    if s == 0 {
+        return q;
+    }
+    // The dropped axis is the lower one always.
+    3 + 2 * (drop + q - 1) + if s < 0 { 1 } else { 0 }
 }
 
 /// Of [`AXES13`], in order.
@@ -74,6 +88,26 @@ impl Projection {
         p[self.a] = x + Self::base(self.sa) + f64::from(self.sa) * d;
         p[self.b] = y + Self::base(self.sb) + f64::from(self.sb) * d;
         p
+    }
+
+    /// Where the lines of each column and each row, `N` / 2 a voxel edge, are within the box `lo..hi`, by the dropped
+    /// coordinate; empty intervals end before they begin.
+    #[inline]
+    pub fn slabs<const N: usize>(&self, lo: Vec3, hi: Vec3) -> [[(f32, f32); N]; 2] {
+        let across = (lo[self.drop], hi[self.drop]);
+        [(self.a, self.sa), (self.b, self.sb)].map(|(q, s)| {
+            std::array::from_fn(|i| {
+                let v = (i as f32 + 0.5) * (2.0 / N as f32) + Self::base(s) as f32;
+                // q = v + s d
+                let (from, to) = match s {
+                    0 if v >= lo[q] && v < hi[q] => across,
+                    0 => (f32::INFINITY, f32::NEG_INFINITY),
+                    1 => (lo[q] - v, hi[q] - v),
+                    _ => (v - hi[q], v - lo[q]),
+                };
+                (from.max(across.0), to.min(across.1))
+            })
+        })
     }
 
     /// Where child `j`'s plane origin lies in its parent's plane, in child edges.
@@ -143,40 +177,38 @@ impl Beams {
         &self.rows[p.first..p.first + p.rows]
     }
 
-    /// Add the lines through `polygon` (voxel edges, within the unit voxel); `passes` may veto a line at the plane point
-    /// (x, y) of the axis. Adds the lines found, before they are united, to `parts`.
-    pub fn add(
-        &mut self,
-        polygon: &Polygon,
-        parts: &mut [u32; 13],
-        mut passes: Option<&mut dyn FnMut(usize, f64, f64) -> bool>,
-    ) {
-        let mut scaled = [DVec3::ZERO; ROOM];
-        for (s, c) in scaled.iter_mut().zip(polygon.corners()) {
-            *s = *c * LINES as f64;
-        }
-        let scaled = &scaled[..polygon.corners().len()];
-        let (mut lo, mut hi) = ([0.0; 32], [0.0; 32]);
-        let mut plane = [(0.0, 0.0); ROOM];
-        for (k, projection) in PROJECTIONS.iter().enumerate() {
-            let plane = &mut plane[..scaled.len()];
-            let (first, last) = spans(scaled, projection, plane, &mut lo, &mut hi);
-            for row in first..last {
-                let (from, to) = (line_after(lo[row], 32) as u32, line_after(hi[row], 32) as u32);
-                if from >= to {
-                    continue;
+    /// Add the lines through `polygon` (voxel edges, within the unit voxel), or through what `cut` leaves of it. Adds the
+    /// lines found, before they are united, to `parts`.
+    pub fn add(&mut self, polygon: &Polygon, parts: &mut [u32; 13], cut: Option<&CutOut>) {
+        let plane = Plane::new(polygon.corners());
+        let mut found = [0u32; 32];
+        for (k, p) in PROJECTIONS.iter().enumerate() {
+            let [a, b] = p.on;
+            let (first, last) = plane.ranges[b];
+            // Most facets are smaller than the lattice and cross no row, or no line in it.
+            if first >= last || plane.ranges[a].0 >= plane.ranges[a].1 {
+                continue;
+            }
+            let count = plane.rows(a, b, &mut found);
+            let rows = self.rows[p.first..].iter_mut().zip(&mut found).enumerate().take(last).skip(first);
+            match cut {
+                None => {
+                    parts[k] += count;
+                    for (_, (row, found)) in rows {
+                        *row |= std::mem::take(found);
+                    }
                 }
-                let mut bits = (((1u64 << to) - 1) & !((1u64 << from) - 1)) as u32;
-                if let Some(passes) = &mut passes {
-                    let y = (row as f64 + 0.5) / LINES as f64;
-                    for i in from..to {
-                        if !passes(k, (f64::from(i) + 0.5) / LINES as f64, y) {
-                            bits &= !(1 << i);
+                Some(cut) => {
+                    let cells = Cells::new(p, cut);
+                    for (n, (row, found)) in rows {
+                        let bits = std::mem::take(found);
+                        if bits != 0 {
+                            let bits = bits & cells.row(cut, n, bits.trailing_zeros(), 32 - bits.leading_zeros());
+                            parts[k] += bits.count_ones();
+                            *row |= bits;
                         }
                     }
                 }
-                parts[k] += bits.count_ones();
-                self.rows[projection.first + row] |= bits;
             }
         }
     }
@@ -265,54 +297,124 @@ impl Beams {
     }
 }
 
-/// Rows whose middles the polygon of `corners` crosses, `first..last`, with the interval of each, all in lines; `plane` is
-/// room for its projection. Most facets are smaller than the lattice and cross none.
-#[inline]
-fn spans(
-    corners: &[DVec3],
-    p: &Projection,
-    plane: &mut [(f64, f64)],
-    lo: &mut [f64; 32],
-    hi: &mut [f64; 32],
-) -> (usize, usize) {
-    let (sa, sb) = (f64::from(p.sa), f64::from(p.sb));
-    let (ba, bb) = (LINES as f64 * Projection::base(p.sa), LINES as f64 * Projection::base(p.sb));
-    let (mut least, mut most) = ((f64::INFINITY, f64::INFINITY), (f64::NEG_INFINITY, f64::NEG_INFINITY));
-    for (at, c) in plane.iter_mut().zip(corners) {
-        let c = c.to_array();
-        let d = c[p.drop];
-        let (x, y) = (c[p.a] - sa * d - ba, c[p.b] - sb * d - bb);
-        least = (least.0.min(x), least.1.min(y));
-        most = (most.0.max(x), most.1.max(y));
-        *at = (x, y);
-    }
-    let (first, last) = (line_after(least.1, p.rows), line_after(most.1, p.rows));
-    if first >= last || line_after(least.0, 32) >= line_after(most.0, 32) {
-        return (0, 0);
-    }
-    lo[first..last].fill(f64::INFINITY);
-    hi[first..last].fill(f64::NEG_INFINITY);
-    let Some(&(mut x0, mut y0)) = plane.last() else { return (0, 0) };
-    for &(x1, y1) in plane.iter() {
-        let (from, to) = (line_after(y0.min(y1), p.rows), line_after(y0.max(y1), p.rows));
-        if from < to {
-            let slope = (x1 - x0) / (y1 - y0);
-            for row in from..to {
-                let x = x0 + (row as f64 + 0.5 - y0) * slope;
-                lo[row] = lo[row].min(x);
-                hi[row] = hi[row].max(x);
-            }
-        }
-        (x0, y0) = (x1, y1);
-    }
-    (first, last)
+/// A polygon in all planes at once, in lines.
+struct Plane {
+    at: [[f32; CORNERS]; COORDINATES],
+    /// The first line beyond each corner.
+    lines: [[i32; CORNERS]; COORDINATES],
+    /// Lines between the least corner and the greatest.
+    ranges: [(usize, usize); COORDINATES],
+    count: usize,
 }
 
-/// The first of `count` lines, at i + 1/2, that is beyond `x`; so a line is in an interval when lo < i + 1/2 <= hi.
+/// Room for a polygon's corners.
+const CORNERS: usize = ROOM.next_multiple_of(4);
+
+impl Plane {
+    #[inline]
+    fn new(corners: &[DVec3]) -> Plane {
+        let mut at = [[0.0f32; CORNERS]; COORDINATES];
+        // The last corner fills up to a multiple of four.
+        let room = corners.len().next_multiple_of(4).min(CORNERS);
+        let repeated = corners.iter().chain(corners.last().into_iter().cycle());
+        for (i, c) in repeated.take(room).enumerate() {
+            let scaled = c.to_array().map(|v| v as f32 * LINES as f32);
+            (at[0][i], at[1][i], at[2][i]) = scaled.into();
+        }
+        for (drop, q) in [(0, 1), (0, 2), (1, 2)] {
+            let on = coordinate(q, 1, drop);
+            let (p, d) = (at[q], at[drop]);
+            for (minus, (p, d)) in at[on][..room].iter_mut().zip(p.iter().zip(&d)) {
+                *minus = p - d + LINES as f32;
+            }
+            for (plus, (p, d)) in at[on + 1][..room].iter_mut().zip(p.iter().zip(&d)) {
+                *plus = p + d;
+            }
+        }
+        let mut lines = [[0; CORNERS]; COORDINATES];
+        let mut ranges = [(0, 0); COORDINATES];
+        for (on, range) in ranges.iter_mut().enumerate() {
+            let most = if on < 3 { LINES as i32 } else { 2 * LINES as i32 };
+            let (mut first, mut last) = ([most; 4], [0; 4]);
+            for (lines, at) in lines[on][..room].chunks_exact_mut(4).zip(at[on].chunks_exact(4)) {
+                for i in 0..4 {
+                    let line = line_after(at[i]).clamp(0, most);
+                    lines[i] = line;
+                    first[i] = first[i].min(line);
+                    last[i] = last[i].max(line);
+                }
+            }
+            let first = first[0].min(first[1]).min(first[2].min(first[3]));
+            let last = last[0].max(last[1]).max(last[2].max(last[3]));
+            *range = (first as usize, last as usize);
+        }
+        Plane { at, lines, ranges, count: corners.len() }
+    }
+
+    /// The lines in the plane of the coordinates `a` and `b`, row by row, into `found`, which is empty; gives their number.
+    #[inline]
+    fn rows(&self, a: usize, b: usize, found: &mut [u32; 32]) -> u32 {
+        let (x, y, rows) = (&self.at[a][..self.count], &self.at[b][..self.count], &self.lines[b][..self.count]);
+        let mut total = 0;
+        let mut last = self.count - 1;
+        for next in 0..self.count {
+            let i = std::mem::replace(&mut last, next);
+            if rows[i] == rows[next] {
+                continue;
+            }
+            // From the lower end always, so that facets on both sides of an edge agree. In a convex polygon, edges that
+            // go up are on one side and those that go down on the other.
+            let up = rows[i] < rows[next];
+            let (low, high) = if up { (i, next) } else { (next, i) };
+            let slope = (x[high] - x[low]) / (y[high] - y[low]);
+            let mut sum = 0;
+            for row in rows[low]..rows[high] {
+                let line = line_after(x[low] + (row as f32 + 0.5 - y[low]) * slope);
+                sum += line;
+                // Twice a row: what is between both remains.
+                found[row as usize & 31] ^= (u64::MAX << (line & 63)) as u32;
+            }
+            total += if up { sum } else { -sum };
+        }
+        total.unsigned_abs()
+    }
+}
+
+/// The first line, at i + 1/2, beyond `x`, for |x| < 2^22; one right at `x` may be taken for either, the same always.
 #[inline]
-fn line_after(x: f64, count: usize) -> usize {
-    // The cast rounds toward 0; from i32 it is far cheaper than from usize.
-    ((x + 0.5) as i32).clamp(0, count as i32) as usize
+fn line_after(x: f32) -> i32 {
+    // Where the last bit is worth 1, adding rounds.
+    const ROUND: f32 = 12_582_912.0;
+    (x + ROUND).to_bits().wrapping_sub(ROUND.to_bits()) as i32
+}
+
+/// Where the lines of an axis meet the cells of a cut-out facet: an affine map.
+struct Cells {
+    first: [f64; 2],
+    line: [f64; 2],
+    row: [f64; 2],
+}
+
+impl Cells {
+    fn new(p: &Projection, cut: &CutOut) -> Cells {
+        let (normal, offset) = cut.plane();
+        let along = p.lift(0.0, 0.0, 1.0) - p.lift(0.0, 0.0, 0.0);
+        let slope = normal.dot(along);
+        let at = |x: f64, y: f64| {
+            let start = p.lift(x / LINES as f64, y / LINES as f64, 0.0);
+            cut.cell(start + (offset - normal.dot(start)) / slope * along)
+        };
+        let (first, line, row) = (at(0.5, 0.5), at(1.5, 0.5), at(0.5, 1.5));
+        Cells { first, line: [0, 1].map(|i| line[i] - first[i]), row: [0, 1].map(|i| row[i] - first[i]) }
+    }
+
+    /// Which of the lines `from..to` of row `n` meet what is there.
+    fn row(&self, cut: &CutOut, n: usize, from: u32, to: u32) -> u32 {
+        // Seen edge-on it has hardly a line: casts saturate, and the cells that are met are clamped.
+        let fixed = |v: f64| (v * 65536.0) as i32;
+        let cell = [0, 1].map(|i| fixed(self.first[i] + n as f64 * self.row[i] + f64::from(from) * self.line[i]));
+        cut.row(from, to, cell, self.line.map(fixed))
+    }
 }
 
 /// Bits 0, 2, 4 … 30 gathered into the low half.

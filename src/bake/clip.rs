@@ -4,7 +4,7 @@
 //!
 //! A piece that lies in the plane between two voxels belongs to the upper one (voxels are half-open), so areas add up.
 
-use crate::geom::DVec3;
+use crate::geom::{DAffine3, DVec3};
 
 /// Most corners that a source may give a polygon; six planes add one each.
 pub const MAX_CORNERS: usize = 8;
@@ -71,6 +71,15 @@ impl Polygon {
             *c *= factor;
         }
         larger
+    }
+
+    /// The same in another space.
+    pub fn transformed(&self, map: DAffine3) -> Polygon {
+        let mut moved = *self;
+        for c in &mut moved.corners[..self.len] {
+            *c = map.transform_point3(*c);
+        }
+        moved
     }
 
     fn side(&self, axis: usize, plane: f64) -> Side {
@@ -142,8 +151,8 @@ impl Polygon {
         Some(piece)
     }
 
-    /// Cut it into the unit voxels, and give each piece with its voxel's lower corner. What lies in one voxel is not copied.
-    pub fn split_voxels(&self, each: &mut impl FnMut(&Polygon, DVec3)) {
+    /// The middle one of the planes between unit voxels that part it, as axis and place, or its voxel's lower corner.
+    pub fn middle_plane(&self) -> Result<(usize, f64), DVec3> {
         let (lo, hi) = self.bounds();
         let cell = lo.floor();
         // A piece that reaches the plane above from below lies below.
@@ -156,12 +165,21 @@ impl Polygon {
             2
         };
         if planes[axis].is_nan() || planes[axis] < 1.0 {
-            return each(self, cell);
+            return Err(cell);
         }
-        // The middle one of the planes that part it.
-        let (below, above) = self.split(axis, cell[axis] + (0.5 * planes[axis]).ceil());
-        for piece in [below, above].iter().flatten() {
-            piece.split_voxels(each);
+        Ok((axis, cell[axis] + (0.5 * planes[axis]).ceil()))
+    }
+
+    /// Cut it into the unit voxels, and give each piece with its voxel's lower corner. What lies in one voxel is not copied.
+    pub fn split_voxels(&self, each: &mut impl FnMut(&Polygon, DVec3)) {
+        match self.middle_plane() {
+            Err(cell) => each(self, cell),
+            Ok((axis, plane)) => {
+                let (below, above) = self.split(axis, plane);
+                for piece in [below, above].iter().flatten() {
+                    piece.split_voxels(each);
+                }
+            }
         }
     }
 

@@ -3,8 +3,35 @@
 //! Based on: E. Heitz et al., *The SGGX Microflake Distribution*, SIGGRAPH 2015; F. Neyret, *A General and Multiscale Model
 //! for Volumetric Textures*, GI 1995.
 
-use crate::geom::directions13;
+use super::chord::Lanes;
+use crate::geom::AXES13;
 use crate::volume::Sggx;
+
+/// What the six numbers of S are multiplied with to give w^T S w, for each of the 13 directions w.
+const FEATURES: [[f64; 6]; 13] = features();
+
+const fn features() -> [[f64; 6]; 13] {
+    let mut out = [[0.0; 6]; 13];
+    let mut k = 0;
+    while k < 13 {
+        let (x, y, z) = (AXES13[k][0] as f64, AXES13[k][1] as f64, AXES13[k][2] as f64);
+        let n = x * x + y * y + z * z;
+        out[k] = [x * x / n, y * y / n, z * z / n, 2.0 * x * y / n, 2.0 * x * z / n, 2.0 * y * z / n];
+        k += 1;
+    }
+    out
+}
+
+/// Projected areas of `s` along the 13 axes.
+pub fn sigmas(s: &Sggx) -> Lanes {
+    let values = [s.xx, s.yy, s.zz, s.xy, s.xz, s.yz];
+    let mut out = [0.0; 16];
+    for (sigma, features) in out.iter_mut().zip(&FEATURES) {
+        let quad: f32 = (0..6).map(|i| features[i] as f32 * values[i]).sum();
+        *sigma = quad.max(0.0).sqrt();
+    }
+    out
+}
 
 /// The symmetric positive S with sqrt(w^T S w) nearest to `values` in the 13 directions; `None` where all are 0.
 pub fn fit_sggx(values: &[f64; 13]) -> Option<Sggx> {
@@ -14,10 +41,9 @@ pub fn fit_sggx(values: &[f64; 13]) -> Option<Sggx> {
     }
     // Normal equations of w^T S w = y^2, weighted by 1 / y^2 so that relative errors of y count.
     let mut eq = [[0.0f64; 7]; 6];
-    for (w, &value) in directions13().iter().zip(values) {
+    for (f, &value) in FEATURES.iter().zip(values) {
         let y2 = (value / mean) * (value / mean);
         let weight = 1.0 / (y2 + 0.01);
-        let f = [w.x * w.x, w.y * w.y, w.z * w.z, 2.0 * w.x * w.y, 2.0 * w.x * w.z, 2.0 * w.y * w.z];
         for i in 0..6 {
             for j in i..6 {
                 eq[i][j] += weight * f[i] * f[j];
@@ -50,13 +76,26 @@ fn solve(mut eq: [[f64; 7]; 6]) -> [f64; 6] {
     x
 }
 
+/// Whether all eigenvalues of the matrix are at least 1e-4 of their sum: by the minors of the rest.
+fn is_positive([xx, yy, zz, xy, xz, yz]: [f64; 6]) -> bool {
+    let least = 1e-4 * (xx + yy + zz);
+    let (x, y, z) = (xx - least, yy - least, zz - least);
+    let minor = x * y - xy * xy;
+    let determinant = z * minor - x * yz * yz - y * xz * xz + 2.0 * xy * xz * yz;
+    x > 0.0 && minor > 0.0 && determinant > 0.0
+}
+
 /// The matrix (xx yy zz xy xz yz) with its eigenvalues raised to 1e-4 of the largest: Jacobi's rotations.
 fn positive(s: [f64; 6]) -> [f64; 6] {
+    if is_positive(s) {
+        return s;
+    }
+    let small = 1e-9 * (s[0].abs() + s[1].abs() + s[2].abs());
     let mut a = [[s[0], s[3], s[4]], [s[3], s[1], s[5]], [s[4], s[5], s[2]]];
     let mut v = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0f64]];
     for _ in 0..8 {
         for (p, q) in [(0usize, 1usize), (0, 2), (1, 2)] {
-            if a[p][q].abs() < 1e-15 {
+            if a[p][q].abs() <= small {
                 continue;
             }
             let theta = (a[q][q] - a[p][p]) / (2.0 * a[p][q]);
@@ -85,7 +124,7 @@ fn positive(s: [f64; 6]) -> [f64; 6] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geom::DVec3;
+    use crate::geom::{DVec3, directions13};
 
     #[test]
     fn a_single_facet_is_recovered() {

@@ -1,5 +1,6 @@
 //! How large a bake will be, before it is done: the facets of some regions are cut without being measured.
 
+use super::cutout;
 use super::source::{Placement, Staged};
 use crate::geom::DVec3;
 use crate::{morton, par};
@@ -36,8 +37,7 @@ pub fn estimate(staged: &dyn Staged, place: &Placement) -> Estimate {
         let (corner, width) = (DVec3::from(origin), f64::from(1u32 << levels));
         let mut codes = Vec::new();
         staged.emit(region, &mut |facet| {
-            let Some(facet) = facet.clip(corner, corner + width) else { return };
-            facet.split_voxels(&mut |_, at| {
+            cutout::pieces(staged, facet, corner, corner + width, &mut |_, at, _| {
                 let cell = (at - corner).clamp(DVec3::ZERO, DVec3::splat(width - 1.0)).as_uvec3();
                 let code = morton::encode(cell.to_array());
                 if codes.last() != Some(&code) {

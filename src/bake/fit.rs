@@ -4,23 +4,23 @@
 //! Transmittance Model for Volumetric Scene Representations*, SIGGRAPH 2021; G. Loubet, F. Neyret, *Hybrid Mesh-Volume
 //! LoDs for All-Scale Pre-Filtering*, EG 2017.
 
-use super::beams::{PROJECTIONS, axis_length, box_area, crossing};
-use super::chord::{Chords, MAX_RATE, exp_neg};
-use super::ellipsoid::fit_sggx;
+use super::beams::{PROJECTIONS, axis_length};
+use super::chord::{Chords, Lanes, MAX_RATE, box_areas, depth_for, exp_neg, ln};
+use super::ellipsoid::{fit_sggx, sigmas};
 use super::measure::Measure;
-use crate::geom::{DVec3, directions13};
+use crate::geom::Vec3;
 use crate::volume::voxel::{RATE_MAX, encode_rate};
-use crate::volume::{Model, Sggx, Voxel, opacity};
+use crate::volume::{Model, Sggx, Voxel};
 
 /// Share of a support box from which on it is taken for opaque.
-const OPAQUE: f64 = 0.996;
+const OPAQUE: f32 = 0.996;
 /// Lines a voxel edge on which a block is marched.
 const MARCH_LINES: usize = 2;
 /// Correlations at which a block is marched; the law is smooth in between.
-const TRIALS: [f64; 3] = [0.0, 0.5, 1.0];
+const TRIALS: [f32; 3] = [0.0, 0.5, 1.0];
 /// Factor of the rates at which a block is marched besides 1, and the largest that is given.
 const GAIN_TRIAL: f32 = 1.5;
-const MAX_GAIN: f64 = 2.5;
+const MAX_GAIN: f32 = 2.5;
 
 /// A voxel of a block, to be fitted.
 pub struct Cell<'a> {
@@ -31,29 +31,27 @@ pub struct Cell<'a> {
 
 /// What is known of a cell along the 13 axes, through the support box that a ray will see.
 struct Seen {
-    lo: DVec3,
-    hi: DVec3,
+    lo: Vec3,
+    hi: Vec3,
     /// Share of the box that is blocked.
-    blocked: [f64; 13],
-    chords: [Chords; 13],
+    blocked: Lanes,
+    chords: Chords,
     /// Area of the box as it is seen.
-    area: [f64; 13],
+    area: Lanes,
 }
 
 impl Seen {
     fn new(cell: &Measure, voxel: &mut Voxel) -> Seen {
         voxel.set_support(cell.lo.to_array(), cell.hi.to_array());
         let (lo, hi) = voxel.support_box();
-        let (lo, hi) = (lo.as_dvec3(), hi.as_dvec3());
-        let e = hi - lo;
-        let area: [f64; 13] = std::array::from_fn(|k| box_area(k, e));
-        Seen {
-            lo,
-            hi,
-            blocked: std::array::from_fn(|k| (cell.cover[k] / area[k]).clamp(0.0, OPAQUE)),
-            chords: std::array::from_fn(|k| Chords::new(k, e)),
-            area: std::array::from_fn(|k| area[k] / axis_length(k)),
+        let e = (hi - lo).as_dvec3();
+        let oblique = box_areas(e);
+        let (mut blocked, mut area) = ([0.0; 16], [0.0; 16]);
+        for k in 0..13 {
+            blocked[k] = (cell.cover[k] as f32 / oblique[k]).clamp(0.0, OPAQUE);
+            area[k] = oblique[k] / axis_length(k) as f32;
         }
+        Seen { lo, hi, blocked, chords: Chords::new(e), area }
     }
 }
 
@@ -115,9 +113,8 @@ pub fn fit_block(
     }
     let lines = if cells.len() > 1 { Lines::new(cells, &seen, width) } else { Lines::new(&[], &[], width) };
     let code = correlation(cells, &seen, &lines, block, width);
-    let c = f64::from(code) / 15.0;
-    let rates: Vec<[f64; 13]> =
-        seen.iter().map(|s| std::array::from_fn(|k| s.chords[k].rate(s.blocked[k], c))).collect();
+    let c = f32::from(code) / 15.0;
+    let rates: Vec<Lanes> = seen.iter().map(|s| s.chords.rates(&s.blocked, c)).collect();
     let gain = gain(cells, &lines, &rates, block, width, c);
     for (((voxel, cell), seen), rates) in fitted.iter_mut().zip(cells).zip(&seen).zip(&rates) {
         let m = cell.measure;
@@ -128,11 +125,11 @@ pub fn fit_block(
         }
         if m.solid {
             voxel.rate = RATE_MAX;
-        } else if let Some(s) = fit_sggx(rates) {
+        } else if let Some(s) = fit_sggx(&std::array::from_fn(|k| f64::from(rates[k]))) {
             voxel.ndf = s.encode();
-            let (rate, error) = level(voxel.ndf, f64::from(s.scale()), seen, c);
-            voxel.rate = encode_rate(rate * gain);
-            certificate.add(error);
+            let (rate, error) = level(voxel.ndf, s.scale(), seen, c);
+            voxel.rate = encode_rate(f64::from(rate * gain));
+            certificate.add(error.into());
         }
         if model == Model::Neyret {
             neyret(voxel, m);
@@ -143,12 +140,11 @@ pub fn fit_block(
 
 /// The rate, near `rate`, with which a voxel of the ellipsoid `ndf` covers the area that was measured, summed over the 13 axes; and
 /// the mean error that is left.
-fn level(ndf: [u8; 6], rate: f64, seen: &Seen, c: f64) -> (f64, f64) {
-    let shape = Sggx::decode(ndf);
-    let sigma = directions13().map(|w| f64::from(shape.sigma(w.as_vec3())));
-    let blocked = |rate: f64| -> [f64; 13] { std::array::from_fn(|k| seen.chords[k].blocked(rate * sigma[k], c)) };
+fn level(ndf: [u8; 6], rate: f32, seen: &Seen, c: f32) -> (f32, f32) {
+    let sigma = sigmas(&Sggx::decode(ndf));
+    let blocked = |rate: f32| seen.chords.blocked(&sigma.map(|s| (rate * s).max(1e-12)), c);
     // By area: a thin sheet seen edge-on has next to none.
-    let total = |shares: &[f64; 13]| shares.iter().zip(&seen.area).map(|(b, a)| b * a).sum::<f64>();
+    let total = |shares: &Lanes| (0..13).map(|k| shares[k] * seen.area[k]).sum::<f32>();
     let want = total(&seen.blocked);
     let mut rate = rate;
     let mut got = blocked(rate);
@@ -162,7 +158,7 @@ fn level(ndf: [u8; 6], rate: f64, seen: &Seen, c: f64) -> (f64, f64) {
         rate = next;
         got = blocked(rate);
     }
-    let error = got.iter().zip(&seen.blocked).map(|(g, w)| (g - w).abs()).sum::<f64>() / 13.0;
+    let error = (0..13).map(|k| (got[k] - seen.blocked[k]).abs()).sum::<f32>() / 13.0;
     (rate, error)
 }
 
@@ -172,16 +168,17 @@ fn neyret(voxel: &mut Voxel, m: &Measure) {
     voxel.correlation &= 0xf0;
     voxel.support = Voxel::default().support;
     if !m.solid {
-        let opacity = m.averaged.min(OPAQUE);
+        let opacity = m.averaged.min(OPAQUE.into());
         voxel.rate = encode_rate(-libm::log(1.0 - opacity));
     }
 }
 
-/// The lines of all axes through the support boxes of a block's cells.
+/// The lines of all axes through the support boxes of a block's cells: of each chord its cell, line and length.
 struct Lines {
-    /// Cell, line, and chord.
-    chords: Vec<(u8, u8, f32)>,
-    /// Where each axis ends in `chords`.
+    cells: Vec<u8>,
+    lines: Vec<u8>,
+    chords: Vec<f32>,
+    /// Where each axis ends in these.
     ends: [usize; 13],
     /// Lines of each axis.
     counts: [usize; 13],
@@ -189,40 +186,60 @@ struct Lines {
 
 impl Lines {
     fn new(cells: &[Cell], seen: &[Seen], width: usize) -> Lines {
-        let mut lines = Lines { chords: Vec::with_capacity(64 * cells.len()), ends: [0; 13], counts: [0; 13] };
-        let at = |n: usize| (n as f64 + 0.5) / MARCH_LINES as f64;
+        let room = 110 * cells.len();
+        let mut all = Lines {
+            cells: Vec::with_capacity(room),
+            lines: Vec::with_capacity(room),
+            chords: Vec::with_capacity(room),
+            ends: [0; 13],
+            counts: [0; 13],
+        };
         for (k, p) in PROJECTIONS.iter().enumerate() {
             let (wa, wb) = p.extent();
             let na = wa * width * MARCH_LINES;
             let length = axis_length(k) as f32;
             for (i, (cell, s)) in cells.iter().zip(seen).enumerate() {
                 let (oa, ob) = p.place(cell.at, width);
-                for y in 0..wb * MARCH_LINES {
-                    for x in 0..wa * MARCH_LINES {
-                        if let Some((from, to)) = crossing(k, at(x), at(y), s.lo, s.hi) {
+                // Where the lines of each column and row are in the box, by the dropped coordinate.
+                let [columns, rows] = p.slabs::<{ 2 * MARCH_LINES }>(s.lo, s.hi);
+                for (y, row) in rows.iter().enumerate().take(wb * MARCH_LINES) {
+                    for (x, column) in columns.iter().enumerate().take(wa * MARCH_LINES) {
+                        let chord = row.1.min(column.1) - row.0.max(column.0);
+                        if chord > 0.0 {
                             // At most 16 lines each way: below 256.
                             let line = (ob * MARCH_LINES + y) * na + oa * MARCH_LINES + x;
-                            lines.chords.push((i as u8, line as u8, (to - from) as f32 * length));
+                            all.cells.push(i as u8);
+                            all.lines.push(line as u8);
+                            all.chords.push(chord * length);
                         }
                     }
                 }
             }
-            lines.ends[k] = lines.chords.len();
-            lines.counts[k] = na * wb * width * MARCH_LINES;
+            all.ends[k] = all.chords.len();
+            all.counts[k] = na * wb * width * MARCH_LINES;
         }
-        lines
+        all
     }
 
-    fn axis(&self, k: usize) -> &[(u8, u8, f32)] {
-        &self.chords[if k == 0 { 0 } else { self.ends[k - 1] }..self.ends[k]]
+    /// Optical depths along axis `k`: of each chord into `alone`, with what the cells have as `rate`, and of each line.
+    fn depths(&self, k: usize, rate: impl Fn(usize) -> f32, alone: &mut Vec<f32>) -> [f32; 256] {
+        let range = if k == 0 { 0 } else { self.ends[k - 1] }..self.ends[k];
+        let mut depths = [0.0; 256];
+        alone.clear();
+        let chords = self.chords[range.clone()].iter().zip(&self.cells[range.clone()]);
+        alone.extend(chords.map(|(chord, &cell)| rate(usize::from(cell)) * chord));
+        for (&tau, &line) in alone.iter().zip(&self.lines[range]) {
+            depths[usize::from(line)] += tau;
+        }
+        depths
     }
 }
 
 /// Share of the cells' coverage along axis `k` that hides behind other cells of the block, as measured; and the coverage.
-fn hidden(k: usize, cells: &[Cell], block: &Measure, width: usize) -> (f64, f64) {
+fn hidden(k: usize, cells: &[Cell], block: &Measure, width: usize) -> (f32, f32) {
     let parts: f64 = cells.iter().map(|c| c.measure.cover[k]).sum();
     let share = if parts > 0.0 { 1.0 - (width * width) as f64 * block.cover[k] / parts } else { 0.0 };
-    (share.clamp(0.0, 1.0), parts)
+    (share.clamp(0.0, 1.0) as f32, parts as f32)
 }
 
 /// The code of the c with which the marched block best covers what was measured, in 13 directions.
@@ -230,39 +247,34 @@ fn correlation(cells: &[Cell], seen: &[Seen], lines: &Lines, block: &Measure, wi
     if cells.len() < 2 {
         return 15;
     }
-    let mut overlap = [[0.0f64; 3]; 13];
-    let mut wanted = [0.0f64; 13];
-    let mut weight = [0.0f64; 13];
-    let mut depths = [[0.0f32; 3]; 256];
-    let mut rates = vec![[0.0f32; 3]; cells.len()];
+    let mut overlap = [[0.0f32; 3]; 13];
+    let mut wanted = [0.0f32; 13];
+    let mut weight = [0.0f32; 13];
+    // By the mean chord: what hides behind what hardly depends on it.
+    let rate = |s: &Seen, c: f32| -> Lanes {
+        let mut rates = s.chords.inverse_mean;
+        for (rate, &blocked) in rates.iter_mut().zip(&s.blocked) {
+            *rate *= depth_for(blocked, c);
+        }
+        rates
+    };
+    let rates = TRIALS.map(|c| seen.iter().map(|s| rate(s, c)).collect::<Vec<_>>());
+    let mut alone = Vec::new();
     for k in 0..13 {
         let parts;
         (wanted[k], parts) = hidden(k, cells, block, width);
         if parts <= 0.0 {
             continue;
         }
-        weight[k] = parts / axis_length(k);
-        for (rate, s) in rates.iter_mut().zip(seen) {
-            // By the mean chord: what hides behind what hardly depends on it.
-            *rate = TRIALS.map(|c| (opacity::depth_for(1.0 - s.blocked[k], c) / s.chords[k].mean) as f32);
-        }
-        depths.fill([0.0; 3]);
-        let mut alone = [0.0f32; 3];
-        for &(cell, line, chord) in lines.axis(k) {
-            for t in 0..3 {
-                let tau = rates[usize::from(cell)][t] * chord;
-                depths[usize::from(line)][t] += tau;
-                alone[t] += blocked(tau, t);
-            }
-        }
-        for t in 0..3 {
-            let union: f32 =
-                depths[..lines.counts[k]].iter().map(|d| if d[t] > 0.0 { blocked(d[t], t) } else { 0.0 }).sum();
-            overlap[k][t] = if alone[t] > 0.0 { f64::from(1.0 - union / alone[t]) } else { wanted[k] };
+        weight[k] = parts / axis_length(k) as f32;
+        for ((overlap, rates), c) in overlap[k].iter_mut().zip(&rates).zip(TRIALS) {
+            let depths = lines.depths(k, |cell| rates[cell][k], &mut alone);
+            let (union, alone) = (covered(&depths[..lines.counts[k]], c), covered(&alone, c));
+            *overlap = if alone > 0.0 { 1.0 - union / alone } else { wanted[k] };
         }
     }
-    let error = |code: u8| -> f64 {
-        let c = f64::from(code) / 15.0;
+    let error = |code: u8| -> f32 {
+        let c = f32::from(code) / 15.0;
         // Through the three trials: Lagrange's parabola at 0, 1/2, 1.
         let (a, b, d) = ((1.0 - c) * (1.0 - 2.0 * c), 4.0 * c * (1.0 - c), c * (2.0 * c - 1.0));
         (0..13)
@@ -278,57 +290,60 @@ fn correlation(cells: &[Cell], seen: &[Seen], lines: &Lines, block: &Measure, wi
 
 /// What to multiply the rates of a block by so that it covers, all directions together, what was measured. Parts of one
 /// sheet need it: their support boxes overlap, and where three meet a ray the sum is cut off at 1.
-fn gain(cells: &[Cell], lines: &Lines, rates: &[[f64; 13]], block: &Measure, width: usize, c: f64) -> f64 {
+fn gain(cells: &[Cell], lines: &Lines, rates: &[Lanes], block: &Measure, width: usize, c: f32) -> f32 {
     if cells.len() < 2 {
         return 1.0;
     }
-    let (mut want, mut got) = (0.0, [0.0f64; 2]);
-    let mut depths = [0.0f32; 256];
-    let c = c as f32;
-    #[allow(clippy::needless_range_loop, reason = "k is an axis of all that is asked here")]
+    let (mut want, mut got) = (0.0, [0.0f32; 2]);
+    let mut alone = Vec::new();
     for k in 0..13 {
         let (share, parts) = hidden(k, cells, block, width);
         if parts <= 0.0 {
             continue;
         }
-        depths.fill(0.0);
-        let mut alone = 0.0f32;
-        for &(cell, line, chord) in lines.axis(k) {
-            let tau = rates[usize::from(cell)][k] as f32 * chord;
-            depths[usize::from(line)] += tau;
-            alone += covered(tau, c);
-        }
+        let mut depths = lines.depths(k, |cell| rates[cell][k], &mut alone);
+        let depths = &mut depths[..lines.counts[k]];
+        let alone = covered(&alone, c);
         if alone <= 0.0 {
             continue;
         }
-        let weight = parts / axis_length(k);
+        let weight = parts / axis_length(k) as f32;
         want += weight * (1.0 - share);
-        for (got, gain) in got.iter_mut().zip([1.0, GAIN_TRIAL]) {
-            let union: f32 = depths[..lines.counts[k]].iter().filter(|&&d| d > 0.0).map(|d| covered(d * gain, c)).sum();
-            *got += weight * f64::from(union / alone);
-        }
+        got[0] += weight * covered(depths, c) / alone;
+        depths.iter_mut().for_each(|d| *d *= GAIN_TRIAL);
+        got[1] += weight * covered(depths, c) / alone;
     }
-    let slope = (got[1] - got[0]) / libm::log(f64::from(GAIN_TRIAL));
-    if slope <= 1e-9 { 1.0 } else { libm::exp((want - got[0]) / slope).clamp(0.7, MAX_GAIN) }
+    let slope = (got[1] - got[0]) / ln(GAIN_TRIAL);
+    if slope <= 1e-9 {
+        return 1.0;
+    }
+    let log = ((want - got[0]) / slope).clamp(-1.0, 1.0);
+    let e = exp_neg(log.abs());
+    (if log < 0.0 { e } else { 1.0 / e }).clamp(0.7, MAX_GAIN)
 }
 
-/// The share that an optical depth blocks.
-#[inline]
-fn covered(tau: f32, c: f32) -> f32 {
+/// The sum of what optical depths block at correlation `c`.
+fn covered(depths: &[f32], c: f32) -> f32 {
     let d = 1.0 - c;
     if d < 1e-3 {
-        return tau.min(1.0);
+        return sum(depths, |tau| tau.min(1.0));
     }
     // T = (E − c) / (1 − c), E = e^−(1−c)τ.
-    ((1.0 - exp_neg(d * tau)) / d).min(1.0)
+    sum(depths, |tau| ((1.0 - exp_neg(d * tau)) / d).min(1.0))
 }
 
-/// What an optical depth blocks at `TRIALS[trial]`.
+/// The sum of `f` of all values, eight sums side by side.
 #[inline]
-fn blocked(tau: f32, trial: usize) -> f32 {
-    match trial {
-        0 => 1.0 - exp_neg(tau),
-        1 => (2.0 - 2.0 * exp_neg(0.5 * tau)).min(1.0),
-        _ => tau.min(1.0),
+fn sum(values: &[f32], f: impl Fn(f32) -> f32) -> f32 {
+    let mut sums = [0.0f32; 8];
+    let (whole, rest) = values.as_chunks::<8>();
+    for chunk in whole {
+        for (sum, &value) in sums.iter_mut().zip(chunk) {
+            *sum += f(value);
+        }
     }
+    for (sum, &value) in sums.iter_mut().zip(rest) {
+        *sum += f(value);
+    }
+    sums.iter().sum()
 }

@@ -4,11 +4,12 @@
 //! grid of its own, at the resolution of its largest copy; what a copy has in a region is carried over when it is asked for,
 //! so that a copy takes a few bytes a region it reaches and not a few a facet.
 
+use super::alpha::Presence;
 use super::clip::{MAX_CORNERS, Polygon};
 use super::medium::Medium;
 use super::mixture::mix;
 use super::patch::weighted_median;
-use super::source::{Placement, Source, Staged, Surface};
+use super::source::{Cut, Placement, Source, Staged, Surface};
 use crate::geom::{Aabb, DAffine3, DVec3};
 use crate::progress::Progress;
 use crate::{Error, Result, Warnings, morton};
@@ -357,6 +358,29 @@ impl<'a> StagedGroup<'a> {
     }
 }
 
+/// The alpha of a copy's facet.
+struct CarriedCut<'a> {
+    cut: Box<dyn Cut + 'a>,
+    /// The group's grid → the piece's own, and how much larger things are there.
+    back: DAffine3,
+    scale: f64,
+}
+
+impl Cut for CarriedCut<'_> {
+    fn presence(&self, piece: &Polygon) -> Presence {
+        self.cut.presence(&piece.transformed(self.back))
+    }
+
+    fn detail(&self) -> f64 {
+        self.cut.detail() * self.scale
+    }
+
+    fn row(&self, from: DVec3, step: DVec3, width: f64, alpha: &mut [f32]) {
+        let (from, step) = (self.back.transform_point3(from), self.back.transform_vector3(step));
+        self.cut.row(from, step, width * self.scale, alpha);
+    }
+}
+
 impl Staged for StagedGroup<'_> {
     fn regions(&self) -> &[u64] {
         &self.regions
@@ -410,6 +434,15 @@ impl Staged for StagedGroup<'_> {
     fn cut_out(&self, facet: u32) -> bool {
         let (piece, _, local) = self.find(facet);
         piece.staged.cut_out(local)
+    }
+
+    fn cut(&self, facet: u32) -> Option<Box<dyn Cut + '_>> {
+        let (piece, copy, local) = self.find(facet);
+        let cut = piece.staged.cut(local)?;
+        Some(match copy {
+            None => cut,
+            Some(copy) => Box::new(CarriedCut { cut, back: copy.back, scale: copy.scale }),
+        })
     }
 
     fn one_sided(&self, facet: u32) -> bool {

@@ -160,7 +160,9 @@ pub fn share(medium: &Medium, at: [u32; 3], levels: u32) -> Option<Share> {
     }
     let rates = medium.rates(levels);
     let e = hi - lo;
-    let cover = std::array::from_fn(|k| box_area(k, e) * Chords::new(k, e).blocked(rates[k], 0.0));
+    let lanes = std::array::from_fn(|k| rates.get(k).map_or(1.0, |&r| r as f32).max(1e-12));
+    let blocked = Chords::new(e).blocked(&lanes, 0.0);
+    let cover = std::array::from_fn(|k| box_area(k, e) * f64::from(blocked[k]));
     let order = order(at, levels);
     let whole = lo == DVec3::ZERO && hi == DVec3::ONE;
     let beams = if whole { whole_cube(order, &rates) } else { part_of_cube(order, &rates, lo, hi) };

@@ -1,9 +1,10 @@
 //! Triangles as a source: a model's instances laid into the grid, their colours and cut-outs looked up when asked.
 
+use super::alpha::{AlphaSums, Presence};
 use super::clip::Polygon;
 use super::interior::Interior;
 use super::patch::{self, Face};
-use super::source::{Placement, Source, Staged, Surface};
+use super::source::{Cut, Placement, Source, Staged, Surface};
 use super::tube;
 use crate::geom::{Aabb, DAffine3, DVec3};
 use crate::progress::Progress;
@@ -39,6 +40,8 @@ pub struct MeshSource {
     warnings: Warnings,
     /// A list a part: how its triangles bound matter.
     faces: Vec<Vec<Face>>,
+    /// One a material: what there is of the texture, where it cuts.
+    alphas: Vec<Option<AlphaSums>>,
     fill: Fill,
 }
 
@@ -70,7 +73,16 @@ impl MeshSource {
             let open = faces.iter().flatten().filter(|f| **f == Face::Sheet).count();
             warnings.add_many("triangles of surfaces that do not close are left hollow by --fill solid", open as u64);
         }
-        MeshSource { bounds, facet_size: patch::weighted_median(sizes), warnings, faces, fill: options.fill, model }
+        let alphas = par::map(model.materials.len(), |i| alpha_sums(&model.materials[i]));
+        MeshSource {
+            bounds,
+            facet_size: patch::weighted_median(sizes),
+            warnings,
+            faces,
+            alphas,
+            fill: options.fill,
+            model,
+        }
     }
 
     /// Triangles of all instances.
@@ -87,6 +99,18 @@ fn opaque_share(material: &Material) -> f64 {
             f64::from(t.texture.average([0.5, 0.5], whole)[3]).clamp(0.01, 1.0)
         }
         _ => 1.0,
+    }
+}
+
+/// What there is of a material's texture, by box.
+fn alpha_sums(material: &Material) -> Option<AlphaSums> {
+    let texture = &*material.texture.as_ref()?.texture;
+    let factor = material.base_color[3];
+    let alpha = |code: u8| factor * f32::from(code) / 255.0;
+    match material.alpha {
+        Alpha::Opaque => None,
+        Alpha::Mask(cutoff) => Some(AlphaSums::new(texture, |code| if alpha(code) >= cutoff { 255 } else { 0 })),
+        Alpha::Blend => Some(AlphaSums::new(texture, |code| (alpha(code).clamp(0.0, 1.0) * 255.0).round() as u8)),
     }
 }
 
@@ -141,9 +165,10 @@ impl Source for MeshSource {
             let mirrored = placed_mirrored != (instance.transform.matrix3.determinant() < 0.0);
             let material = &self.model.materials[part.material];
             let faces = &self.faces[instance.part][..];
+            let sums = self.alphas[part.material].as_ref();
             for shift in place.shifts(Aabb::around(corners.iter().copied())) {
                 let corners = corners.iter().map(|c| *c + shift).collect();
-                pieces.push(Piece { part, material, corners, first: first as u32, mirrored, faces });
+                pieces.push(Piece { part, material, sums, corners, first: first as u32, mirrored, faces });
                 first += part.triangles.len() as u64;
                 if first > u64::from(u32::MAX) {
                     return Err(Error::Limit {
@@ -168,6 +193,7 @@ impl Source for MeshSource {
 struct Piece<'a> {
     part: &'a Part,
     material: &'a Material,
+    sums: Option<&'a AlphaSums>,
     corners: Vec<DVec3>,
     /// Number of its first facet.
     first: u32,
@@ -334,6 +360,12 @@ impl Staged for StagedMesh<'_> {
         self.find(facet).0.material.alpha != Alpha::Opaque
     }
 
+    fn cut(&self, facet: u32) -> Option<Box<dyn Cut + '_>> {
+        let (piece, index) = self.find(facet);
+        let cut = FacetAlpha::new(piece, index)?;
+        Some(Box::new(cut))
+    }
+
     fn one_sided(&self, facet: u32) -> bool {
         let (piece, index) = self.find(facet);
         piece.faces[index] != Face::Sheet
@@ -341,6 +373,84 @@ impl Staged for StagedMesh<'_> {
 
     fn inside(&self, at: DVec3) -> bool {
         self.interior.as_ref().is_some_and(|i| i.holds(at))
+    }
+}
+
+/// The alpha of a triangle: its texture, along an affine map.
+struct FacetAlpha<'a> {
+    material: &'a Material,
+    texture: &'a Texture,
+    sums: &'a AlphaSums,
+    /// Texture coordinate at the grid's origin, and its change along x, y, z.
+    uv: [(f64, DVec3); 2],
+    texels: f64,
+}
+
+impl FacetAlpha<'_> {
+    /// `None` where it takes more than a texture to tell: alpha by vertex, or none of either.
+    fn new<'a>(piece: &Piece<'a>, index: usize) -> Option<FacetAlpha<'a>> {
+        let material = piece.material;
+        let reference = material.texture.as_ref()?;
+        let coords = piece.part.uvs.get(reference.tex_coord)?;
+        let corners = piece.part.triangles[index].map(|i| i as usize);
+        if piece.part.colors.as_ref().is_some_and(|c| corners.iter().any(|&i| c[i][3] != 1.0)) {
+            return None;
+        }
+        let places = corners.map(|i| piece.corners[i]);
+        let uvs = corners.map(|i| reference.map(coords[i]));
+        // Gradients of the weights of the second corner and the third.
+        let (e1, e2) = (places[1] - places[0], places[2] - places[0]);
+        let n = e1.cross(e2);
+        let nn = n.length_squared();
+        if nn.is_nan() || nn <= 0.0 {
+            return None;
+        }
+        let (g1, g2) = (e2.cross(n) / nn, n.cross(e1) / nn);
+        let uv = [0, 1].map(|k| {
+            let [c0, c1, c2] = uvs.map(|uv| f64::from(uv[k]));
+            let slope = (c1 - c0) * g1 + (c2 - c0) * g2;
+            (c0 - slope.dot(places[0]), slope)
+        });
+        let texture = &*reference.texture;
+        Some(FacetAlpha { material, texture, sums: piece.sums?, uv, texels: texels_per_voxel(places, uvs, texture) })
+    }
+
+    fn at(&self, p: DVec3) -> [f64; 2] {
+        self.uv.map(|(first, slope)| first + slope.dot(p))
+    }
+}
+
+impl Cut for FacetAlpha<'_> {
+    fn presence(&self, piece: &Polygon) -> Presence {
+        let (mut lo, mut hi) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
+        for &corner in piece.corners() {
+            let uv = self.at(corner);
+            lo = [lo[0].min(uv[0]), lo[1].min(uv[1])];
+            hi = [hi[0].max(uv[0]), hi[1].max(uv[1])];
+        }
+        self.sums.presence(lo, hi)
+    }
+
+    fn detail(&self) -> f64 {
+        self.texels
+    }
+
+    fn row(&self, from: DVec3, step: DVec3, width: f64, alpha: &mut [f32]) {
+        let (first, step) = (self.at(from), self.uv.map(|(_, slope)| slope.dot(step)));
+        let texels = width * self.texels;
+        let factor = self.material.base_color[3];
+        for (i, alpha) in alpha.iter_mut().enumerate() {
+            let uv = [0, 1].map(|k| first[k] + i as f64 * step[k]);
+            *alpha = if texels > 1.0 {
+                self.sums.mean(uv, texels)
+            } else {
+                let found = factor * self.texture.alpha(uv.map(|v| v as f32));
+                match self.material.alpha {
+                    Alpha::Mask(cutoff) => f32::from(u8::from(found >= cutoff)),
+                    _ => found.clamp(0.0, 1.0),
+                }
+            };
+        }
     }
 }
 

@@ -3,10 +3,12 @@
 //! A source gives its matter as planar convex facets; the bake cuts them exactly into voxels, measures coverage along 13
 //! axes at every depth, and fits each voxel's directional rate, correlation and colour.
 
+mod alpha;
 mod beams;
 mod chord;
 mod clip;
 pub mod curve;
+mod cutout;
 mod ellipsoid;
 mod estimate;
 mod facets;
@@ -27,6 +29,7 @@ mod source;
 mod tree;
 mod tube;
 
+pub use alpha::Presence;
 pub use clip::{MAX_CORNERS, Polygon};
 pub use curve::{CurveOptions, CurveSource, Interpolation, Section, Strand};
 pub use estimate::Estimate;
@@ -35,7 +38,7 @@ pub use group::{GroupSource, Part};
 pub use medium::Medium;
 pub use mesh::{Fill, MeshOptions, MeshSource};
 pub use open::{OpenOptions, dependencies, open};
-pub use source::{Placement, Source, Staged, Surface};
+pub use source::{Cut, Placement, Source, Staged, Surface};
 
 use crate::geom::{Aabb, DAffine3, DVec3};
 use crate::progress::Progress;

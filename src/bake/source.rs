@@ -1,5 +1,6 @@
 //! What a bake needs of a source: its extent, and its matter as facets, a region at a time.
 
+use super::alpha::Presence;
 use super::clip::Polygon;
 use super::medium::Medium;
 use crate::geom::{Aabb, DAffine3, DMat3, DVec3};
@@ -104,7 +105,7 @@ impl Placement {
 pub struct Surface {
     /// Linear Rec. 709.
     pub albedo: [f32; 3],
-    /// Share that is there, in [0, 1].
+    /// Presence that is there, in [0, 1].
     pub alpha: f32,
 }
 
@@ -143,6 +144,10 @@ pub trait Staged: Sync {
     fn surface(&self, facet: u32, at: DVec3, width: f64) -> Surface;
     /// Whether alpha cuts something out of the facet.
     fn cut_out(&self, facet: u32) -> bool;
+    /// Quick answers about the alpha of a facet that is [`cut_out`](Staged::cut_out); without them it is point-sampled.
+    fn cut(&self, _facet: u32) -> Option<Box<dyn Cut + '_>> {
+        None
+    }
     /// Whether the facet is one face of a closed thing: its normal points to where it is seen from.
     fn one_sided(&self, facet: u32) -> bool;
     /// Give the semi-transparent matter in `regions()[region]`, cube by cube: no two overlap, and a cube lies within the
@@ -151,4 +156,14 @@ pub trait Staged: Sync {
     /// Whether the point `at` (grid space) is within opaque matter; only asked of cubes that no facet reaches, about their
     /// middles. Regions without facets that are within have to be among [`Staged::regions`].
     fn inside(&self, at: DVec3) -> bool;
+}
+
+/// The alpha of one facet.
+pub trait Cut {
+    /// What is there of `piece` (grid space), by safe bounds.
+    fn presence(&self, piece: &Polygon) -> Presence;
+    /// Details of alpha along a voxel's edge: more samples than these tell nothing new.
+    fn detail(&self) -> f64;
+    /// Alpha at `from`, `from + step` … (grid space), each averaged over about `width` voxels where details are smaller.
+    fn row(&self, from: DVec3, step: DVec3, width: f64, alpha: &mut [f32]);
 }

@@ -2,6 +2,7 @@
 //! children and, once it does, fits its grandchildren.
 
 use super::beams::Beams;
+use super::cutout;
 use super::fit::{Cell, Certificate, fit_block};
 use super::measure::{Gather, Measure};
 use super::medium::{Medium, share};
@@ -75,15 +76,14 @@ impl Region<'_> {
         let mut places = vec![0u32; 1 << (3 * self.levels)];
         let mut voxels: Vec<(u32, Box<Gather>)> = Vec::new();
         self.staged.emit(index, &mut |facet| {
-            let Some(facet) = facet.clip(corner, corner + width) else { return };
-            facet.split_voxels(&mut |piece, at| {
+            cutout::pieces(self.staged, facet, corner, corner + width, &mut |piece, at, cut| {
                 let cell = (at - corner).clamp(DVec3::ZERO, DVec3::splat(width - 1.0)).as_uvec3();
                 let code = morton::encode(cell.to_array()) as usize;
                 if places[code] == 0 {
                     voxels.push((code as u32, Box::new(Gather::new())));
                     places[code] = voxels.len() as u32;
                 }
-                voxels[places[code] as usize - 1].1.add(self.staged, piece, at);
+                voxels[places[code] as usize - 1].1.add(self.staged, piece, at, cut);
             });
         });
         voxels.sort_unstable_by_key(|v| v.0);

@@ -57,15 +57,23 @@ impl Texture {
         Texture { name: name.into(), width, height, texels, ..Texture::default() }
     }
 
+    /// The alpha of [`Texture::sample`].
+    pub fn alpha(&self, uv: [f32; 2]) -> f32 {
+        let alpha =
+            |x: usize, y: usize| f32::from(self.texels.get(y * self.width as usize + x).map_or(0, |t| t[3])) / 255.0;
+        if self.nearest {
+            let [x, y] = self.nearest(uv);
+            return alpha(x, y);
+        }
+        bilinear(uv, self.wrap, [self.width, self.height]).iter().map(|&(x, y, w)| w * alpha(x, y)).sum()
+    }
+
     /// Linear RGBA at `uv`, bilinear between the four nearest texels, or the nearest one where the texture says so.
     /// Colour is weighted by alpha; it is not multiplied by it.
     pub fn sample(&self, uv: [f32; 2]) -> [f32; 4] {
         if self.nearest {
-            let at = |k: usize, size: u32| {
-                let x = period(uv[k], self.wrap[k]) * size as f32;
-                wrapped(x.floor() as i32, size, self.wrap[k])
-            };
-            return self.texel(at(0, self.width), at(1, self.height));
+            let [x, y] = self.nearest(uv);
+            return self.texel(x, y);
         }
         let taps = bilinear(uv, self.wrap, [self.width, self.height]);
         let (mut weighted, mut plain, mut alpha) = ([0.0; 3], [0.0; 3], 0.0);
@@ -118,6 +126,15 @@ impl Texture {
             }
         }
         sum.map(|v| v / 65535.0)
+    }
+
+    /// The texel that `uv` lies in.
+    fn nearest(&self, uv: [f32; 2]) -> [usize; 2] {
+        let at = |k: usize, size: u32| {
+            let x = period(uv[k], self.wrap[k]) * size as f32;
+            wrapped(x.floor() as i32, size, self.wrap[k])
+        };
+        [at(0, self.width), at(1, self.height)]
     }
 
     /// Linear RGBA of one texel.
