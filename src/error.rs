@@ -27,6 +27,9 @@ pub enum Error {
     /// So many warnings were given where none was allowed.
     #[error("{0} warnings were given and --strict allows none")]
     Warned(u64),
+    /// A check that was asked for found what must not be.
+    #[error("{0}")]
+    Failed(String),
     /// Options that contradict each other or are out of range: the caller's fault, exit code 2.
     #[error("{0}")]
     Options(String),

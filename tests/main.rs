@@ -4,6 +4,7 @@
 mod assets;
 mod bake;
 mod bake_cli;
+mod bench;
 mod compare;
 mod demo;
 mod error;

@@ -17,7 +17,8 @@ pub struct Args {
     size: String,
 }
 
-const SAMPLES: [(&str, &[u8]); 4] = [
+/// The built-in samples.
+pub const SAMPLES: [(&str, &[u8]); 4] = [
     ("tree.glb", include_bytes!("../../samples/tree.glb")),
     ("spruce.glb", include_bytes!("../../samples/spruce.glb")),
     ("fern.glb", include_bytes!("../../samples/fern.glb")),

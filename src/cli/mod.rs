@@ -4,6 +4,8 @@
 
 #[cfg(feature = "bake")]
 mod bake;
+#[cfg(all(feature = "bake", feature = "render", feature = "plot"))]
+mod bench;
 #[cfg(feature = "render")]
 mod compare;
 #[cfg(all(feature = "bake", feature = "render"))]
@@ -20,10 +22,12 @@ mod quantity;
 mod reference;
 #[cfg(feature = "render")]
 mod render;
-#[cfg(all(test, feature = "bake", feature = "render", feature = "plot"))]
+#[cfg(all(feature = "bake", feature = "render", feature = "plot"))]
 mod shapes;
 #[cfg(feature = "bake")]
 mod source;
+#[cfg(feature = "render")]
+mod stress;
 mod truncate;
 mod ui;
 mod verify;
@@ -60,6 +64,9 @@ enum Command {
     /// Turn a 3D source (.gltf, .glb, .obj) into a texel
     #[cfg(feature = "bake")]
     Bake(Box<bake::Args>),
+    /// Time against error of bakes and pictures, beside the baselines: a table, CSV and plots
+    #[cfg(all(feature = "bake", feature = "render", feature = "plot"))]
+    Bench(bench::Args),
     /// Measure how far a picture is from a reference: RMSE, relMSE, PSNR, FLIP, bias, covered area
     #[cfg(feature = "render")]
     Compare(compare::Args),
@@ -70,6 +77,9 @@ enum Command {
     /// Render a landscape: one cone a pixel, the texels read only as far as they are seen
     #[cfg(feature = "render")]
     Render(render::Args),
+    /// Cast rays through hostile geometry and count what goes wrong
+    #[cfg(feature = "render")]
+    Stress(stress::Args),
     Verify(verify::Args),
     Truncate(truncate::Args),
     /// Cover a plain glTF mesh with texels
@@ -111,6 +121,8 @@ fn run(command: Command, ui: &Ui) -> crate::Result<()> {
     match command {
         #[cfg(feature = "bake")]
         Command::Bake(args) => bake::run(&args, ui),
+        #[cfg(all(feature = "bake", feature = "render", feature = "plot"))]
+        Command::Bench(args) => bench::run(&args, ui),
         #[cfg(feature = "render")]
         Command::Compare(args) => compare::run(&args, ui),
         #[cfg(all(feature = "bake", feature = "render", feature = "plot"))]
@@ -118,6 +130,8 @@ fn run(command: Command, ui: &Ui) -> crate::Result<()> {
         Command::Inspect(args) => inspect::run(&args, ui),
         #[cfg(feature = "render")]
         Command::Render(args) => render::run(&args, ui),
+        #[cfg(feature = "render")]
+        Command::Stress(args) => stress::run(&args, ui),
         Command::Verify(args) => verify::run(&args, ui),
         Command::Truncate(args) => truncate::run(&args, ui),
         Command::Map(args) => map::run(&args, ui),

@@ -94,7 +94,7 @@ enum AmbientArg {
     Occluded,
 }
 
-fn size(text: &str) -> std::result::Result<[u32; 2], String> {
+pub fn size(text: &str) -> std::result::Result<[u32; 2], String> {
     let (w, h) = text.split_once(['x', 'X', '×']).ok_or("wanted WIDTHxHEIGHT, as 1280x720")?;
     let side = |s: &str| s.trim().parse().map_err(|_| format!("{s:?} is not a number of pixels"));
     Ok([side(w)?, side(h)?])

@@ -1,7 +1,6 @@
 //! Objects of plain triangles that measurements are made on, each hard in its own way; all in the unit cube, for 64 voxels a side.
 
-use crate::geom::{DAffine3, DVec3};
-use crate::scene::{Instance, Material, Model, Part};
+use crate::geom::DVec3;
 
 /// Voxels a side that sizes are given in.
 pub const VOXELS: u32 = 64;
@@ -44,24 +43,6 @@ impl Shape {
     fn quad(&mut self, c: DVec3, a: DVec3, b: DVec3) {
         let p = [c - a - b, c + a - b, c + a + b, c - a + b];
         self.triangles.extend([[p[0], p[1], p[2]], [p[0], p[2], p[3]]]);
-    }
-
-    /// As one part of one white material; vertices that agree are one.
-    pub fn model(&self) -> Model {
-        let mut part = Part::default();
-        let mut known = std::collections::BTreeMap::new();
-        for t in &self.triangles {
-            let corner = |p: &DVec3| {
-                let p = p.as_vec3().to_array();
-                *known.entry(p.map(f32::to_bits)).or_insert_with(|| {
-                    part.positions.push(p);
-                    part.positions.len() as u32 - 1
-                })
-            };
-            part.triangles.push(t.each_ref().map(corner));
-        }
-        let instance = Instance { part: 0, transform: DAffine3::IDENTITY, node: String::new() };
-        Model { parts: vec![part], materials: vec![Material::default()], instances: vec![instance], ..Model::default() }
     }
 }
 

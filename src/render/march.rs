@@ -133,7 +133,8 @@ pub fn transmittance(
     run(tree, stretch, choice, 1.0, stop_below, &mut Nothing, stats)
 }
 
-fn run(
+/// [`march`] that ends where the transmittance falls below `stop_below`.
+pub(super) fn run(
     tree: &Octree,
     stretch: &Stretch,
     choice: DepthChoice,

@@ -27,6 +27,7 @@ pub mod shade;
 mod shell;
 mod source;
 mod stats;
+pub mod stress;
 #[cfg(test)]
 mod tests;
 mod trace;

@@ -414,6 +414,18 @@ impl ShellBox {
         }
     }
 
+    /// How far inside a point is, a share of the box's size; not above 0 outside.
+    pub fn depth_inside(&self, x: DVec3) -> f64 {
+        match self {
+            ShellBox::Prism(b) => {
+                let size = b.bounds.size().length();
+                let room = |p: &Plane| (p.c - p.n.dot(x)) / (p.n.length() * size);
+                b.planes[..b.count].iter().map(room).fold(f64::INFINITY, f64::min)
+            }
+            ShellBox::Twisted(b) => b.locate(x).map_or(f64::NEG_INFINITY, |p| -p.outside),
+        }
+    }
+
     /// The intervals of t in [t0, t1] in which the ray is inside, in order.
     pub fn spans(&self, ray: &Ray, t0: f64, t1: f64, mut each: impl FnMut(f64, f64)) {
         match self {

@@ -3,10 +3,30 @@
 use super::*;
 use crate::bake::{MeshOptions, MeshSource, Source};
 use crate::cli::shapes::{self, Shape, VOXELS};
+use crate::geom::DAffine3;
+use crate::scene::{Instance, Material, Model, Part};
+
+/// One part of one white material; vertices that agree are one.
+fn model(shape: &Shape) -> Model {
+    let mut part = Part::default();
+    let mut known = std::collections::BTreeMap::new();
+    for t in &shape.triangles {
+        let corner = |p: &DVec3| {
+            let p = p.as_vec3().to_array();
+            *known.entry(p.map(f32::to_bits)).or_insert_with(|| {
+                part.positions.push(p);
+                part.positions.len() as u32 - 1
+            })
+        };
+        part.triangles.push(t.each_ref().map(corner));
+    }
+    let instance = Instance { part: 0, transform: DAffine3::IDENTITY, node: String::new() };
+    Model { parts: vec![part], materials: vec![Material::default()], instances: vec![instance], ..Model::default() }
+}
 
 /// Bake at 64^3 and measure the two finest depths, in directions that the bake did not measure along.
 fn errors(shape: &Shape) -> Vec<DepthError> {
-    let source = MeshSource::new(shape.model(), &MeshOptions::default());
+    let source = MeshSource::new(model(shape), &MeshOptions::default());
     let ui = Ui::new(true, false);
     let options = bake::Options { resolution: VOXELS, ..bake::Options::default() };
     let (volume, _) = bake::bake(&source as &dyn Source, &options, &ui, &mut |_| ()).unwrap();

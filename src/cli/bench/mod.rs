@@ -1,0 +1,65 @@
+//! `vtex bench`: time against error, of bakes and of pictures, beside the baselines; every figure that the README quotes.
+
+mod land;
+mod points;
+mod report;
+mod scenes;
+
+use std::path::PathBuf;
+
+use super::Ui;
+use crate::{Error, Result, par};
+use points::Bench;
+
+#[derive(clap::Args)]
+pub struct Args {
+    /// Folder for scenes, texels, references, the table and the plots; what is there already is not made again
+    #[arg(long, short, value_name = "FOLDER", default_value = "vtex-bench")]
+    output: PathBuf,
+    /// A small form of it all, in less than two minutes on two cores
+    #[arg(long)]
+    quick: bool,
+    /// Only this scene; may be given again
+    #[arg(long, value_name = "NAME", value_parser = scenes::SCENES.map(|s| s.name))]
+    scene: Vec<String>,
+    /// Pixels of the landscapes; single objects have squares of a third of the width
+    #[arg(long, value_name = "WxH", value_parser = super::render::size)]
+    size: Option<[u32; 2]>,
+    /// Samples a pixel of the references
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2..=1 << 20))]
+    samples: Option<u32>,
+    /// Threads to use [default: all cores]
+    #[arg(long, default_value_t = 0, hide_default_value = true, value_name = "N")]
+    threads: usize,
+    /// Print JSON
+    #[arg(long)]
+    json: bool,
+}
+
+pub fn run(args: &Args, ui: &Ui) -> Result<()> {
+    std::fs::create_dir_all(&args.output).map_err(|e| Error::io(&args.output, e))?;
+    let chosen: Vec<&scenes::Place> = scenes::SCENES
+        .iter()
+        .filter(|s| if args.scene.is_empty() { !args.quick || s.quick } else { args.scene.iter().any(|n| n == s.name) })
+        .collect();
+    let size = args.size.unwrap_or(if args.quick { [192, 108] } else { [384, 216] });
+    let samples = args.samples.unwrap_or(if args.quick { 64 } else { 256 });
+    let found = par::with_threads(args.threads, || {
+        let bench = Bench { folder: &args.output, size, samples, quick: args.quick, ui };
+        let mut found = Vec::new();
+        for place in chosen {
+            ui.say(&format!("{}: {}", place.name, place.about));
+            found.extend(bench.scene(place)?);
+            ui.finish();
+        }
+        Ok::<_, Error>(found)
+    })??;
+    report::write(&args.output, &found)?;
+    if args.json {
+        println!("{:#}", serde_json::json!({ "size": size, "samples": samples, "points": found }));
+    } else {
+        print!("{}", report::table(&found));
+    }
+    ui.say(&format!("{}: bench.csv, bench.svg, bench.png", args.output.display()));
+    Ok(())
+}

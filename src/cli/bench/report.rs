@@ -1,0 +1,156 @@
+//! A bench's points as a table, as CSV and as plots.
+
+use std::path::Path;
+
+use super::points::Point;
+use crate::cli::plot::{self, Axis, Chart, Scale, Series};
+use crate::{Error, Result};
+
+/// `bench.csv`, `bench.svg` and `bench.png` in `folder`.
+pub fn write(folder: &Path, points: &[Point]) -> Result<()> {
+    let path = folder.join("bench.csv");
+    std::fs::write(&path, csv(points)).map_err(|e| Error::io(&path, e))?;
+    let charts = charts(points);
+    ["bench.svg", "bench.png"].iter().try_for_each(|name| plot::write(&folder.join(name), &charts, 3))
+}
+
+fn csv(points: &[Point]) -> String {
+    let mut out = String::from(
+        "scene,kind,model,resolution,lanes,depth_bias,samples,seconds,cpu_seconds,flip,rmse,bias,area,reference_noise\n",
+    );
+    for p in points {
+        out += &format!(
+            "{},{},{},{},{},{},{},{:.3},{:.2},{:.5},{:.6},{:.5},{:.5},{:.5}\n",
+            p.scene,
+            p.kind,
+            p.model,
+            p.resolution,
+            p.lanes,
+            p.depth_bias,
+            p.samples,
+            p.seconds,
+            p.cpu_seconds,
+            p.flip,
+            p.rmse,
+            p.bias,
+            p.area,
+            p.noise
+        );
+    }
+    out
+}
+
+/// CPU time where it is known: others' load does not count.
+fn time(p: &Point) -> f64 {
+    if p.cpu_seconds > 0.0 { p.cpu_seconds } else { p.seconds }
+}
+
+/// A scene each: time against FLIP of pictures; then one of all bakes.
+fn charts(points: &[Point]) -> Vec<Chart> {
+    let mut scenes: Vec<&str> = points.iter().map(|p| p.scene).collect();
+    scenes.dedup();
+    let axis = |label: &str| Axis { label: label.into(), scale: Scale::Log };
+    let series = |name: &str, line: bool, of: &dyn Fn(&&Point) -> bool| {
+        let mut list: Vec<(f64, f64)> = points.iter().filter(of).map(|p| (time(p), p.flip)).collect();
+        list.sort_by(|a, b| a.0.total_cmp(&b.0));
+        Series { name: name.into(), points: list, line }
+    };
+    let mut charts: Vec<Chart> = scenes
+        .iter()
+        .map(|&scene| {
+            let render = |p: &&Point, model: &str| p.scene == scene && p.kind == "render" && p.model == model;
+            let whole = points.iter().filter(|p| p.scene == scene).map(|p| p.resolution).max().unwrap_or(0);
+            Chart {
+                title: scene.into(),
+                x: axis("CPU seconds"),
+                y: axis("FLIP"),
+                series: vec![
+                    series("lanes", true, &|p| render(p, "coverage") && p.depth_bias == 0.0 && p.resolution == whole),
+                    series("other depths", false, &|p| render(p, "coverage") && p.depth_bias != 0.0),
+                    series("coarser texels", false, &|p| render(p, "coverage") && p.resolution != whole),
+                    series("model of 1996", false, &|p| render(p, "neyret")),
+                    series("triangles, 1 to 64 rays", true, &|p| p.scene == scene && p.kind == "reference"),
+                ],
+                aims: vec![0.03, 0.035],
+            }
+        })
+        .collect();
+    let bakes = |scene: &&str| series(scene, true, &|p| p.scene == *scene && p.kind == "bake" && p.model == "coverage");
+    charts.push(Chart {
+        title: "bakes: resolutions".into(),
+        x: axis("CPU seconds of the bake"),
+        y: axis("FLIP of the picture"),
+        series: scenes.iter().map(bakes).collect(),
+        aims: Vec::new(),
+    });
+    charts
+}
+
+/// What stands out of each scene.
+pub fn table(points: &[Point]) -> String {
+    let mut out = format!(
+        "{:13} {:10} {:10} {:>5} {:>5} {:>5} {:>7}  {:>8} {:>8}  {:>7} {:>8} {:>8} {:>7}\n",
+        "scene", "kind", "model", "r", "lanes", "bias", "samples", "s", "CPU s", "FLIP", "RMSE", "bright", "area"
+    );
+    let mut last = "";
+    for p in points {
+        if p.scene != last && !last.is_empty() {
+            out.push('\n');
+        }
+        last = p.scene;
+        out += &format!(
+            "{:13} {:10} {:10} {:>5} {:>5} {:>5} {:>7}  {:>8.2} {:>8.2}  {:>7.4} {:>8.5} {:>+7.2}% {:>7.4}\n",
+            p.scene,
+            p.kind,
+            p.model,
+            p.resolution,
+            p.lanes,
+            p.depth_bias,
+            p.samples,
+            p.seconds,
+            p.cpu_seconds,
+            p.flip,
+            p.rmse,
+            100.0 * p.bias,
+            p.area
+        );
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn point(kind: &'static str, cpu_seconds: f64) -> Point {
+        Point {
+            scene: "tree",
+            kind,
+            model: "coverage",
+            resolution: 64,
+            lanes: 1,
+            depth_bias: 0.0,
+            samples: 0,
+            seconds: 2.0,
+            cpu_seconds,
+            flip: 0.03,
+            rmse: 0.01,
+            bias: 0.0,
+            area: 1.0,
+            noise: 0.005,
+        }
+    }
+
+    #[test]
+    fn points_are_written_and_drawn() {
+        let dir = tempfile::tempdir().unwrap();
+        let points = [point("render", 1.0), point("bake", 0.0)];
+        write(dir.path(), &points).unwrap();
+        let text = std::fs::read_to_string(dir.path().join("bench.csv")).unwrap();
+        assert_eq!(text.lines().count(), 3);
+        assert_eq!(text.lines().next().unwrap().split(',').count(), text.lines().nth(1).unwrap().split(',').count());
+        assert!(dir.path().join("bench.svg").exists() && dir.path().join("bench.png").exists());
+        assert_eq!((time(&points[0]), time(&points[1])), (1.0, 2.0));
+        assert!(table(&points).contains("tree"));
+    }
+}

@@ -1,0 +1,101 @@
+//! What a bench looks at: each scene is hard in its own way.
+
+/// Where the matter comes from.
+#[derive(Clone, Copy)]
+pub enum Matter {
+    /// A built-in sample.
+    Sample(&'static str),
+    /// One of [`crate::cli::shapes`].
+    Shape(fn() -> crate::cli::shapes::Shape),
+}
+
+/// How it is laid out.
+#[derive(Clone, Copy)]
+pub enum Layout {
+    /// One object that fills the frame.
+    Alone,
+    /// `side`^2 cells of ten metres with a share of trees, seen from `eye` towards `target`.
+    Forest { side: u32, hilly: bool, presence: f64, eye: [f64; 3], target: [f64; 3], hedge: bool },
+}
+
+pub struct Place {
+    pub name: &'static str,
+    pub about: &'static str,
+    pub matter: Matter,
+    pub layout: Layout,
+    /// Voxels a side, for a square picture of 128 pixels of one object, or for any landscape.
+    pub resolution: u32,
+    pub quick: bool,
+}
+
+const fn alone(name: &'static str, about: &'static str, matter: Matter, resolution: u32, quick: bool) -> Place {
+    Place { name, about, matter, layout: Layout::Alone, resolution, quick }
+}
+
+const TREE: Matter = Matter::Sample("tree.glb");
+
+pub const SCENES: [Place; 15] = [
+    alone("tree", "one tree, pixel = voxel", TREE, 128, true),
+    alone("tree-half", "one tree, pixel = 1/2 voxel", TREE, 64, false),
+    alone("tree-quarter", "one tree, pixel = 1/4 voxel", TREE, 32, false),
+    alone("tree-four", "one tree, 4 voxels a pixel", TREE, 512, false),
+    alone("sheet", "a thin sheet", Matter::Shape(crate::cli::shapes::sheet), 128, true),
+    alone("solid", "a ball", Matter::Shape(crate::cli::shapes::ball), 128, false),
+    alone("blinds", "slats seen through", Matter::Shape(crate::cli::shapes::blinds), 128, false),
+    alone("fur", "hairs thinner than a voxel", Matter::Shape(crate::cli::shapes::fur), 128, false),
+    alone(
+        "leaves",
+        "leaves in all directions",
+        Matter::Shape(|| crate::cli::shapes::leaves("leaves", 3.0, 1.5)),
+        128,
+        false,
+    ),
+    alone("clumps", "clumps of leaves smaller than a voxel", Matter::Shape(crate::cli::shapes::clumps), 128, false),
+    alone("spruce", "a tree of alpha-masked cards", Matter::Sample("spruce.glb"), 128, false),
+    alone("fern", "a fern of alpha-masked cards", Matter::Sample("fern.glb"), 128, true),
+    Place {
+        name: "near",
+        about: "512 trees from near",
+        matter: TREE,
+        layout: Layout::Forest {
+            side: 32,
+            hilly: false,
+            presence: 0.5,
+            eye: [0.0, 9.0, -5.0],
+            target: [0.0, 3.0, -40.0],
+            hedge: false,
+        },
+        resolution: 512,
+        quick: true,
+    },
+    Place {
+        name: "far",
+        about: "25 000 trees from afar",
+        matter: TREE,
+        layout: Layout::Forest {
+            side: 158,
+            hilly: true,
+            presence: 1.0,
+            eye: [0.0, 330.0, 1250.0],
+            target: [0.0, 0.0, -100.0],
+            hedge: false,
+        },
+        resolution: 512,
+        quick: true,
+    },
+    Place {
+        name: "layered",
+        about: "trees behind trees behind a hedge",
+        matter: TREE,
+        layout: Layout::Forest {
+            side: 32,
+            hilly: false,
+            presence: 0.7,
+            eye: [0.0, 2.0, 164.0],
+            target: [0.0, 4.0, 100.0],
+            hedge: true,
+        },
+        resolution: 512,
+        quick: false,
+    },
+];
