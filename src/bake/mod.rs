@@ -32,6 +32,7 @@ mod tube;
 pub use alpha::Presence;
 pub use clip::{MAX_CORNERS, Polygon};
 pub use curve::{CurveOptions, CurveSource, Interpolation, Section, Strand};
+pub use ellipsoid::fit_sggx;
 pub use estimate::Estimate;
 pub use facets::{Facets, Piece, facets};
 pub use group::{GroupSource, Part};

@@ -1,5 +1,6 @@
 //! `vtex bench`: time against error, of bakes and of pictures, beside the baselines; every figure that the README quotes.
 
+mod density;
 mod land;
 mod points;
 mod report;

@@ -5,8 +5,8 @@ use std::time::Instant;
 
 use serde::Serialize;
 
-use super::land;
 use super::scenes::{Layout, Matter, Place};
+use super::{density, land};
 use crate::cli::{Ui, demo, reference, run_words};
 use crate::format::{Limits, Reader};
 use crate::geom::DVec3;
@@ -109,13 +109,15 @@ impl Bench<'_> {
                 points.push(shown(&truth, n, bias, "coverage", place.resolution)?);
             }
         }
-        for model in ["coverage", "neyret"] {
+        for model in ["coverage", "neyret", "density"] {
             let coarser = [place.resolution, place.resolution / 2, place.resolution / 4];
             for resolution in coarser.into_iter().filter(|&r| r >= 8 && (!self.quick || r == place.resolution)) {
                 let made = self.made(place, &source, model, resolution)?;
                 let point = shown(&made, 1, 0.0, model, resolution)?;
                 let [seconds, cpu_seconds] = made.bake;
-                points.push(Point { kind: "bake", seconds, cpu_seconds, ..point.clone() });
+                if model != "density" {
+                    points.push(Point { kind: "bake", seconds, cpu_seconds, ..point.clone() });
+                }
                 if (model, resolution) != ("coverage", place.resolution) {
                     points.push(point);
                 }
@@ -169,6 +171,12 @@ impl Bench<'_> {
         let known = std::fs::read(&times).ok().and_then(|text| serde_json::from_slice(&text).ok());
         let bake = match known.filter(|_| texel.exists()) {
             Some(bake) => bake,
+            None if model == "density" => {
+                let bake = self.made(place, Path::new(&source), "coverage", resolution)?.bake;
+                let baked = self.folder.join(format!("{stem}-{resolution}-coverage.vtex"));
+                density::write(Path::new(&source), &baked, &texel, &Ui::new(true, false))?;
+                bake
+            }
             None => {
                 let side = resolution.to_string();
                 let bake = self.command(&["bake", &source, "-r", &side, "--model", model, "-o", &file])?;

@@ -69,6 +69,7 @@ fn charts(points: &[Point]) -> Vec<Chart> {
                     series("other depths", false, &|p| render(p, "coverage") && p.depth_bias != 0.0),
                     series("coarser texels", false, &|p| render(p, "coverage") && p.resolution != whole),
                     series("model of 1996", false, &|p| render(p, "neyret")),
+                    series("averaged SGGX", false, &|p| render(p, "density")),
                     series("triangles, 1 to 64 rays", true, &|p| p.scene == scene && p.kind == "reference"),
                 ],
                 aims: vec![0.03, 0.035],

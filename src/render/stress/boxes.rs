@@ -306,8 +306,13 @@ pub fn prisms(random: &mut Random, rays: u64) -> Tally {
                     .max(to_slab.matrix3.z_axis.abs())
                     .max_element();
         let (least, most) = (grown(-by), grown(by));
-        tally.deviations += u64::from(got < least - tolerance || got > most + tolerance);
         let want = grown(0.0);
+        // Nor can one tell which box a ray along the line of a vertex is in.
+        let middle = Aabb::UNIT.hit(o, d.recip(), 0.0, f64::INFINITY).map_or(from, |(a, b)| ray.at(0.5 * (a + b)));
+        if want > 0.0 && boxes.iter().all(|b| b.depth_inside(middle) < 1e-6) {
+            continue;
+        }
+        tally.deviations += u64::from(got < least - tolerance || got > most + tolerance);
         if most - least < 1e-6 {
             tally.worst = tally.worst.max((got - want).abs());
             if want > 1e-3 {

@@ -151,7 +151,7 @@ pub const SUITES: [Suite; 10] = [
     },
     Suite {
         name: "scenes",
-        about: "pictures of a landscape moved by 1e7 m and scaled by 1e-6 to 1e6, also from inside a shell",
+        about: "pictures of a landscape moved by 1e7 m and scaled by 2^-20 to 2^20, also from inside a shell",
         share: 1,
         batch: 3072,
         run: scenes::scenes,
