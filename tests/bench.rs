@@ -10,9 +10,9 @@ fn a_bench_writes_its_points_and_plots() {
     let printed = run();
     assert!(String::from_utf8_lossy(&printed.get_output().stdout).contains("neyret"));
     let csv = std::fs::read_to_string(dir.path().join("b/bench.csv")).unwrap();
-    let flip = |row: &str| row.split(',').nth(9).and_then(|f| f.parse::<f64>().ok()).unwrap();
-    // Two lane counts, two bakes, two other models' pictures, and three traced baselines.
-    assert_eq!(csv.lines().count(), 1 + 2 + 2 + 2 + 3, "{csv}");
+    let flip = |row: &str| row.split(',').nth(10).and_then(|f| f.parse::<f64>().ok()).unwrap();
+    // Two lane counts with and without triangles, two bakes, two other models' pictures, and three traced baselines.
+    assert_eq!(csv.lines().count(), 1 + 4 + 2 + 2 + 3, "{csv}");
     assert!(csv.lines().skip(1).all(|row| flip(row).is_finite()));
     let found = |start: &str| csv.lines().find(|l| l.starts_with(start)).map(flip).unwrap();
     assert!(found("sheet,render,coverage,128,4") < found("sheet,render,neyret,128,1"), "{csv}");

@@ -13,7 +13,7 @@ use crate::geom::DVec3;
 use crate::progress::Quiet;
 use crate::render::metrics::{self, flip::DEFAULT_PPD};
 use crate::render::reference::{Reference, reference as trace};
-use crate::render::{CameraChoice, Film, Options, render};
+use crate::render::{CameraChoice, Film, Near, Options, render};
 use crate::scene::{Scene, gltf};
 use crate::volume::Pages;
 use crate::{Error, Result};
@@ -28,6 +28,8 @@ pub struct Point {
     pub resolution: u32,
     pub lanes: u32,
     pub depth_bias: f64,
+    /// Whether triangles stand for voxels that are wider than a pixel.
+    pub near: bool,
     /// Samples a pixel, of a reference.
     pub samples: u32,
     pub seconds: f64,
@@ -86,6 +88,7 @@ impl Bench<'_> {
             resolution: place.resolution,
             lanes: 1,
             depth_bias: 0.0,
+            near: false,
             samples: 0,
             seconds: 0.0,
             cpu_seconds: 0.0,
@@ -96,24 +99,27 @@ impl Bench<'_> {
             noise,
         };
         let mut points = Vec::new();
-        let shown = |made: &Made, lanes: u32, bias: f64, model: &'static str, resolution: u32| -> Result<Point> {
-            let options = Options { lanes, depth_bias: bias, ..options.clone() };
+        let shown = |made: &Made, point: Point| -> Result<Point> {
+            let near = if point.near { Near::Geometry } else { Near::Voxels };
+            let options = Options { lanes: point.lanes, depth_bias: point.depth_bias, near, ..options.clone() };
             let (seconds, done) = timed(|| render(&made.scene, &options, &Quiet));
-            let point = Point { lanes, depth_bias: bias, model, resolution, ..blank.clone() };
             compared(point, &done?.film, &reference, seconds)
         };
-        let lanes: &[u32] = if self.quick { &[1, 4] } else { &[1, 2, 4, 8] };
+        let all_lanes: &[u32] = if self.quick { &[1, 4] } else { &[1, 2, 4, 8] };
         let biases: &[f64] = if self.quick { &[0.0] } else { &[-1.0, -0.5, 0.0, 0.5] };
-        for &n in lanes {
-            for &bias in biases.iter().filter(|&&b| b == 0.0 || n == 1 || n == 4) {
-                points.push(shown(&truth, n, bias, "coverage", place.resolution)?);
+        for &lanes in all_lanes {
+            for &depth_bias in biases.iter().filter(|&&b| b == 0.0 || lanes == 1 || lanes == 4) {
+                points.push(shown(&truth, Point { lanes, depth_bias, ..blank.clone() })?);
+            }
+            if lanes == 1 || lanes == 4 {
+                points.push(shown(&truth, Point { lanes, near: true, ..blank.clone() })?);
             }
         }
         for model in ["coverage", "neyret", "density"] {
             let coarser = [place.resolution, place.resolution / 2, place.resolution / 4];
             for resolution in coarser.into_iter().filter(|&r| r >= 8 && (!self.quick || r == place.resolution)) {
                 let made = self.made(place, &source, model, resolution)?;
-                let point = shown(&made, 1, 0.0, model, resolution)?;
+                let point = shown(&made, Point { model, resolution, ..blank.clone() })?;
                 let [seconds, cpu_seconds] = made.bake;
                 if model != "density" {
                     points.push(Point { kind: "bake", seconds, cpu_seconds, ..point.clone() });

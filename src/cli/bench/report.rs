@@ -16,17 +16,18 @@ pub fn write(folder: &Path, points: &[Point]) -> Result<()> {
 
 fn csv(points: &[Point]) -> String {
     let mut out = String::from(
-        "scene,kind,model,resolution,lanes,depth_bias,samples,seconds,cpu_seconds,flip,rmse,bias,area,reference_noise\n",
+        "scene,kind,model,resolution,lanes,depth_bias,near,samples,seconds,cpu_seconds,flip,rmse,bias,area,reference_noise\n",
     );
     for p in points {
         out += &format!(
-            "{},{},{},{},{},{},{},{:.3},{:.2},{:.5},{:.6},{:.5},{:.5},{:.5}\n",
+            "{},{},{},{},{},{},{},{},{:.3},{:.2},{:.5},{:.6},{:.5},{:.5},{:.5}\n",
             p.scene,
             p.kind,
             p.model,
             p.resolution,
             p.lanes,
             p.depth_bias,
+            p.near,
             p.samples,
             p.seconds,
             p.cpu_seconds,
@@ -65,7 +66,10 @@ fn charts(points: &[Point]) -> Vec<Chart> {
                 x: axis("CPU seconds"),
                 y: axis("FLIP"),
                 series: vec![
-                    series("lanes", true, &|p| render(p, "coverage") && p.depth_bias == 0.0 && p.resolution == whole),
+                    series("lanes", true, &|p| {
+                        render(p, "coverage") && !p.near && p.depth_bias == 0.0 && p.resolution == whole
+                    }),
+                    series("triangles where near", true, &|p| render(p, "coverage") && p.near),
                     series("other depths", false, &|p| render(p, "coverage") && p.depth_bias != 0.0),
                     series("coarser texels", false, &|p| render(p, "coverage") && p.resolution != whole),
                     series("model of 1996", false, &|p| render(p, "neyret")),
@@ -90,8 +94,21 @@ fn charts(points: &[Point]) -> Vec<Chart> {
 /// What stands out of each scene.
 pub fn table(points: &[Point]) -> String {
     let mut out = format!(
-        "{:13} {:10} {:10} {:>5} {:>5} {:>5} {:>7}  {:>8} {:>8}  {:>7} {:>8} {:>8} {:>7}\n",
-        "scene", "kind", "model", "r", "lanes", "bias", "samples", "s", "CPU s", "FLIP", "RMSE", "bright", "area"
+        "{:13} {:10} {:10} {:>5} {:>5} {:>5} {:>5} {:>7}  {:>8} {:>8}  {:>7} {:>8} {:>8} {:>7}\n",
+        "scene",
+        "kind",
+        "model",
+        "r",
+        "lanes",
+        "bias",
+        "near",
+        "samples",
+        "s",
+        "CPU s",
+        "FLIP",
+        "RMSE",
+        "bright",
+        "area"
     );
     let mut last = "";
     for p in points {
@@ -100,13 +117,14 @@ pub fn table(points: &[Point]) -> String {
         }
         last = p.scene;
         out += &format!(
-            "{:13} {:10} {:10} {:>5} {:>5} {:>5} {:>7}  {:>8.2} {:>8.2}  {:>7.4} {:>8.5} {:>+7.2}% {:>7.4}\n",
+            "{:13} {:10} {:10} {:>5} {:>5} {:>5} {:>5} {:>7}  {:>8.2} {:>8.2}  {:>7.4} {:>8.5} {:>+7.2}% {:>7.4}\n",
             p.scene,
             p.kind,
             p.model,
             p.resolution,
             p.lanes,
             p.depth_bias,
+            if p.near { "yes" } else { "no" },
             p.samples,
             p.seconds,
             p.cpu_seconds,
@@ -131,6 +149,7 @@ mod tests {
             resolution: 64,
             lanes: 1,
             depth_bias: 0.0,
+            near: false,
             samples: 0,
             seconds: 2.0,
             cpu_seconds,
