@@ -26,6 +26,7 @@ mod open;
 mod patch;
 mod polygon;
 mod source;
+pub mod stack;
 mod tree;
 mod tube;
 

@@ -1,0 +1,46 @@
+//! What headers in words share: numbers, sizes, and lists of files.
+
+use std::path::{Path, PathBuf};
+
+use crate::scene::files::find;
+use crate::{Error, Result};
+
+/// Files that a header may name.
+const MAX_FILES: i64 = 1 << 16;
+
+/// Numbers apart by spaces; `None` where one is none, or not finite.
+pub fn numbers(text: &str) -> Option<Vec<f64>> {
+    text.split_whitespace().map(|w| w.parse().ok().filter(|v: &f64| v.is_finite())).collect()
+}
+
+/// A side of a lattice.
+pub fn size(word: &str) -> Option<usize> {
+    word.parse().ok().filter(|&n| n > 0)
+}
+
+/// The files that a header's entry stands for: a name, `PATTERN FIRST LAST STEP` where the pattern has one `%d` or `%03d`, or
+/// `LIST` and a name a line.
+pub fn file_list(header: &Path, text: &str, at: &str) -> Result<Vec<PathBuf>> {
+    let dir = header.parent().unwrap_or(Path::new(""));
+    let open = |name: &str| {
+        find(dir, name, true).ok_or_else(|| Error::input(header, at, format!("its data {name:?} are not there")))
+    };
+    if text.starts_with("LIST") {
+        return text.lines().skip(1).map(str::trim).filter(|l| !l.is_empty()).map(open).collect();
+    }
+    let words: Vec<&str> = text.split_whitespace().collect();
+    let range: Option<Vec<i64>> = words.get(1..).map(|w| w.iter().take(3).filter_map(|v| v.parse::<i32>().ok()).map(i64::from).collect());
+    if let (Some(pattern), Some([first, last, step])) = (words.first().filter(|w| w.contains('%')), range.as_deref()) {
+        let span = last - first;
+        if *step == 0 || (span < 0) != (*step < 0) && span != 0 || (span / step) >= MAX_FILES {
+            return Err(Error::input(header, at, format!("{text:?} does not count up to {MAX_FILES} files")));
+        }
+        let Some((before, after)) = pattern.split_once('%') else { return Ok(Vec::new()) };
+        let Some((width, after)) = after.split_once('d') else {
+            return Err(Error::input(header, at, format!("{pattern:?}: a pattern with one %d is needed")));
+        };
+        let digits = width.trim_start_matches('0').parse::<usize>().unwrap_or(0).min(20);
+        return (0..=span / step).map(|n| open(&format!("{before}{:0digits$}{after}", first + n * step))).collect();
+    }
+    open(text.trim()).map(|file| vec![file])
+}

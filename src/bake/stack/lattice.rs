@@ -1,0 +1,244 @@
+//! The filtered field of a stack on a lattice that is at least as fine as the voxels: values at nodes, a block at a time.
+//!
+//! Based on: S. Marschner, R. Lobb, *An Evaluation of Reconstruction Filters for Volume Rendering*, VIS 1994.
+//!
+//! Beyond its outermost samples a stack goes on for half a distance with the value it has there; then there is nothing.
+
+use super::ranges::UNIT;
+use super::samples::Samples;
+
+/// Standard deviation from which on a Gaussian is a smooth interpolation by itself.
+const SMOOTH: f64 = 0.5;
+/// Where a Gaussian ends, in standard deviations.
+const REACH: f64 = 3.0;
+
+/// Nodes along one axis, and how a node's value comes from samples.
+pub struct Axis {
+    /// Index-space positions, ascending. The first and the last are beside the second and the last but one: outside.
+    pub nodes: Vec<f64>,
+    /// First (virtual) sample of each node's filter; samples outside are those at the border.
+    first: Vec<i64>,
+    /// `width` of them a node.
+    weights: Vec<f32>,
+    width: usize,
+    samples: usize,
+    /// The cell at which each unit begins, and the end.
+    units: Vec<usize>,
+}
+
+/// Samples that a filter of `sigma` reaches each way.
+pub fn reach(sigma: f64) -> usize {
+    (REACH * sigma).ceil() as usize
+}
+
+/// Weights of the samples from `first` on for the value at `x`, which sum to 1; `first` is floor(x) − reach.
+fn weights(x: f64, sigma: f64, out: &mut [f32]) {
+    let r = reach(sigma) as f64;
+    let t = x - x.floor();
+    let gauss = |d: f64| if sigma > 0.0 { libm::exp(-0.5 * (d / sigma) * (d / sigma)) } else { f64::from(u8::from(d == 0.0)) };
+    let mut raw = [0.0f64; 64];
+    let raw = &mut raw[..out.len().min(64)];
+    if sigma >= SMOOTH {
+        raw.iter_mut().enumerate().for_each(|(n, w)| *w = gauss(n as f64 - r - t));
+    } else {
+        // Filtered samples, linearly between.
+        for (n, w) in raw.iter_mut().enumerate() {
+            let d = n as f64 - r;
+            let near = |d: f64| if d.abs() <= r { gauss(d) } else { 0.0 };
+            *w = (1.0 - t) * near(d) + t * near(d - 1.0);
+        }
+    }
+    let sum: f64 = raw.iter().sum();
+    for (w, v) in out.iter_mut().zip(raw.iter()) {
+        *w = (v / sum) as f32;
+    }
+}
+
+/// Largest standard deviation of a filter.
+pub const MAX_SIGMA: f64 = 10.0;
+
+impl Axis {
+    /// For `samples` along the axis, `parts` cells between two of them.
+    pub fn new(samples: usize, parts: usize, sigma: f64) -> Axis {
+        let last = (samples - 1) as f64;
+        let mut nodes = vec![-0.5, -0.5];
+        let mut units = vec![0];
+        for i in 0..(samples - 1) * parts {
+            if i % (parts * UNIT) == 0 && i > 0 {
+                units.push(nodes.len());
+            }
+            nodes.push(i as f64 / parts as f64);
+        }
+        if (samples - 1) % UNIT == 0 && samples > 1 {
+            units.push(nodes.len());
+        }
+        nodes.extend([last, last + 0.5, last + 0.5]);
+        units.push(nodes.len() - 1);
+        let r = reach(sigma) as i64;
+        let width = 2 * r as usize + 2;
+        let mut weight = vec![0.0; width * nodes.len()];
+        let mut first = Vec::with_capacity(nodes.len());
+        for (x, out) in nodes.iter().zip(weight.chunks_mut(width)) {
+            let x = x.clamp(0.0, last);
+            weights(x, sigma, out);
+            first.push(x.floor() as i64 - r);
+        }
+        Axis { nodes, first, weights: weight, width, samples, units }
+    }
+
+    /// Cells of the unit `n` that overlap `from .. to`, index space.
+    pub fn cells(&self, n: usize, from: f64, to: f64) -> std::ops::Range<usize> {
+        let (start, end) = (self.units[n], self.units[n + 1]);
+        let ends = &self.nodes[start + 1..=end];
+        let begins = &self.nodes[start..end];
+        start + ends.partition_point(|&x| x < from)..start + begins.partition_point(|&x| x <= to)
+    }
+
+    /// Units whose cells overlap `from .. to`.
+    pub fn units(&self, from: f64, to: f64) -> std::ops::RangeInclusive<usize> {
+        let last = self.units.len() - 2;
+        let unit = |x: f64| ((x / UNIT as f64).max(0.0) as usize).min(last);
+        unit(from)..=unit(to)
+    }
+
+    fn clamp(&self, virtual_index: i64) -> usize {
+        virtual_index.clamp(0, self.samples as i64 - 1) as usize
+    }
+}
+
+/// The whole lattice.
+pub struct Lattice {
+    pub axes: [Axis; 3],
+    sigma: f64,
+}
+
+/// Room for a block's values while it is filtered.
+#[derive(Default)]
+pub struct Scratch {
+    raw: Vec<f32>,
+    along_x: Vec<f32>,
+    along_y: Vec<f32>,
+    /// At nodes, x fastest.
+    pub values: Vec<f32>,
+}
+
+impl Lattice {
+    pub fn new(dims: [usize; 3], parts: [usize; 3], sigma: f64) -> Lattice {
+        Lattice { axes: std::array::from_fn(|a| Axis::new(dims[a], parts[a], sigma)), sigma }
+    }
+
+    /// Values at the nodes `from .. from + size`, outer ones included; those outside are `outside`.
+    pub fn fill(&self, samples: &Samples, from: [usize; 3], size: [usize; 3], outside: f32, scratch: &mut Scratch) {
+        let [ax, ay, az] = &self.axes;
+        let span = |a: &Axis, n: usize, size: usize| (a.first[n], (a.first[n + size - 1] - a.first[n]) as usize + a.width);
+        let (x0, nx) = span(ax, from[0], size[0]);
+        let (y0, ny) = span(ay, from[1], size[1]);
+        let (z0, nz) = span(az, from[2], size[2]);
+        let Scratch { raw, along_x, along_y, values } = scratch;
+        raw.clear();
+        raw.resize(nx, 0.0);
+        along_x.clear();
+        along_x.resize(size[0] * ny * nz, 0.0);
+        let (lo, hi) = (ax.clamp(x0), ax.clamp(x0 + nx as i64 - 1));
+        let left = (lo as i64 - x0) as usize;
+        let mut before = None;
+        for z in 0..nz {
+            let k = az.clamp(z0 + z as i64);
+            for y in 0..ny {
+                let j = ay.clamp(y0 + y as i64);
+                let at = (z * ny + y) * size[0];
+                if before == Some((j, k)) {
+                    // The same row again, at the border.
+                    along_x.copy_within(at - size[0]..at, at);
+                    continue;
+                }
+                before = Some((j, k));
+                samples.row(lo, j, k, &mut raw[left..=left + hi - lo]);
+                let (first, last) = (raw[left], raw[left + hi - lo]);
+                raw[..left].fill(first);
+                raw[left + hi - lo + 1..].fill(last);
+                for (n, out) in along_x[at..at + size[0]].iter_mut().enumerate() {
+                    let node = from[0] + n;
+                    let start = (ax.first[node] - x0) as usize;
+                    let weights = &ax.weights[node * ax.width..][..ax.width];
+                    *out = raw[start..].iter().zip(weights).map(|(v, w)| v * w).sum();
+                }
+            }
+        }
+        along_y.clear();
+        along_y.resize(size[0] * size[1] * nz, 0.0);
+        for z in 0..nz {
+            for n in 0..size[1] {
+                let node = from[1] + n;
+                let start = (ay.first[node] - y0) as usize;
+                let out = &mut along_y[(z * size[1] + n) * size[0]..][..size[0]];
+                weigh(out, &along_x[(z * ny + start) * size[0]..], size[0], &ay.weights[node * ay.width..][..ay.width]);
+            }
+        }
+        let layer = size[0] * size[1];
+        values.clear();
+        values.resize(layer * size[2], 0.0);
+        for n in 0..size[2] {
+            let node = from[2] + n;
+            let start = (az.first[node] - z0) as usize;
+            let out = &mut values[n * layer..][..layer];
+            weigh(out, &along_y[start * layer..], layer, &az.weights[node * az.width..][..az.width]);
+        }
+        self.close(from, size, outside, values);
+    }
+
+    /// Nothing is outside.
+    fn close(&self, from: [usize; 3], size: [usize; 3], outside: f32, values: &mut [f32]) {
+        let outer = |a: usize, n: usize| from[a] + n == 0 || from[a] + n + 1 == self.axes[a].nodes.len();
+        if (0..3).all(|a| from[a] > 0 && from[a] + size[a] < self.axes[a].nodes.len()) {
+            return;
+        }
+        for z in 0..size[2] {
+            for y in 0..size[1] {
+                for x in 0..size[0] {
+                    if outer(0, x) || outer(1, y) || outer(2, z) {
+                        values[(z * size[1] + y) * size[0] + x] = outside;
+                    }
+                }
+            }
+        }
+    }
+
+    /// The filtered value at an index-space point; `None` outside.
+    pub fn value(&self, samples: &Samples, at: [f64; 3]) -> Option<f32> {
+        let mut weight = [[0.0f32; 64]; 3];
+        let mut first = [0i64; 3];
+        let r = reach(self.sigma);
+        let width = (2 * r + 2).min(64);
+        for a in 0..3 {
+            let last = (self.axes[a].samples - 1) as f64;
+            if !(at[a] >= -0.5 && at[a] <= last + 0.5) {
+                return None;
+            }
+            let x = at[a].clamp(0.0, last);
+            weights(x, self.sigma, &mut weight[a][..width]);
+            first[a] = x.floor() as i64 - r as i64;
+        }
+        let mut sum = 0.0;
+        let mut one = [0.0f32];
+        for (z, wz) in weight[2][..width].iter().enumerate().filter(|w| *w.1 > 0.0) {
+            for (y, wy) in weight[1][..width].iter().enumerate().filter(|w| *w.1 > 0.0) {
+                for (x, wx) in weight[0][..width].iter().enumerate().filter(|w| *w.1 > 0.0) {
+                    let index = |a: usize, n: usize| self.axes[a].clamp(first[a] + n as i64);
+                    samples.row(index(0, x), index(1, y), index(2, z), &mut one);
+                    sum += wx * wy * wz * one[0];
+                }
+            }
+        }
+        Some(sum)
+    }
+}
+
+/// `out` = the weighted sum of rows of `stride` numbers.
+fn weigh(out: &mut [f32], rows: &[f32], stride: usize, weights: &[f32]) {
+    for (n, w) in weights.iter().enumerate().filter(|w| *w.1 != 0.0) {
+        for (o, v) in out.iter_mut().zip(&rows[n * stride..]) {
+            *o += w * v;
+        }
+    }
+}

@@ -1,0 +1,152 @@
+//! Image stacks (CT, MR, microscopy) as a source: samples on a lattice, placed as their header says.
+
+mod bytes;
+mod cells;
+mod folder;
+mod header;
+mod lattice;
+mod march;
+mod metaimage;
+mod nifti;
+mod nrrd;
+mod ranges;
+mod samples;
+mod slice;
+mod source;
+
+pub use source::StackSource;
+
+use std::path::{Path, PathBuf};
+
+use crate::geom::{DAffine3, DVec3};
+use crate::{Error, Result, Warnings};
+use samples::Samples;
+
+/// How a stack is taken.
+#[derive(Debug, Clone, PartialEq)]
+pub struct StackOptions {
+    /// Matter is where the value is at least this; without it and without a window Otsu's threshold is taken.
+    pub iso: Option<f64>,
+    /// Standard deviation of the Gaussian that values are filtered with, in distances of samples.
+    pub sigma: f64,
+    /// Distances of samples in millimetres, in place of all that the file says of how it lies.
+    pub spacing: Option<[f64; 3]>,
+    /// Of a DICOM folder: the series' UID or number.
+    pub series: Option<String>,
+}
+
+impl Default for StackOptions {
+    fn default() -> Self {
+        StackOptions { iso: None, sigma: 0.6, spacing: None, series: None }
+    }
+}
+
+/// Samples and where they lie. A sample is at the centre of its cell, which is as wide as samples are apart.
+pub struct Stack {
+    path: PathBuf,
+    samples: Samples,
+    /// Index → source space.
+    affine: DAffine3,
+    /// Metres in a unit of that space; 0 where unknown.
+    metres_per_unit: f64,
+    warnings: Warnings,
+}
+
+impl Stack {
+    fn new(
+        path: &Path,
+        samples: Samples,
+        affine: DAffine3,
+        metres_per_unit: f64,
+        warnings: Warnings,
+    ) -> Result<Stack> {
+        let m = affine.matrix3;
+        let lengths = m.x_axis.length() * m.y_axis.length() * m.z_axis.length();
+        // Also of NaN. Axes closer than a twentieth of a degree span nothing.
+        if !(affine.is_finite() && m.determinant().abs() > 1e-3 * lengths && lengths > 0.0) {
+            let what = "its axes span no space (distances of 0, or axes that coincide): give the distances with --spacing X,Y,Z";
+            return Err(Error::input(path, "", what));
+        }
+        Ok(Stack { path: path.to_path_buf(), samples, affine, metres_per_unit, warnings })
+    }
+}
+
+/// Where there is one sample along an axis and no distance: as far as the samples along the others.
+fn with_thickness(affine: DAffine3, dims: [usize; 3]) -> DAffine3 {
+    let mut out = affine;
+    for n in 0..3 {
+        let (a, b) = (affine.matrix3.col((n + 1) % 3), affine.matrix3.col((n + 2) % 3));
+        if dims[n] == 1 && affine.matrix3.col(n) == DVec3::ZERO {
+            *out.matrix3.col_mut(n) = a.cross(b).normalize_or_zero() * (a.length() * b.length()).sqrt();
+        }
+    }
+    out
+}
+
+/// Extensions of stacks, without images of slices.
+pub const EXTENSIONS: [&str; 9] = ["nii", "nii.gz", "hdr", "img", "nrrd", "nhdr", "mha", "mhd", "dcm"];
+
+/// Whether `path` is a stack by its name: a folder, a volume, or an image.
+pub fn is_stack(path: &Path) -> bool {
+    path.is_dir() || !matches!(kind(path), Kind::Other)
+}
+
+enum Kind {
+    Nifti,
+    Nrrd,
+    MetaImage,
+    Image,
+    Other,
+}
+
+fn kind(path: &Path) -> Kind {
+    let name = path.file_name().and_then(|n| n.to_str()).unwrap_or_default().to_ascii_lowercase();
+    let bare = name.strip_suffix(".gz").unwrap_or(&name);
+    let extension = bare.rsplit_once('.').map_or("", |e| e.1);
+    match extension {
+        "nii" | "hdr" | "img" => Kind::Nifti,
+        "nrrd" | "nhdr" => Kind::Nrrd,
+        "mha" | "mhd" => Kind::MetaImage,
+        e if slice::is_image(e) && bare.len() == name.len() => Kind::Image,
+        _ => Kind::Other,
+    }
+}
+
+/// Read the stack `path`; decoded samples stay in memory up to `in_memory` bytes, and go to a file without a name beyond.
+pub fn read(path: &Path, options: &StackOptions, in_memory: u64) -> Result<Stack> {
+    let mut stack = match kind(path) {
+        _ if path.is_dir() => {
+            let mut warnings = Warnings::default();
+            let files = folder::images(path, &folder::list(path)?, &mut warnings)?;
+            folder::read(path, &files, warnings, in_memory)?
+        }
+        Kind::Nifti => nifti::read(path, in_memory)?,
+        Kind::Nrrd => nrrd::read(path, in_memory)?,
+        Kind::MetaImage => metaimage::read(path, in_memory)?,
+        Kind::Image => folder::read(path, &[path.to_path_buf()], Warnings::default(), in_memory)?,
+        Kind::Other => return Err(Error::input(path, "", "is no stack by its extension")),
+    };
+    if let Some(spacing) = options.spacing {
+        stack.affine = DAffine3::from_scale(DVec3::from(spacing));
+        stack.metres_per_unit = 1e-3;
+    }
+    Ok(stack)
+}
+
+/// The files that the stack `path` is made of.
+pub fn files(path: &Path) -> Vec<PathBuf> {
+    let own = path.to_path_buf();
+    match kind(path) {
+        _ if path.is_dir() => {
+            let files = folder::list(path).unwrap_or_default();
+            folder::images(path, &files, &mut Warnings::default()).unwrap_or_default()
+        }
+        Kind::Nifti => {
+            let (header, data) = nifti::files(path);
+            vec![header, data]
+        }
+        Kind::Nrrd => [vec![own], nrrd::named(path)].concat(),
+        Kind::MetaImage => [vec![own], metaimage::named(path)].concat(),
+        Kind::Image | Kind::Other => vec![own],
+    }
+}

@@ -1,0 +1,258 @@
+//! NRRD (.nrrd, .nhdr with its data).
+//!
+//! Based on: G. Kindlmann, *Definition of NRRD File Format*, teem, 2005.
+
+use std::path::{Path, PathBuf};
+
+use super::Stack;
+use super::bytes::{Data, Packing, map_file};
+use super::header::{file_list, numbers, size};
+use super::samples::{Coding, Kind};
+use crate::geom::{DAffine3, DMat3, DVec3};
+use crate::{Error, Result, Warnings};
+
+/// Longest header that is looked through.
+const MAX_HEADER: usize = 1 << 20;
+
+/// Numbers of a type, by its names.
+fn kind(name: &str) -> Option<Kind> {
+    Some(match name {
+        "signed char" | "int8" | "int8_t" => Kind::I8,
+        "uchar" | "unsigned char" | "uint8" | "uint8_t" => Kind::U8,
+        "short" | "short int" | "signed short" | "signed short int" | "int16" | "int16_t" => Kind::I16,
+        "ushort" | "unsigned short" | "unsigned short int" | "uint16" | "uint16_t" => Kind::U16,
+        "int" | "signed int" | "int32" | "int32_t" => Kind::I32,
+        "uint" | "unsigned int" | "uint32" | "uint32_t" => Kind::U32,
+        "longlong" | "long long" | "long long int" | "signed long long" | "signed long long int" | "int64"
+        | "int64_t" => Kind::I64,
+        "ulonglong" | "unsigned long long" | "unsigned long long int" | "uint64" | "uint64_t" => Kind::U64,
+        "float" => Kind::F32,
+        "double" => Kind::F64,
+        _ => return None,
+    })
+}
+
+/// The fields of a header, each with its line.
+struct Fields<'a> {
+    path: &'a Path,
+    list: Vec<(String, String, usize)>,
+}
+
+impl Fields<'_> {
+    /// The value of the first of `names` that there is; with its line for messages.
+    fn get(&self, names: &[&str]) -> Option<(&str, String)> {
+        let (_, value, line) = self.list.iter().find(|f| names.contains(&f.0.as_str()))?;
+        Some((value, format!("line {line}")))
+    }
+
+    fn need(&self, name: &str) -> Result<(&str, String)> {
+        self.get(&[name]).ok_or_else(|| Error::input(self.path, "", format!("its header has no field {name:?}")))
+    }
+
+    fn wrong<T>(&self, at: String, what: impl Into<String>) -> Result<T> {
+        Err(Error::input(self.path, at, what))
+    }
+}
+
+/// `(1,0,0) (0,1,0) none`: vectors, and where one is missing.
+fn vectors(text: &str) -> Option<Vec<Option<DVec3>>> {
+    let mut out = Vec::new();
+    let mut rest = text.trim();
+    while !rest.is_empty() {
+        if let Some(after) = rest.strip_prefix("none") {
+            out.push(None);
+            rest = after.trim_start();
+            continue;
+        }
+        let (inner, after) = rest.strip_prefix('(')?.split_once(')')?;
+        let list = numbers(&inner.replace(',', " "))?;
+        let at = |n: usize| list.get(n).copied().unwrap_or(0.0);
+        out.push((list.len() <= 3).then(|| DVec3::new(at(0), at(1), at(2))));
+        rest = after.trim_start();
+    }
+    Some(out)
+}
+
+/// Metres in a unit; `None`: not known.
+fn metres(unit: &str) -> Option<f64> {
+    Some(match unit.trim().trim_matches('"').to_ascii_lowercase().as_str() {
+        "mm" | "millimeter" | "millimeters" | "millimetre" => 1e-3,
+        "um" | "µm" | "micron" | "microns" | "micrometer" | "micrometers" => 1e-6,
+        "nm" | "nanometer" | "nanometers" => 1e-9,
+        "cm" | "centimeter" => 1e-2,
+        "m" | "meter" | "meters" => 1.0,
+        _ => return None,
+    })
+}
+
+/// Read the stack whose header is `path`.
+pub fn read(path: &Path, in_memory: u64) -> Result<Stack> {
+    let map = map_file(path)?;
+    if !map.starts_with(b"NRRD000") {
+        return Err(Error::input(path, "", "not a NRRD file: it does not begin with NRRD000"));
+    }
+    let head = &map[..map.len().min(MAX_HEADER)];
+    let mut fields = Fields { path, list: Vec::new() };
+    // Where the data begin, where an empty line says so.
+    let mut body = None;
+    let mut at = 0;
+    let mut row = 0;
+    while let Some(length) = head[at..].iter().position(|&c| c == b'\n') {
+        let line = String::from_utf8_lossy(&head[at..at + length]).trim_end_matches('\r').to_owned();
+        at += length + 1;
+        row += 1;
+        if line.is_empty() {
+            body = Some(at);
+            break;
+        }
+        // The list of files is last: it has no field's form.
+        let in_list = fields.list.last().is_some_and(|f| f.0 == "data file" && f.1.starts_with("LIST"));
+        if in_list {
+            if let Some(list) = fields.list.last_mut() {
+                list.1 += &format!("\n{line}");
+            }
+        } else if let Some((name, value)) = line.split_once(": ").filter(|_| !line.starts_with('#') && !line.contains(":=")) {
+            let name = name.trim().to_ascii_lowercase();
+            let name = if name == "datafile" { "data file".to_owned() } else { name };
+            fields.list.push((name, value.trim().to_owned(), row));
+        }
+    }
+    let attached = fields.get(&["data file"]).is_none();
+    let body = match body {
+        Some(body) => body,
+        None if attached => return fields.wrong(String::new(), "its header does not end in an empty line: it is cut short"),
+        None => map.len(),
+    };
+    stack(&fields, attached.then_some(body), in_memory)
+}
+
+fn stack(fields: &Fields, body: Option<usize>, in_memory: u64) -> Result<Stack> {
+    let path = fields.path;
+    let mut warnings = Warnings::default();
+    let (name, at) = fields.need("type")?;
+    let Some(kind) = kind(&name.to_ascii_lowercase()) else {
+        return fields.wrong(at, format!("type {name:?}: not one of numbers"));
+    };
+    let (text, at) = fields.need("sizes")?;
+    let sizes: Option<Vec<usize>> = text.split_whitespace().map(size).collect();
+    let Some(sizes) = sizes.filter(|s| (1..=16).contains(&s.len())) else {
+        return fields.wrong(at, format!("sizes {text:?}: whole numbers from 1 on are needed"));
+    };
+    let kinds: Vec<&str> = fields.get(&["kinds"]).map_or(Vec::new(), |k| k.0.split_whitespace().collect());
+    let directions = match fields.get(&["space directions"]) {
+        Some((text, at)) => match vectors(text).filter(|v| v.len() == sizes.len()) {
+            Some(v) => Some(v),
+            None => return fields.wrong(at, format!("space directions {text:?}: {} vectors are needed", sizes.len())),
+        },
+        None => None,
+    };
+    // Axes of colours come first; what is neither space nor first is taken at its first place.
+    let spatial = |axis: usize| match (&directions, kinds.get(axis).map(|k| k.to_ascii_lowercase())) {
+        (Some(d), _) => d[axis].is_some(),
+        (None, Some(k)) => matches!(k.as_str(), "domain" | "space" | "???" | "none"),
+        (None, None) => axis > 0 || sizes.len() < 4 || sizes[0] > 4,
+    };
+    let first = usize::from(sizes.len() > 1 && !spatial(0));
+    let channels = if first == 1 { sizes[0] } else { 1 };
+    let side = |n: usize| sizes.get(first + n).copied().unwrap_or(1);
+    let dims = [side(0), side(1), side(2)];
+    let more = sizes.iter().skip(first + 3).fold(1usize, |n, &d| n.saturating_mul(d));
+    if more > 1 {
+        warnings.add(format!("{more} volumes are in one file; the first is taken"));
+    }
+    let coding = Coding { kind, big_endian: big_endian(fields, kind)?, channels };
+    let samples = data(fields, body, coding, dims)?.load(in_memory)?;
+    let axis = |n: usize| directions.as_ref().and_then(|d| d.get(first + n).copied().flatten());
+    let spacings = fields.get(&["spacings"]).map(|s| s.0.split_whitespace().map(|w| w.parse().unwrap_or(f64::NAN)).collect::<Vec<f64>>());
+    let spacing = |n: usize| spacings.as_ref().and_then(|s| s.get(first + n)).filter(|v| !v.is_nan()).copied();
+    let mut unit = None;
+    let columns: [DVec3; 3] = std::array::from_fn(|n| match (axis(n), spacing(n)) {
+        (Some(direction), _) => direction,
+        (None, distance) => DVec3::AXES[n] * if n < sizes.len() - first { distance.unwrap_or(1.0) } else { 0.0 },
+    });
+    let mut placed = directions.is_some();
+    if let Some((text, _)) = fields.get(&["space units", "units"]) {
+        unit = text.split_whitespace().find_map(metres);
+        placed |= unit.is_some();
+    }
+    let mut origin = DVec3::ZERO;
+    if let Some((text, at)) = fields.get(&["space origin"]) {
+        match vectors(text).as_deref() {
+            Some([Some(v)]) => origin = *v,
+            _ => return fields.wrong(at, format!("space origin {text:?}: one vector is needed")),
+        }
+    }
+    let affine = DAffine3 { matrix3: DMat3::from_cols(columns[0], columns[1], columns[2]), translation: origin };
+    let metres_per_unit = unit.unwrap_or(if placed { 1e-3 } else { 0.0 });
+    Stack::new(path, samples, super::with_thickness(affine, dims), metres_per_unit, warnings)
+}
+
+fn big_endian(fields: &Fields, kind: Kind) -> Result<bool> {
+    let text = fields.get(&["encoding"]).is_some_and(|e| ["ascii", "txt", "text"].contains(&e.0));
+    match fields.get(&["endian"]) {
+        Some((order, at)) => match order.to_ascii_lowercase().as_str() {
+            "little" => Ok(false),
+            "big" => Ok(true),
+            _ => fields.wrong(at, format!("endian {order:?}: little or big")),
+        },
+        None if kind.bytes() == 1 || text => Ok(false),
+        None => fields.need("endian").map(|_| false),
+    }
+}
+
+/// Where the samples are: behind the header, or in other files.
+fn data<'a>(fields: &Fields<'a>, body: Option<usize>, coding: Coding, dims: [usize; 3]) -> Result<Data<'a>> {
+    let path = fields.path;
+    let (encoding, _) = fields.need("encoding")?;
+    let packing = match encoding.to_ascii_lowercase().as_str() {
+        "raw" => Packing::Raw,
+        "gz" | "gzip" => Packing::Deflate,
+        "txt" | "text" | "ascii" => Packing::Text,
+        other => return Err(Error::unsupported(path, format!("NRRD of encoding {other:?}: save it as raw or gzip; this"))),
+    };
+    let count = |names: &[&str]| match fields.get(names) {
+        Some((text, at)) => match text.parse::<i64>() {
+            Ok(n) if n >= -1 => Ok(n),
+            _ => fields.wrong(at, format!("{:?}: a count, or -1", text)),
+        },
+        None => Ok(0),
+    };
+    let (lines, bytes) = (count(&["line skip", "lineskip"])?.max(0), count(&["byte skip", "byteskip"])?);
+    let files = files(fields)?;
+    let mut skip = body.unwrap_or(0) as u64;
+    if lines > 0 {
+        let Some(first) = files.first() else { return fields.wrong(String::new(), "names no file of data") };
+        let map = map_file(first)?;
+        for _ in 0..lines {
+            let rest = map.get(skip as usize..).unwrap_or_default();
+            skip += rest.iter().position(|&c| c == b'\n').map_or(rest.len(), |n| n + 1) as u64;
+            if rest.is_empty() {
+                break;
+            }
+        }
+    }
+    let (skip, skip_unpacked) = match packing {
+        Packing::Raw if bytes < 0 => (None, 0),
+        Packing::Deflate => (Some(skip), bytes.max(0) as u64),
+        _ => (Some(skip + bytes.max(0) as u64), 0),
+    };
+    Ok(Data { header: path, files, skip, skip_unpacked, packing, coding, dims })
+}
+
+/// The files of the samples.
+fn files(fields: &Fields) -> Result<Vec<PathBuf>> {
+    let Some((text, at)) = fields.get(&["data file"]) else { return Ok(vec![fields.path.to_path_buf()]) };
+    file_list(fields.path, text, &at)
+}
+
+/// The files that the header `path` names.
+pub fn named(path: &Path) -> Vec<PathBuf> {
+    let Ok(map) = map_file(path) else { return Vec::new() };
+    let head = String::from_utf8_lossy(&map[..map.len().min(MAX_HEADER)]).into_owned();
+    let head = head.replace("\r\n", "\n");
+    let head = head.split("\n\n").next().unwrap_or_default();
+    let start = |key: &str| head.find(&format!("\n{key}: ")).map(|at| &head[at + key.len() + 3..]);
+    let Some(text) = start("data file").or_else(|| start("datafile")) else { return Vec::new() };
+    let text = if text.starts_with("LIST") { text } else { text.lines().next().unwrap_or_default() };
+    file_list(path, text, "").unwrap_or_default()
+}

@@ -1,0 +1,157 @@
+//! What values lie where: the least and the greatest of every small cube of samples, and their histogram.
+//!
+//! Based on: J. Wilhelms, A. Van Gelder, *Octrees for Faster Isosurface Generation*, TOG 1992; N. Otsu, *A Threshold Selection
+//! Method from Gray-Level Histograms*, 1979.
+
+use super::samples::Samples;
+use crate::par;
+
+/// Samples along a brick's edge.
+const BRICK: usize = 4;
+/// Cells along the edge of a unit, which is pruned as a whole.
+pub const UNIT: usize = 8;
+/// Classes of values.
+const BINS: usize = 4096;
+/// Samples that a histogram looks at, about.
+const LOOKED_AT: usize = 1 << 23;
+
+/// The least and the greatest value; `hi < lo` where there is none.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Range {
+    pub lo: f32,
+    pub hi: f32,
+}
+
+impl Range {
+    const EMPTY: Range = Range { lo: f32::INFINITY, hi: f32::NEG_INFINITY };
+
+    fn add(&mut self, other: Range) {
+        self.lo = self.lo.min(other.lo);
+        self.hi = self.hi.max(other.hi);
+    }
+}
+
+/// What a pass over all samples finds.
+pub struct Scan {
+    /// Finite values.
+    pub whole: Range,
+    /// Values that are no numbers.
+    pub missing: u64,
+    /// Of every brick of 4^3 samples, x fastest.
+    bricks: Vec<Range>,
+    size: [usize; 3],
+}
+
+impl Scan {
+    pub fn new(samples: &Samples) -> Scan {
+        let dims = samples.dims();
+        let size = dims.map(|d| d.div_ceil(BRICK));
+        let layers = par::map(size[2], |layer| {
+            let mut bricks = vec![Range::EMPTY; size[0] * size[1]];
+            let mut row = vec![0.0f32; dims[0]];
+            let mut missing = 0;
+            for k in layer * BRICK..dims[2].min((layer + 1) * BRICK) {
+                for j in 0..dims[1] {
+                    samples.row_as_stored(0, j, k, &mut row);
+                    let bricks = &mut bricks[j / BRICK * size[0]..][..size[0]];
+                    for (brick, values) in bricks.iter_mut().zip(row.chunks(BRICK)) {
+                        for &v in values {
+                            if v.is_finite() {
+                                brick.add(Range { lo: v, hi: v });
+                            } else {
+                                missing += 1;
+                            }
+                        }
+                    }
+                }
+            }
+            (bricks, missing)
+        });
+        let mut scan = Scan { whole: Range::EMPTY, missing: 0, bricks: Vec::with_capacity(size.iter().product()), size };
+        for (bricks, missing) in layers {
+            scan.bricks.extend(bricks);
+            scan.missing += missing;
+        }
+        for brick in &scan.bricks {
+            scan.whole.add(*brick);
+        }
+        if scan.missing > 0 {
+            // They count as the least value there is.
+            for brick in &mut scan.bricks {
+                brick.lo = scan.whole.lo;
+                brick.hi = brick.hi.max(scan.whole.lo);
+            }
+        }
+        scan
+    }
+
+    /// Of every unit of 8^3 cells, x fastest, what values may be in it once they are filtered from `reach` samples around;
+    /// and how many units there are along each axis.
+    pub fn units(&self, dims: [usize; 3], reach: usize) -> (Vec<Range>, [usize; 3]) {
+        let size = dims.map(|d| d.div_ceil(UNIT));
+        let layers = par::map(size[2], |z| {
+            let span = |u: usize, axis: usize| {
+                let last = self.size[axis] - 1;
+                let from = (u * UNIT).saturating_sub(reach) / BRICK;
+                // A unit's last cell ends at the first sample of the next.
+                from..=((u * UNIT + UNIT + reach) / BRICK).min(last)
+            };
+            let mut out = Vec::with_capacity(size[0] * size[1]);
+            for y in 0..size[1] {
+                for x in 0..size[0] {
+                    let mut range = Range::EMPTY;
+                    for k in span(z, 2) {
+                        for j in span(y, 1) {
+                            let row = (k * self.size[1] + j) * self.size[0];
+                            span(x, 0).for_each(|i| range.add(self.bricks[row + i]));
+                        }
+                    }
+                    out.push(range);
+                }
+            }
+            out
+        });
+        (layers.concat(), size)
+    }
+
+    /// The value that parts the samples into two classes that differ most; `None` where all are the same.
+    pub fn otsu(&self, samples: &Samples) -> Option<f32> {
+        let (lo, hi) = (f64::from(self.whole.lo), f64::from(self.whole.hi));
+        if !(lo < hi && (hi - lo).is_finite()) {
+            return None;
+        }
+        let dims = samples.dims();
+        let rows = dims[1] * dims[2];
+        let step = (rows * dims[0] / LOOKED_AT).max(1);
+        let scale = BINS as f64 / (hi - lo);
+        let mut counts = vec![0u64; BINS];
+        let mut row = vec![0.0; dims[0]];
+        for n in (0..rows).step_by(step) {
+            samples.row(0, n % dims[1], n / dims[1], &mut row);
+            for &v in &row {
+                counts[(((f64::from(v) - lo) * scale) as usize).min(BINS - 1)] += 1;
+            }
+        }
+        let total: u64 = counts.iter().sum();
+        let weighted: f64 = counts.iter().enumerate().map(|(i, &n)| i as f64 * n as f64).sum();
+        let (mut below, mut sum_below) = (0u64, 0.0);
+        // The first and the last threshold of the best separation: in between nothing lies.
+        let (mut best, mut first, mut last) = (-1.0, 0, 0);
+        for (i, &n) in counts[..BINS - 1].iter().enumerate() {
+            below += n;
+            sum_below += i as f64 * n as f64;
+            let above = total - below;
+            if below == 0 || above == 0 {
+                continue;
+            }
+            let apart = sum_below / below as f64 - (weighted - sum_below) / above as f64;
+            let between = below as f64 * above as f64 * apart * apart;
+            if between > best * (1.0 + 1e-12) {
+                (best, first, last) = (between, i, i);
+            } else if between > best * (1.0 - 1e-12) {
+                last = i;
+            }
+        }
+        Some((lo + (0.5 * (first + last) as f64 + 1.0) / scale) as f32)
+    }
+}

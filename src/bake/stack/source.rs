@@ -1,0 +1,368 @@
+//! A stack as a source: facets of its iso-surface made a region at a time, opaque matter where values are above.
+
+use super::cells::Loops;
+use super::lattice::{Lattice, MAX_SIGMA, Scratch, reach};
+use super::march::{Block, facets};
+use super::ranges::{Range, Scan};
+use super::{Stack, StackOptions};
+use crate::bake::clip::Polygon;
+use crate::bake::source::{Placement, Source, Staged, Surface};
+use crate::geom::{Aabb, DAffine3, DMat3, DVec3};
+use crate::progress::Progress;
+use crate::{Error, Result, Warnings, morton, par};
+
+/// A stack and what is matter in it.
+pub struct StackSource {
+    stack: Stack,
+    iso: f32,
+    sigma: f64,
+    units: Vec<Range>,
+    /// Units along each axis.
+    size: [usize; 3],
+    /// Stands for what is outside the stack.
+    outside: f32,
+    bounds: Aabb,
+    notes: Vec<String>,
+}
+
+/// Cells between two samples, for the bounds alone: as many as make this many along the longest axis.
+const BOUNDS_CELLS: usize = 256;
+
+impl StackSource {
+    /// # Errors
+    /// [`Error::Options`] where an option is out of range, [`Error::Input`] where all values are the same and none was given to
+    /// part them.
+    pub fn new(mut stack: Stack, options: &StackOptions) -> Result<StackSource> {
+        if !(0.0..=MAX_SIGMA).contains(&options.sigma) {
+            return Err(Error::Options(format!("--sigma {}: 0 to {MAX_SIGMA}, in distances of samples", options.sigma)));
+        }
+        let samples = &mut stack.samples;
+        samples.value_is_alpha(samples.has_alpha());
+        let mut scan = Scan::new(samples);
+        if samples.has_alpha() && scan.whole.lo == scan.whole.hi {
+            // Opaque everywhere: that says nothing.
+            samples.value_is_alpha(false);
+            scan = Scan::new(samples);
+        }
+        stack.samples.missing = scan.whole.lo;
+        stack.warnings.add_many("values that are no numbers count as the least of all", scan.missing);
+        let mut notes = Vec::new();
+        let iso = match options.iso {
+            Some(iso) => iso as f32,
+            None => {
+                let otsu = scan.otsu(&stack.samples).ok_or_else(|| {
+                    let what = "all its values are the same: there is nothing to tell apart";
+                    Error::input(&stack.path, "", what)
+                })?;
+                notes.push(format!("--iso {otsu}: Otsu's threshold of values from {} to {}", scan.whole.lo, scan.whole.hi));
+                otsu
+            }
+        };
+        let dims = stack.samples.dims();
+        let (units, size) = scan.units(dims, reach(options.sigma));
+        // Below the threshold by as much as it is above the least value, or some.
+        let outside = if iso > scan.whole.lo { scan.whole.lo } else { iso - iso.abs().max(1.0) };
+        let mut source =
+            StackSource { stack, iso, sigma: options.sigma, units, size, outside, bounds: Aabb::EMPTY, notes };
+        source.bounds = source.find_bounds();
+        Ok(source)
+    }
+
+    fn unit(&self, at: [usize; 3]) -> Range {
+        self.units[(at[2] * self.size[1] + at[1]) * self.size[0] + at[0]]
+    }
+
+    /// Whether there may be surface in a unit: it is on both sides of the threshold, or within and at the border.
+    fn may_cross(&self, at: [usize; 3]) -> bool {
+        let range = self.unit(at);
+        let border = (0..3).any(|a| at[a] == 0 || at[a] + 1 == self.size[a]);
+        range.hi >= self.iso && (range.lo < self.iso || border)
+    }
+
+    /// The loops of a unit's cells that overlap the index-space box.
+    fn loops(&self, lattice: &Lattice, loops: &Loops, at: [usize; 3], window: Aabb, scratch: &mut Scratch, each: &mut dyn FnMut(&[DVec3])) {
+        let cells: [std::ops::Range<usize>; 3] =
+            std::array::from_fn(|a| lattice.axes[a].cells(at[a], window.min[a], window.max[a]));
+        if cells.iter().any(std::ops::Range::is_empty) {
+            return;
+        }
+        let from = cells.each_ref().map(|c| c.start);
+        let size = cells.each_ref().map(|c| c.len() + 1);
+        lattice.fill(&self.stack.samples, from, size, self.outside, scratch);
+        let above = scratch.values.iter().filter(|v| **v >= self.iso).count();
+        if above > 0 && above < scratch.values.len() {
+            Block { lattice, from, size, iso: self.iso }.loops(loops, scratch, each);
+        }
+    }
+
+    fn find_bounds(&self) -> Aabb {
+        let dims = self.stack.samples.dims();
+        let longest = dims.iter().copied().max().unwrap_or(1);
+        let lattice = Lattice::new(dims, [(BOUNDS_CELLS / longest).clamp(1, 8); 3], self.sigma);
+        let loops = Loops::new();
+        let everywhere = Aabb::new(DVec3::NEG_INFINITY, DVec3::INFINITY);
+        let layers = par::map(self.size[2], |z| {
+            let mut bounds = Aabb::EMPTY;
+            let mut scratch = Scratch::default();
+            for y in 0..self.size[1] {
+                for x in 0..self.size[0] {
+                    if self.may_cross([x, y, z]) {
+                        self.loops(&lattice, &loops, [x, y, z], everywhere, &mut scratch, &mut |corners| {
+                            for c in corners {
+                                bounds = bounds.grow(self.stack.affine.transform_point3(*c));
+                            }
+                        });
+                    }
+                }
+            }
+            bounds
+        });
+        layers.into_iter().fold(Aabb::EMPTY, Aabb::union)
+    }
+}
+
+impl Source for StackSource {
+    fn bounds(&self) -> Aabb {
+        self.bounds
+    }
+
+    fn metres_per_unit(&self) -> f64 {
+        self.stack.metres_per_unit
+    }
+
+    fn facet_size(&self) -> f64 {
+        0.0
+    }
+
+    fn has_colour(&self) -> bool {
+        self.stack.samples.has_colour()
+    }
+
+    fn warnings(&self) -> &Warnings {
+        &self.stack.warnings
+    }
+
+    fn notes(&self) -> &[String] {
+        &self.notes
+    }
+
+    fn up(&self) -> u8 {
+        2
+    }
+
+    fn stage<'a>(&'a self, place: &Placement, progress: &dyn Progress) -> Result<Box<dyn Staged + 'a>> {
+        let origin = place.to_grid(self.stack.affine.translation);
+        let along = |axis: DVec3| place.to_grid(self.stack.affine.transform_point3(axis)) - origin;
+        let matrix = DMat3::from_cols(along(DVec3::X), along(DVec3::Y), along(DVec3::Z));
+        let to_grid = DAffine3 { matrix3: matrix, translation: origin };
+        // Cells no larger than voxels.
+        let parts = std::array::from_fn(|a| matrix.col(a).length().ceil().clamp(1.0, MAX_PARTS) as usize);
+        let dims = self.stack.samples.dims();
+        let last = DVec3::from(dims.map(|d| d as f64 - 0.5));
+        let window = Aabb::new(DVec3::splat(-0.5), last);
+        let copies: Vec<Copy> = place
+            .shifts(mapped(&to_grid, window))
+            .into_iter()
+            .map(|shift| {
+                let to_grid = DAffine3 { translation: to_grid.translation + shift, ..to_grid };
+                Copy { to_grid, to_index: to_grid.inverse() }
+            })
+            .collect();
+        let mut staged = StagedStack {
+            source: self,
+            lattice: Lattice::new(dims, parts, self.sigma),
+            loops: Loops::new(),
+            copies,
+            mirrored: matrix.determinant() < 0.0,
+            width: f64::from(1u32 << place.region_log2()),
+            regions: Vec::new(),
+            weights: Vec::new(),
+        };
+        staged.find_regions(place, window, progress);
+        Ok(Box::new(staged))
+    }
+}
+
+/// Most cells between two samples.
+const MAX_PARTS: f64 = 8192.0;
+/// Facets that a unit is counted as.
+const UNIT_WEIGHT: u64 = 64;
+
+/// The box around a mapped box.
+fn mapped(map: &DAffine3, b: Aabb) -> Aabb {
+    Aabb::around((0..8).map(|c| {
+        let at = |a: usize| if c >> a & 1 == 1 { b.max[a] } else { b.min[a] };
+        map.transform_point3(DVec3::new(at(0), at(1), at(2)))
+    }))
+}
+
+/// The stack at one place of the grid.
+struct Copy {
+    to_grid: DAffine3,
+    to_index: DAffine3,
+}
+
+struct StagedStack<'a> {
+    source: &'a StackSource,
+    lattice: Lattice,
+    loops: Loops,
+    copies: Vec<Copy>,
+    mirrored: bool,
+    /// Of a region, in voxels.
+    width: f64,
+    regions: Vec<u64>,
+    weights: Vec<u64>,
+}
+
+impl StagedStack<'_> {
+    /// The box of the region `code`, in the index space of a copy; a little larger, so that rounding loses nothing.
+    fn region(&self, code: u64, copy: &Copy) -> Aabb {
+        let lo = DVec3::from(morton::decode(code).map(f64::from)) * self.width;
+        let b = mapped(&copy.to_index, Aabb::new(lo, lo + self.width));
+        let pad = 1e-9 * (1.0 + b.min.abs().max(b.max.abs()));
+        Aabb::new(b.min - pad, b.max + pad)
+    }
+
+    /// Units that overlap an index-space box.
+    fn units(&self, window: Aabb, each: &mut dyn FnMut([usize; 3])) {
+        let beyond = |a: usize| {
+            let last = *self.lattice.axes[a].nodes.last().unwrap_or(&0.0);
+            window.max[a] < -0.5 || window.min[a] > last
+        };
+        if (0..3).any(beyond) {
+            return;
+        }
+        let span = |a: usize| self.lattice.axes[a].units(window.min[a], window.max[a]);
+        for z in span(2) {
+            for y in span(1) {
+                for x in span(0) {
+                    each([x, y, z]);
+                }
+            }
+        }
+    }
+
+    fn find_regions(&mut self, place: &Placement, window: Aabb, progress: &dyn Progress) {
+        let across = f64::from(place.side() >> place.region_log2());
+        // Codes of the regions that a copy's box overlaps.
+        let mut codes = Vec::new();
+        for copy in &self.copies {
+            let b = mapped(&copy.to_grid, window);
+            let lo = (b.min / self.width).floor().clamp(DVec3::ZERO, DVec3::splat(across)).as_uvec3();
+            let hi = ((b.max / self.width).floor() + 1.0).clamp(DVec3::ZERO, DVec3::splat(across)).as_uvec3();
+            for z in lo.z..hi.z {
+                for y in lo.y..hi.y {
+                    codes.extend((lo.x..hi.x).map(|x| morton::encode([x, y, z])));
+                }
+            }
+        }
+        codes.sort_unstable();
+        codes.dedup();
+        progress.stage("sort", codes.len() as u64);
+        let weights = par::map(codes.len(), |i| {
+            let (mut there, mut crossing) = (false, 0);
+            for copy in &self.copies {
+                self.units(self.region(codes[i], copy), &mut |at| {
+                    there |= self.source.unit(at).hi >= self.source.iso;
+                    crossing += u64::from(self.source.may_cross(at));
+                });
+            }
+            progress.advance(1);
+            there.then_some(crossing * UNIT_WEIGHT)
+        });
+        for (code, weight) in codes.into_iter().zip(weights) {
+            if let Some(weight) = weight {
+                self.regions.push(code);
+                self.weights.push(weight);
+            }
+        }
+    }
+
+    /// Index-space place in the copy that is there at a grid point, and that copy's value.
+    fn value(&self, at: DVec3) -> Option<(DVec3, f32)> {
+        self.copies.iter().find_map(|copy| {
+            let index = copy.to_index.transform_point3(at);
+            Some((index, self.lattice.value(&self.source.stack.samples, index.to_array())?))
+        })
+    }
+}
+
+impl Staged for StagedStack<'_> {
+    fn regions(&self) -> &[u64] {
+        &self.regions
+    }
+
+    fn weight(&self, region: usize) -> u64 {
+        self.weights[region]
+    }
+
+    fn emit(&self, region: usize, each: &mut dyn FnMut(&Polygon)) {
+        let mut scratch = Scratch::default();
+        for copy in &self.copies {
+            let window = self.region(self.regions[region], copy);
+            self.units(window, &mut |at| {
+                if self.source.may_cross(at) {
+                    self.source.loops(&self.lattice, &self.loops, at, window, &mut scratch, &mut |corners| {
+                        facets(corners, &copy.to_grid, self.mirrored, each);
+                    });
+                }
+            });
+        }
+    }
+
+    fn surface(&self, _: u32, at: DVec3, _: f64) -> Surface {
+        let samples = &self.source.stack.samples;
+        let mut albedo = [1.0; 3];
+        if samples.has_colour() {
+            let dims = samples.dims();
+            let within = self.copies.iter().map(|c| c.to_index.transform_point3(at)).find(|p| {
+                (0..3).all(|a| p[a] > -1.0 && p[a] < dims[a] as f64)
+            });
+            albedo = within.map_or(albedo, |p| self.source.colour(p));
+        }
+        Surface { albedo, alpha: 1.0 }
+    }
+
+    fn cut_out(&self, _: u32) -> bool {
+        false
+    }
+
+    fn one_sided(&self, _: u32) -> bool {
+        true
+    }
+
+    fn inside(&self, at: DVec3) -> bool {
+        self.value(at).is_some_and(|(_, v)| v >= self.source.iso)
+    }
+}
+
+impl StackSource {
+    /// Linear colour at an index-space point, between the samples around that are matter, or all of them.
+    fn colour(&self, p: DVec3) -> [f32; 3] {
+        let samples = &self.stack.samples;
+        let dims = samples.dims();
+        let mut sums = [[0.0f32; 4]; 2];
+        for c in 0..8usize {
+            let mut weight = 1.0;
+            let index: [usize; 3] = std::array::from_fn(|a| {
+                let x = p[a].clamp(0.0, (dims[a] - 1) as f64);
+                let upper = c >> a & 1;
+                let t = x - x.floor();
+                weight *= if upper == 1 { t } else { 1.0 - t } as f32;
+                (x as usize + upper).min(dims[a] - 1)
+            });
+            if weight <= 0.0 {
+                continue;
+            }
+            let mut value = [0.0];
+            samples.row(index[0], index[1], index[2], &mut value);
+            let [r, g, b] = samples.colour(index);
+            let matter = value[0] >= self.iso;
+            for sum in &mut sums[usize::from(!matter)..] {
+                sum.iter_mut().zip([r, g, b, 1.0]).for_each(|(s, v)| *s += weight * v);
+            }
+        }
+        let [r, g, b, w] = if sums[0][3] > 0.0 { sums[0] } else { sums[1] };
+        [r, g, b].map(|v| (v / w.max(1e-20)).clamp(0.0, 1.0))
+    }
+}
