@@ -41,6 +41,7 @@ pub use medium::Medium;
 pub use mesh::{Fill, MeshOptions, MeshSource};
 pub use open::{OpenOptions, dependencies, open};
 pub use source::{Cut, Placement, Source, Staged, Surface};
+pub use stack::{StackOptions, StackSource};
 
 use crate::geom::{Aabb, DAffine3, DVec3};
 use crate::progress::Progress;

@@ -2,12 +2,14 @@
 
 use std::path::{Path, PathBuf};
 
+use super::stack::{self, StackOptions, StackSource};
 use super::{MeshOptions, MeshSource, Source};
 use crate::scene::gltf::{self, ReadOptions};
 use crate::{Error, Result};
 
 /// Extensions that are known.
-const KNOWN: &str = ".gltf, .glb, .obj";
+const KNOWN: &str =
+    ".gltf, .glb, .obj, .nii, .nii.gz, .hdr, .img, .nrrd, .nhdr, .mha, .mhd, .dcm, .tif, a folder of slices or of DICOM";
 
 /// How a source is read; each kind of source has its own part.
 #[derive(Debug, Clone, Default)]
@@ -15,6 +17,7 @@ pub struct OpenOptions {
     /// Of every source: what is selected, and the limits.
     pub read: ReadOptions,
     pub mesh: MeshOptions,
+    pub stack: StackOptions,
 }
 
 /// Open the source `path`.
@@ -25,6 +28,10 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Box<dyn Source>> {
     let model = match extension(path).as_str() {
         "gltf" | "glb" => gltf::read(path, &options.read)?.model,
         "obj" => super::obj::read(path, &options.read)?,
+        _ if stack::is_stack(path) => {
+            let stack = stack::read(path, &options.stack, options.read.max_bytes)?;
+            return Ok(Box::new(StackSource::new(stack, &options.stack)?));
+        }
         _ => return Err(Error::input(path, "", format!("its extension is not known; what can be baked: {KNOWN}"))),
     };
     Ok(Box::new(MeshSource::new(model, &options.mesh)))
@@ -36,6 +43,9 @@ fn extension(path: &Path) -> String {
 
 /// The file itself and, in order, the files beside it that it names and that are there.
 pub fn dependencies(path: &Path) -> Vec<PathBuf> {
+    if stack::is_stack(path) {
+        return stack::files(path);
+    }
     let mut found = vec![path.to_path_buf()];
     let dir = path.parent().unwrap_or(Path::new(""));
     let mut add = |file: PathBuf| {

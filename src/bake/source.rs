@@ -125,6 +125,14 @@ pub trait Source: Sync {
     fn has_colour(&self) -> bool;
     /// What was mended or left out while the source was read.
     fn warnings(&self) -> &Warnings;
+    /// What was chosen where nothing was asked for, a line each.
+    fn notes(&self) -> &[String] {
+        &[]
+    }
+    /// Source axis that points up where nothing else is asked for: 1 (+Y) or 2 (+Z).
+    fn up(&self) -> u8 {
+        1
+    }
     /// Lay the source into a grid: sort what it has by region.
     fn stage<'a>(&'a self, place: &Placement, progress: &dyn Progress) -> Result<Box<dyn Staged + 'a>>;
 }

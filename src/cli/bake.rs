@@ -1,6 +1,7 @@
 //! `vtex bake`: a 3D source → a .vtex file.
 
 use std::fmt::Write as _;
+use std::io::Read as _;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -16,7 +17,7 @@ use crate::progress::Progress;
 use crate::volume::{Model, Octree, Volume, level};
 use crate::{Error, Result, par};
 
-/// Turn a 3D source (.gltf, .glb, .obj) into a texel
+/// Turn a 3D source (a mesh, an image stack) into a texel
 #[derive(clap::Args)]
 pub struct Args {
     /// The source
@@ -35,9 +36,9 @@ pub struct Args {
     /// Axes along which the texel continues itself; with --voxel-size and -r, content beyond comes in on the other side
     #[arg(long, value_name = "AXES", value_delimiter = ',', value_parser = ["u", "v", "w"])]
     cyclic: Vec<String>,
-    /// Source axis that points up
-    #[arg(long, value_enum, default_value = "y")]
-    up: Up,
+    /// Source axis that points up [default: y, of image stacks z]
+    #[arg(long, value_enum)]
+    up: Option<Up>,
     /// Appearance model: coverage measured at every depth, or the paper's averaged isotropic opacity
     #[arg(long, value_enum, default_value = "coverage")]
     model: ModelArg,
@@ -83,7 +84,8 @@ enum Up {
 }
 
 impl Args {
-    fn options(&self) -> Options {
+    /// `up`: the source's own choice.
+    fn options(&self, up: u8) -> Options {
         let wraps = |axis: &str| self.cyclic.iter().any(|a| a == axis);
         Options {
             resolution: self.resolution,
@@ -94,18 +96,20 @@ impl Args {
             },
             cyclic: ["u", "v", "w"].map(wraps),
             up: match self.up {
-                Up::Y => 1,
-                Up::Z => 2,
+                Some(Up::Y) => 1,
+                Some(Up::Z) => 2,
+                None => up,
             },
             memory: self.memory.unwrap_or(0),
         }
     }
 
     /// What decides on the content, for the file's provenance.
-    fn provenance(&self) -> Value {
+    fn provenance(&self, up: u8) -> Value {
+        let up = if up == 1 { "y" } else { "z" };
         let name = |v: &dyn clap_name::Name| v.name();
         let mut out = json!({
-            "model": name(&self.model), "quality": name(&self.quality), "up": name(&self.up), "resolution": self.resolution,
+            "model": name(&self.model), "quality": name(&self.quality), "up": up, "resolution": self.resolution,
         });
         self.voxel_size.into_iter().for_each(|v| out["voxelSize"] = v.into());
         if !self.cyclic.is_empty() {
@@ -132,6 +136,7 @@ fn bake_file(args: &Args, ui: &Ui) -> Result<()> {
     }
     ui.stage("read", 0);
     let source = bake::open(&args.input, &args.source.options(args.memory))?;
+    source.notes().iter().for_each(|note| ui.say(note));
     let read_time = start.elapsed();
     let mut foresee = |e: &Estimate| {
         if e.finest_voxels == 0 {
@@ -144,7 +149,7 @@ fn bake_file(args: &Args, ui: &Ui) -> Result<()> {
             size(e.memory_bytes)
         ));
     };
-    let (volume, report) = bake::bake(&*source, &args.options(), ui, &mut foresee)?;
+    let (volume, report) = bake::bake(&*source, &args.options(source.up()), ui, &mut foresee)?;
     if volume.depths.is_empty() {
         let why = report.warnings.as_reasons();
         return Err(Error::input(
@@ -158,7 +163,7 @@ fn bake_file(args: &Args, ui: &Ui) -> Result<()> {
     ui.stage("level", 0);
     let mut volume = levelled(volume)?;
     let files = bake::dependencies(&args.input);
-    volume.info.meta.insert("options".into(), args.provenance());
+    volume.info.meta.insert("options".into(), args.provenance(volume.info.up));
     volume.info.meta.insert("sources".into(), sources(&args.input, &files)?);
     ui.stage("write", 0);
     let quality = match args.quality {
@@ -256,9 +261,19 @@ fn sources(input: &Path, files: &[PathBuf]) -> Result<Value> {
     let folder = input.parent().unwrap_or(Path::new(""));
     let mut list = Vec::new();
     for file in files {
-        let bytes = std::fs::read(file).map_err(|e| Error::io(file, e))?;
+        let mut digest = Sha256::new();
+        let mut from = std::fs::File::open(file).map_err(|e| Error::io(file, e))?;
+        // A piece at a time: sources may be larger than memory.
+        let mut piece = vec![0; 1 << 20];
+        loop {
+            let n = from.read(&mut piece).map_err(|e| Error::io(file, e))?;
+            if n == 0 {
+                break;
+            }
+            digest.update(&piece[..n]);
+        }
         let mut hex = String::new();
-        for byte in Sha256::digest(&bytes) {
+        for byte in digest.finalize() {
             let _ = write!(hex, "{byte:02x}");
         }
         let name = file.strip_prefix(folder).ok().filter(|n| n.is_relative()).map(Path::to_path_buf);

@@ -1,8 +1,11 @@
 //! The options of sources, the same for every command that opens one.
 
+use std::path::PathBuf;
+
 use serde_json::{Value, json};
 
 use super::quantity::positive;
+use crate::bake::stack::{StackOptions, TransferSpec};
 use crate::bake::{Fill, MeshOptions, OpenOptions};
 use crate::scene::ReadOptions;
 
@@ -27,6 +30,75 @@ pub struct SourceArgs {
     /// Leave out the nodes of this name and all below them; may be given again
     #[arg(long, value_name = "NAME")]
     exclude: Vec<String>,
+    #[command(flatten)]
+    stack: StackArgs,
+}
+
+/// How an image stack (CT, MR, microscopy) is taken.
+#[derive(clap::Args)]
+#[command(next_help_heading = "Image stacks")]
+struct StackArgs {
+    /// Values from here on are solid, with a hard surface [default, where nothing else is asked for: Otsu's threshold]
+    #[arg(long, value_name = "VALUE", allow_negative_numbers = true)]
+    iso: Option<f64>,
+    /// Opacity rises from 0 at LO to 1 at HI, over a layer as thick as samples are apart
+    #[arg(long, value_name = "LO,HI", value_parser = window, allow_hyphen_values = true, conflicts_with = "transfer")]
+    window: Option<[f64; 2]>,
+    /// A transfer function as JSON: opacity and colour by value, and factors of opacity by gradient
+    #[arg(long, value_name = "FILE.json")]
+    transfer: Option<PathBuf>,
+    /// Filter values with a Gaussian of this standard deviation, in distances of samples
+    #[arg(long, default_value_t = StackOptions::default().sigma, value_name = "S")]
+    sigma: f64,
+    /// Distances of samples in millimetres, in place of all that the file says of how it lies
+    #[arg(long, value_name = "X,Y,Z", value_parser = distances)]
+    spacing: Option<[f64; 3]>,
+    /// Of several DICOM series, the one of this UID or number
+    #[arg(long, value_name = "SERIES")]
+    series: Option<String>,
+}
+
+/// Three numbers above 0, apart by commas.
+fn distances(text: &str) -> Result<[f64; 3], String> {
+    let list: Vec<f64> = text.split(',').map(|v| positive(v.trim())).collect::<Result<_, _>>()?;
+    list.try_into().map_err(|_| "three numbers are needed, such as 0.5,0.5,1.2".into())
+}
+
+/// Two numbers that ascend, apart by a comma.
+fn window(text: &str) -> Result<[f64; 2], String> {
+    let list: Result<Vec<f64>, _> = text.split(',').map(|v| v.trim().parse()).collect();
+    match list.map_err(|_| "not numbers")?[..] {
+        [lo, hi] if lo < hi && lo.is_finite() && hi.is_finite() => Ok([lo, hi]),
+        _ => Err("two numbers are needed that ascend, such as 300,1200".into()),
+    }
+}
+
+impl StackArgs {
+    fn options(&self) -> StackOptions {
+        StackOptions {
+            transfer: TransferSpec {
+                iso: self.iso,
+                ..self.window.map_or_else(TransferSpec::default, |[lo, hi]| TransferSpec::window(lo, hi))
+            },
+            table: self.transfer.clone(),
+            sigma: self.sigma,
+            spacing: self.spacing,
+            series: self.series.clone(),
+        }
+    }
+
+    fn provenance(&self, out: &mut Value) {
+        self.iso.into_iter().for_each(|v| out["iso"] = v.into());
+        self.window.iter().for_each(|v| out["window"] = json!(v));
+        if let Some(spec) = self.transfer.as_ref().and_then(|path| TransferSpec::read(path).ok()) {
+            out["transfer"] = json!(spec);
+        }
+        if self.sigma != StackOptions::default().sigma {
+            out["sigma"] = self.sigma.into();
+        }
+        self.spacing.iter().for_each(|v| out["spacing"] = json!(v));
+        self.series.iter().for_each(|v| out["series"] = v.as_str().into());
+    }
 }
 
 #[derive(Clone, Copy, clap::ValueEnum)]
@@ -53,6 +125,7 @@ impl SourceArgs {
                 ..ReadOptions::default()
             },
             mesh: MeshOptions { line_width: self.line_width, fill },
+            stack: self.stack.options(),
         }
     }
 
@@ -66,6 +139,7 @@ impl SourceArgs {
                 out[key] = list.clone().into();
             }
         }
+        self.stack.provenance(out);
     }
 }
 

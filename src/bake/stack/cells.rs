@@ -60,7 +60,7 @@ fn edge_of(a: u8, b: u8) -> usize {
 }
 
 /// The edge that follows each crossed edge on its loop. Around a face, a run of corners that are within begins at one crossed
-/// edge and ends at another: a loop goes from the end to the beginning. An edge is the end of a run on just one of its faces.
+/// edge and ends at another: a loop goes from the first to the second. An edge begins a run on just one of its faces.
 fn steps(within: usize) -> [Option<u8>; 12] {
     let inside = |c: u8| within >> c & 1 == 1;
     let mut next = [None; 12];
@@ -75,7 +75,7 @@ fn steps(within: usize) -> [Option<u8>; 12] {
             while inside(corner(start - 1)) {
                 start -= 1;
             }
-            next[edge_of(corner(i), corner(i + 1))] = Some(edge_of(corner(start - 1), corner(start)) as u8);
+            next[edge_of(corner(start - 1), corner(start))] = Some(edge_of(corner(i), corner(i + 1)) as u8);
         }
     }
     next

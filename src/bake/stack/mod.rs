@@ -2,6 +2,7 @@
 
 mod bytes;
 mod cells;
+mod dicom;
 mod folder;
 mod header;
 mod lattice;
@@ -12,9 +13,12 @@ mod nrrd;
 mod ranges;
 mod samples;
 mod slice;
+mod soft;
 mod source;
+mod transfer;
 
 pub use source::StackSource;
+pub use transfer::{GradientPoint, TransferPoint, TransferSpec};
 
 use std::path::{Path, PathBuf};
 
@@ -25,8 +29,10 @@ use samples::Samples;
 /// How a stack is taken.
 #[derive(Debug, Clone, PartialEq)]
 pub struct StackOptions {
-    /// Matter is where the value is at least this; without it and without a window Otsu's threshold is taken.
-    pub iso: Option<f64>,
+    /// What is matter; where it says nothing, values from Otsu's threshold on are opaque.
+    pub transfer: TransferSpec,
+    /// A file of a transfer function, which is added to `transfer`.
+    pub table: Option<PathBuf>,
     /// Standard deviation of the Gaussian that values are filtered with, in distances of samples.
     pub sigma: f64,
     /// Distances of samples in millimetres, in place of all that the file says of how it lies.
@@ -37,7 +43,7 @@ pub struct StackOptions {
 
 impl Default for StackOptions {
     fn default() -> Self {
-        StackOptions { iso: None, sigma: 0.6, spacing: None, series: None }
+        StackOptions { transfer: TransferSpec::default(), table: None, sigma: 0.6, spacing: None, series: None }
     }
 }
 
@@ -83,12 +89,9 @@ fn with_thickness(affine: DAffine3, dims: [usize; 3]) -> DAffine3 {
     out
 }
 
-/// Extensions of stacks, without images of slices.
-pub const EXTENSIONS: [&str; 9] = ["nii", "nii.gz", "hdr", "img", "nrrd", "nhdr", "mha", "mhd", "dcm"];
-
-/// Whether `path` is a stack by its name: a folder, a volume, or an image.
+/// Whether `path` is a stack by its name or its first bytes: a folder, a volume, or an image.
 pub fn is_stack(path: &Path) -> bool {
-    path.is_dir() || !matches!(kind(path), Kind::Other)
+    path.is_dir() || !matches!(kind(path), Kind::Other) || dicom::is_dicom(path)
 }
 
 enum Kind {
@@ -115,21 +118,30 @@ fn kind(path: &Path) -> Kind {
 /// Read the stack `path`; decoded samples stay in memory up to `in_memory` bytes, and go to a file without a name beyond.
 pub fn read(path: &Path, options: &StackOptions, in_memory: u64) -> Result<Stack> {
     let mut stack = match kind(path) {
-        _ if path.is_dir() => {
-            let mut warnings = Warnings::default();
-            let files = folder::images(path, &folder::list(path)?, &mut warnings)?;
-            folder::read(path, &files, warnings, in_memory)?
-        }
+        _ if path.is_dir() => folder(path, options, in_memory)?,
         Kind::Nifti => nifti::read(path, in_memory)?,
         Kind::Nrrd => nrrd::read(path, in_memory)?,
         Kind::MetaImage => metaimage::read(path, in_memory)?,
         Kind::Image => folder::read(path, &[path.to_path_buf()], Warnings::default(), in_memory)?,
-        Kind::Other => return Err(Error::input(path, "", "is no stack by its extension")),
+        Kind::Other => dicom::read(path, &[path.to_path_buf()], options.series.as_deref(), in_memory)?,
     };
     if let Some(spacing) = options.spacing {
         stack.affine = DAffine3::from_scale(DVec3::from(spacing));
         stack.metres_per_unit = 1e-3;
     }
+    Ok(stack)
+}
+
+fn folder(path: &Path, options: &StackOptions, in_memory: u64) -> Result<Stack> {
+    let files = folder::list(path)?;
+    let (dicom, others): (Vec<PathBuf>, Vec<PathBuf>) = files.into_iter().partition(|f| dicom::is_dicom(f));
+    if dicom.is_empty() {
+        let mut warnings = Warnings::default();
+        let images = folder::images(path, &others, &mut warnings)?;
+        return folder::read(path, &images, warnings, in_memory);
+    }
+    let mut stack = dicom::read(path, &dicom, options.series.as_deref(), in_memory)?;
+    stack.warnings.add_many("files of the folder are not DICOM and are left out", others.len() as u64);
     Ok(stack)
 }
 
@@ -139,11 +151,13 @@ pub fn files(path: &Path) -> Vec<PathBuf> {
     match kind(path) {
         _ if path.is_dir() => {
             let files = folder::list(path).unwrap_or_default();
-            folder::images(path, &files, &mut Warnings::default()).unwrap_or_default()
+            let dicom: Vec<PathBuf> = files.iter().filter(|f| dicom::is_dicom(f)).cloned().collect();
+            let images = || folder::images(path, &files, &mut Warnings::default()).unwrap_or_default();
+            if dicom.is_empty() { images() } else { dicom }
         }
         Kind::Nifti => {
             let (header, data) = nifti::files(path);
-            vec![header, data]
+            if header == data { vec![data] } else { vec![header, data] }
         }
         Kind::Nrrd => [vec![own], nrrd::named(path)].concat(),
         Kind::MetaImage => [vec![own], metaimage::named(path)].concat(),

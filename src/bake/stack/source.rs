@@ -4,8 +4,11 @@ use super::cells::Loops;
 use super::lattice::{Lattice, MAX_SIGMA, Scratch, reach};
 use super::march::{Block, facets};
 use super::ranges::{Range, Scan};
+use super::soft::{Field, Sight};
+use super::transfer::TransferSpec;
 use super::{Stack, StackOptions};
 use crate::bake::clip::Polygon;
+use crate::bake::medium::Medium;
 use crate::bake::source::{Placement, Source, Staged, Surface};
 use crate::geom::{Aabb, DAffine3, DMat3, DVec3};
 use crate::progress::Progress;
@@ -14,6 +17,8 @@ use crate::{Error, Result, Warnings, morton, par};
 /// A stack and what is matter in it.
 pub struct StackSource {
     stack: Stack,
+    transfer: TransferSpec,
+    /// Values from here on are solid; infinite where none are.
     iso: f32,
     sigma: f64,
     units: Vec<Range>,
@@ -47,24 +52,28 @@ impl StackSource {
         stack.samples.missing = scan.whole.lo;
         stack.warnings.add_many("values that are no numbers count as the least of all", scan.missing);
         let mut notes = Vec::new();
-        let iso = match options.iso {
-            Some(iso) => iso as f32,
-            None => {
-                let otsu = scan.otsu(&stack.samples).ok_or_else(|| {
-                    let what = "all its values are the same: there is nothing to tell apart";
-                    Error::input(&stack.path, "", what)
-                })?;
-                notes.push(format!("--iso {otsu}: Otsu's threshold of values from {} to {}", scan.whole.lo, scan.whole.hi));
-                otsu
-            }
-        };
+        let mut transfer = options.transfer.clone();
+        if let Some(path) = &options.table {
+            let table = TransferSpec::read(path)?;
+            transfer = TransferSpec { iso: transfer.iso.or(table.iso), ..table };
+        }
+        transfer.check()?;
+        if transfer.is_empty() {
+            let otsu = scan.otsu(&stack.samples).ok_or_else(|| {
+                let what = "all its values are the same: there is nothing to tell apart; give --iso";
+                Error::input(&stack.path, "", what)
+            })?;
+            notes.push(format!("--iso {otsu}: Otsu's threshold of values from {} to {}", scan.whole.lo, scan.whole.hi));
+            transfer.iso = Some(f64::from(otsu));
+        }
         let dims = stack.samples.dims();
         let (units, size) = scan.units(dims, reach(options.sigma));
-        // Below the threshold by as much as it is above the least value, or some.
-        let outside = if iso > scan.whole.lo { scan.whole.lo } else { iso - iso.abs().max(1.0) };
+        let (iso, least) = (transfer.solid_from() as f32, transfer.matter_from() as f32);
+        // Nothing, whatever the threshold.
+        let outside = if least > scan.whole.lo { scan.whole.lo } else { least - least.abs().max(1.0) };
         let mut source =
-            StackSource { stack, iso, sigma: options.sigma, units, size, outside, bounds: Aabb::EMPTY, notes };
-        source.bounds = source.find_bounds();
+            StackSource { stack, transfer, iso, sigma: options.sigma, units, size, outside, bounds: Aabb::EMPTY, notes };
+        source.bounds = source.find_bounds(least);
         Ok(source)
     }
 
@@ -73,14 +82,28 @@ impl StackSource {
     }
 
     /// Whether there may be surface in a unit: it is on both sides of the threshold, or within and at the border.
-    fn may_cross(&self, at: [usize; 3]) -> bool {
+    fn may_cross(&self, at: [usize; 3], iso: f32) -> bool {
         let range = self.unit(at);
         let border = (0..3).any(|a| at[a] == 0 || at[a] + 1 == self.size[a]);
-        range.hi >= self.iso && (range.lo < self.iso || border)
+        range.hi >= iso && (range.lo < iso || border)
     }
 
-    /// The loops of a unit's cells that overlap the index-space box.
-    fn loops(&self, lattice: &Lattice, loops: &Loops, at: [usize; 3], window: Aabb, scratch: &mut Scratch, each: &mut dyn FnMut(&[DVec3])) {
+    /// Whether there may be matter in a unit that lets light through.
+    fn may_be_soft(&self, at: [usize; 3]) -> bool {
+        let range = self.unit(at);
+        let (lo, hi) = (f64::from(range.lo), f64::from(range.hi));
+        self.transfer.is_soft() && range.lo < self.iso && self.transfer.most(lo, hi) > 0.0
+    }
+
+    /// The loops at `iso` of a unit's cells that overlap the index-space box.
+    fn loops(
+        &self,
+        (lattice, loops): (&Lattice, &Loops),
+        (at, window): ([usize; 3], Aabb),
+        iso: f32,
+        scratch: &mut Scratch,
+        each: &mut dyn FnMut(&[DVec3]),
+    ) {
         let cells: [std::ops::Range<usize>; 3] =
             std::array::from_fn(|a| lattice.axes[a].cells(at[a], window.min[a], window.max[a]));
         if cells.iter().any(std::ops::Range::is_empty) {
@@ -89,14 +112,18 @@ impl StackSource {
         let from = cells.each_ref().map(|c| c.start);
         let size = cells.each_ref().map(|c| c.len() + 1);
         lattice.fill(&self.stack.samples, from, size, self.outside, scratch);
-        let above = scratch.values.iter().filter(|v| **v >= self.iso).count();
+        let above = scratch.values.iter().filter(|v| **v >= iso).count();
         if above > 0 && above < scratch.values.len() {
-            Block { lattice, from, size, iso: self.iso }.loops(loops, scratch, each);
+            Block { lattice, from, size, iso }.loops(loops, scratch, each);
         }
     }
 
-    fn find_bounds(&self) -> Aabb {
+    /// The box around all values from `least` on.
+    fn find_bounds(&self, least: f32) -> Aabb {
         let dims = self.stack.samples.dims();
+        if least == f32::NEG_INFINITY {
+            return mapped(&self.stack.affine, window(dims));
+        }
         let longest = dims.iter().copied().max().unwrap_or(1);
         let lattice = Lattice::new(dims, [(BOUNDS_CELLS / longest).clamp(1, 8); 3], self.sigma);
         let loops = Loops::new();
@@ -106,8 +133,9 @@ impl StackSource {
             let mut scratch = Scratch::default();
             for y in 0..self.size[1] {
                 for x in 0..self.size[0] {
-                    if self.may_cross([x, y, z]) {
-                        self.loops(&lattice, &loops, [x, y, z], everywhere, &mut scratch, &mut |corners| {
+                    if self.may_cross([x, y, z], least) {
+                        let unit = ([x, y, z], everywhere);
+                        self.loops((&lattice, &loops), unit, least, &mut scratch, &mut |corners| {
                             for c in corners {
                                 bounds = bounds.grow(self.stack.affine.transform_point3(*c));
                             }
@@ -135,7 +163,7 @@ impl Source for StackSource {
     }
 
     fn has_colour(&self) -> bool {
-        self.stack.samples.has_colour()
+        self.stack.samples.has_colour() || self.transfer.has_colour()
     }
 
     fn warnings(&self) -> &Warnings {
@@ -158,8 +186,7 @@ impl Source for StackSource {
         // Cells no larger than voxels.
         let parts = std::array::from_fn(|a| matrix.col(a).length().ceil().clamp(1.0, MAX_PARTS) as usize);
         let dims = self.stack.samples.dims();
-        let last = DVec3::from(dims.map(|d| d as f64 - 0.5));
-        let window = Aabb::new(DVec3::splat(-0.5), last);
+        let window = window(dims);
         let copies: Vec<Copy> = place
             .shifts(mapped(&to_grid, window))
             .into_iter()
@@ -174,6 +201,7 @@ impl Source for StackSource {
             loops: Loops::new(),
             copies,
             mirrored: matrix.determinant() < 0.0,
+            distance: libm::cbrt(matrix.determinant().abs()),
             width: f64::from(1u32 << place.region_log2()),
             regions: Vec::new(),
             weights: Vec::new(),
@@ -185,8 +213,15 @@ impl Source for StackSource {
 
 /// Most cells between two samples.
 const MAX_PARTS: f64 = 8192.0;
+/// Voxels along the edge of a block whose soft matter is found together.
+const BLOCK: u32 = 8;
 /// Facets that a unit is counted as.
 const UNIT_WEIGHT: u64 = 64;
+
+/// Where a stack is, index space.
+fn window(dims: [usize; 3]) -> Aabb {
+    Aabb::new(DVec3::splat(-0.5), DVec3::from(dims.map(|d| d as f64 - 0.5)))
+}
 
 /// The box around a mapped box.
 fn mapped(map: &DAffine3, b: Aabb) -> Aabb {
@@ -208,6 +243,8 @@ struct StagedStack<'a> {
     loops: Loops,
     copies: Vec<Copy>,
     mirrored: bool,
+    /// Of samples, in voxels: the mean of the three.
+    distance: f64,
     /// Of a region, in voxels.
     width: f64,
     regions: Vec<u64>,
@@ -263,8 +300,9 @@ impl StagedStack<'_> {
             let (mut there, mut crossing) = (false, 0);
             for copy in &self.copies {
                 self.units(self.region(codes[i], copy), &mut |at| {
-                    there |= self.source.unit(at).hi >= self.source.iso;
-                    crossing += u64::from(self.source.may_cross(at));
+                    let source = self.source;
+                    there |= source.unit(at).hi >= source.iso || source.may_be_soft(at);
+                    crossing += u64::from(source.may_cross(at, source.iso));
                 });
             }
             progress.advance(1);
@@ -274,6 +312,41 @@ impl StagedStack<'_> {
             if let Some(weight) = weight {
                 self.regions.push(code);
                 self.weights.push(weight);
+            }
+        }
+    }
+
+    /// The soft matter of a cube of `width` voxels.
+    fn medium_of_block(&self, corner: [u32; 3], width: u32, scratch: &mut Scratch, each: &mut dyn FnMut(&Medium)) {
+        let source = self.source;
+        let samples = &source.stack.samples;
+        let lo = DVec3::from(corner.map(f64::from));
+        let own = |p: DVec3| (samples.has_colour() && !source.transfer.has_colour()).then(|| source.colour(p));
+        // Voxels that have theirs from an earlier copy.
+        let mut taken = vec![false; (width * width * width) as usize];
+        for copy in &self.copies {
+            let block = mapped(&copy.to_index, Aabb::new(lo, lo + f64::from(width)));
+            let mut there = false;
+            self.units(block, &mut |at| there |= source.may_be_soft(at));
+            if !there {
+                continue;
+            }
+            let field = Field::new(&self.lattice, samples, block, scratch);
+            let sight = Sight {
+                transfer: &source.transfer,
+                solid_from: f64::from(source.iso),
+                to_index: copy.to_index,
+                distance: self.distance,
+                window: window(samples.dims()),
+            };
+            for (n, taken) in taken.iter_mut().enumerate().filter(|t| !*t.1) {
+                let n = n as u32;
+                let step = [n % width, n / width % width, n / width / width];
+                let medium = sight.voxel(&field, std::array::from_fn(|a| corner[a] + step[a]), &own);
+                if let Some(medium) = medium {
+                    each(&medium);
+                    *taken = true;
+                }
             }
         }
     }
@@ -296,13 +369,18 @@ impl Staged for StagedStack<'_> {
         self.weights[region]
     }
 
+    fn facets(&self) -> u32 {
+        1
+    }
+
     fn emit(&self, region: usize, each: &mut dyn FnMut(&Polygon)) {
         let mut scratch = Scratch::default();
         for copy in &self.copies {
             let window = self.region(self.regions[region], copy);
             self.units(window, &mut |at| {
-                if self.source.may_cross(at) {
-                    self.source.loops(&self.lattice, &self.loops, at, window, &mut scratch, &mut |corners| {
+                if self.source.may_cross(at, self.source.iso) {
+                    let iso = self.source.iso;
+                    self.source.loops((&self.lattice, &self.loops), (at, window), iso, &mut scratch, &mut |corners| {
                         facets(corners, &copy.to_grid, self.mirrored, each);
                     });
                 }
@@ -311,14 +389,15 @@ impl Staged for StagedStack<'_> {
     }
 
     fn surface(&self, _: u32, at: DVec3, _: f64) -> Surface {
-        let samples = &self.source.stack.samples;
+        let source = self.source;
         let mut albedo = [1.0; 3];
-        if samples.has_colour() {
-            let dims = samples.dims();
-            let within = self.copies.iter().map(|c| c.to_index.transform_point3(at)).find(|p| {
-                (0..3).all(|a| p[a] > -1.0 && p[a] < dims[a] as f64)
-            });
-            albedo = within.map_or(albedo, |p| self.source.colour(p));
+        if source.transfer.has_colour() {
+            albedo = source.transfer.colour(f64::from(source.iso));
+        } else if source.stack.samples.has_colour() {
+            let dims = source.stack.samples.dims();
+            let there = |p: &DVec3| (0..3).all(|a| p[a] > -1.0 && p[a] < dims[a] as f64);
+            let p = self.copies.iter().map(|c| c.to_index.transform_point3(at)).find(there);
+            albedo = p.map_or(albedo, |p| source.colour(p));
         }
         Surface { albedo, alpha: 1.0 }
     }
@@ -329,6 +408,19 @@ impl Staged for StagedStack<'_> {
 
     fn one_sided(&self, _: u32) -> bool {
         true
+    }
+
+    fn medium(&self, region: usize, each: &mut dyn FnMut(&Medium)) {
+        if !self.source.transfer.is_soft() {
+            return;
+        }
+        let corner = morton::decode(self.regions[region]).map(|v| v * self.width as u32);
+        let block = BLOCK.min(self.width as u32);
+        let mut scratch = Scratch::default();
+        for n in 0..u64::from(self.width as u32 / block).pow(3) {
+            let step = morton::decode(n);
+            self.medium_of_block(std::array::from_fn(|a| corner[a] + step[a] * block), block, &mut scratch, each);
+        }
     }
 
     fn inside(&self, at: DVec3) -> bool {
@@ -357,7 +449,7 @@ impl StackSource {
             let mut value = [0.0];
             samples.row(index[0], index[1], index[2], &mut value);
             let [r, g, b] = samples.colour(index);
-            let matter = value[0] >= self.iso;
+            let matter = f64::from(value[0]) >= self.transfer.matter_from();
             for sum in &mut sums[usize::from(!matter)..] {
                 sum.iter_mut().zip([r, g, b, 1.0]).for_each(|(s, v)| *s += weight * v);
             }
