@@ -18,3 +18,4 @@ mod medium;
 mod near;
 mod reference;
 mod render;
+mod stack;

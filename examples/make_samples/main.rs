@@ -7,6 +7,7 @@ mod fern;
 mod glb;
 mod leaf;
 mod random;
+mod shell;
 mod spruce;
 mod terrain;
 mod tree;
@@ -22,8 +23,10 @@ fn main() -> std::io::Result<()> {
         ("fern.glb", fern::fern()),
         ("terrain.glb", terrain::valley()),
     ];
-    for (name, bytes) in samples {
+    let whole = samples.map(|(name, bytes)| (name.to_owned(), bytes));
+    for (name, bytes) in whole.into_iter().chain(shell::slices()) {
         let path = folder.join(name);
+        path.parent().map_or(Ok(()), std::fs::create_dir_all)?;
         std::fs::write(&path, &bytes)?;
         println!("{} {} bytes", path.display(), bytes.len());
     }

@@ -3,7 +3,7 @@
 use super::cells::{EDGES, Loops};
 use super::lattice::{Lattice, Scratch};
 use crate::bake::clip::{MAX_CORNERS, Polygon};
-use crate::geom::{DAffine3, DVec3};
+use crate::geom::DVec3;
 
 /// How far from one plane the corners of a facet may be, in voxels.
 const PLANAR: f64 = 0.02;
@@ -64,11 +64,11 @@ impl Block<'_> {
 }
 
 /// A loop, mapped by `to_grid`, as planar convex facets; `mirrored` where the map is.
-pub fn facets(corners: &[DVec3], to_grid: &DAffine3, mirrored: bool, each: &mut dyn FnMut(&Polygon)) {
+pub fn facets(corners: &[DVec3], to_grid: impl Fn(DVec3) -> DVec3, mirrored: bool, each: &mut dyn FnMut(&Polygon)) {
     let mut points = [DVec3::ZERO; 12];
     let n = corners.len().min(points.len());
     for (i, c) in corners.iter().take(n).enumerate() {
-        points[if mirrored { n - 1 - i } else { i }] = to_grid.transform_point3(*c);
+        points[if mirrored { n - 1 - i } else { i }] = to_grid(*c);
     }
     let points = &points[..n];
     if n > 3 && n <= MAX_CORNERS && is_plane(points) {

@@ -1,4 +1,8 @@
 //! Image stacks (CT, MR, microscopy) as a source: samples on a lattice, placed as their header says.
+//!
+//! Raw files are mapped, packed ones decoded slice by slice, to a file without a name where they are larger than memory. Bricks
+//! of least and greatest values say where matter may be; there, and nowhere else, values are filtered, and facets or soft
+//! matter made of them, a region at a time.
 
 mod bytes;
 mod cells;
@@ -15,6 +19,8 @@ mod samples;
 mod slice;
 mod soft;
 mod source;
+#[cfg(test)]
+mod tests;
 mod transfer;
 
 pub use source::StackSource;

@@ -208,7 +208,7 @@ fn data<'a>(fields: &Fields<'a>, body: Option<usize>, coding: Coding, dims: [usi
         "raw" => Packing::Raw,
         "gz" | "gzip" => Packing::Deflate,
         "txt" | "text" | "ascii" => Packing::Text,
-        other => return Err(Error::unsupported(path, format!("NRRD of encoding {other:?}: save it as raw or gzip; this"))),
+        other => return Err(Error::unsupported(path, format!("NRRD of encoding {other:?} (save it as raw or gzip)"))),
     };
     let count = |names: &[&str]| match fields.get(names) {
         Some((text, at)) => match text.parse::<i64>() {

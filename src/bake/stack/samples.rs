@@ -52,6 +52,7 @@ pub struct Coding {
 }
 
 impl Coding {
+    #[cfg(test)]
     pub fn little(kind: Kind, channels: usize) -> Coding {
         Coding { kind, big_endian: false, channels }
     }

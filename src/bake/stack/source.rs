@@ -192,11 +192,12 @@ impl Source for StackSource {
             .into_iter()
             .map(|shift| {
                 let to_grid = DAffine3 { translation: to_grid.translation + shift, ..to_grid };
-                Copy { to_grid, to_index: to_grid.inverse() }
+                Copy { shift, to_grid, to_index: to_grid.inverse() }
             })
             .collect();
         let mut staged = StagedStack {
             source: self,
+            place: *place,
             lattice: Lattice::new(dims, parts, self.sigma),
             loops: Loops::new(),
             copies,
@@ -233,12 +234,14 @@ fn mapped(map: &DAffine3, b: Aabb) -> Aabb {
 
 /// The stack at one place of the grid.
 struct Copy {
+    shift: DVec3,
     to_grid: DAffine3,
     to_index: DAffine3,
 }
 
 struct StagedStack<'a> {
     source: &'a StackSource,
+    place: Placement,
     lattice: Lattice,
     loops: Loops,
     copies: Vec<Copy>,
@@ -375,13 +378,19 @@ impl Staged for StagedStack<'_> {
 
     fn emit(&self, region: usize, each: &mut dyn FnMut(&Polygon)) {
         let mut scratch = Scratch::default();
+        let bounds = self.source.bounds;
         for copy in &self.copies {
+            // By the same steps as the bounds, which facets of finer cells may pass by a hair: nothing sticks out.
+            let to_grid = |index: DVec3| {
+                let p = self.source.stack.affine.transform_point3(index);
+                self.place.to_grid(p.clamp(bounds.min, bounds.max)) + copy.shift
+            };
             let window = self.region(self.regions[region], copy);
             self.units(window, &mut |at| {
                 if self.source.may_cross(at, self.source.iso) {
                     let iso = self.source.iso;
                     self.source.loops((&self.lattice, &self.loops), (at, window), iso, &mut scratch, &mut |corners| {
-                        facets(corners, &copy.to_grid, self.mirrored, each);
+                        facets(corners, to_grid, self.mirrored, each);
                     });
                 }
             });

@@ -40,7 +40,7 @@ fn packing(syntax: &str) -> Result<Packing, String> {
         s if s.starts_with(".4.10") => "video".into(),
         _ => format!("transfer syntax {syntax}"),
     };
-    Err(format!("DICOM with pixels packed as {name}: unpack it with another tool; it"))
+    Err(format!("DICOM with pixels packed as {name} (unpack it with another tool)"))
 }
 
 impl Layout {
