@@ -75,7 +75,9 @@ fn a_sphere_of_256_slices_is_the_sphere() {
     let tree = Octree::new(volume).unwrap();
     let exact = std::f64::consts::PI / 4.0;
     for depth in [4, 6] {
-        for dir in [DVec3::X, DVec3::Z, DVec3::new(1.0, 1.0, 0.0), DVec3::new(-1.0, 1.0, 1.0), DVec3::new(0.3, 0.5, 0.8)] {
+        for dir in
+            [DVec3::X, DVec3::Z, DVec3::new(1.0, 1.0, 0.0), DVec3::new(-1.0, 1.0, 1.0), DVec3::new(0.3, 0.5, 0.8)]
+        {
             let ratio = area(&tree, dir.normalize(), depth) / exact;
             // As tight as the mesh's own test of a sphere at these depths.
             assert!((ratio - 1.0).abs() < if depth == 4 { 0.04 } else { 0.02 }, "{depth} {dir}: {ratio}");
@@ -94,8 +96,10 @@ fn soft_matter_takes_away_what_its_table_says() {
         ((40.0 - p.length() + 0.5).clamp(0.0, 1.0) as f32).to_le_bytes()
     });
     save_nrrd(&path, n, "float", values);
-    let table: TransferSpec =
-        serde_json::from_str(r#"{"points":[{"value":0,"opacity":0},{"value":1,"opacity":0.02,"colour":[1,0.5,0.25]}]}"#).unwrap();
+    let table: TransferSpec = serde_json::from_str(
+        r#"{"points":[{"value":0,"opacity":0},{"value":1,"opacity":0.02,"colour":[1,0.5,0.25]}]}"#,
+    )
+    .unwrap();
     let options = StackOptions { transfer: table, ..StackOptions::default() };
     let volume = baked(&source(&path, &options), 32);
     let albedo = volume.depths[5].voxels[0].albedo();
@@ -133,7 +137,8 @@ fn soft_matter_takes_away_what_its_table_says() {
 fn a_head_is_the_same_from_every_format() {
     let Some(dir) = volumes() else { return };
     let options = StackOptions { spacing: Some([3.2, 3.2, 1.5]), ..StackOptions::default() };
-    let all = ["headsq-png16", "headsq_multipage_u16.tif", "headsq.nrrd"].map(|f| baked(&source(&dir.join(f), &options), 32));
+    let all =
+        ["headsq-png16", "headsq_multipage_u16.tif", "headsq.nrrd"].map(|f| baked(&source(&dir.join(f), &options), 32));
     assert_eq!(all[0].info.metres_per_unit, 1e-3);
     for other in &all[1..] {
         // Every voxel, bit for bit, and the same place.
@@ -181,8 +186,14 @@ fn every_real_stack_bakes_or_is_refused_by_one_line() {
     inputs.sort();
     let refused = [("MR_small_jp2klossless.dcm", "JPEG 2000"), (".raw", "its extension is not known")];
     for input in inputs {
-        let run = Command::cargo_bin("vtex").unwrap().arg("bake").arg(&input).args(["-r", "16", "-o"])
-            .arg(out.path().join("out.vtex")).output().unwrap();
+        let run = Command::cargo_bin("vtex")
+            .unwrap()
+            .arg("bake")
+            .arg(&input)
+            .args(["-r", "16", "-o"])
+            .arg(out.path().join("out.vtex"))
+            .output()
+            .unwrap();
         let text = String::from_utf8_lossy(&run.stderr).into_owned();
         let name = input.to_string_lossy().into_owned();
         match refused.iter().find(|r| name.ends_with(r.0)) {
@@ -201,8 +212,15 @@ fn the_sample_stack_shows_by_window_and_by_iso() {
     let sample = concat!(env!("CARGO_MANIFEST_DIR"), "/samples/stacks/shell");
     for (args, name) in [(["--iso", "128"], "hard"), (["--window", "20,200"], "soft")] {
         let path = out.path().join(name);
-        let run = Command::cargo_bin("vtex").unwrap().arg("bake").arg(sample).args(["-r", "32", "--spacing", "1,1,2", "-o"])
-            .arg(&path).args(args).output().unwrap();
+        let run = Command::cargo_bin("vtex")
+            .unwrap()
+            .arg("bake")
+            .arg(sample)
+            .args(["-r", "32", "--spacing", "1,1,2", "-o"])
+            .arg(&path)
+            .args(args)
+            .output()
+            .unwrap();
         assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
         assert!(path.metadata().unwrap().len() > 1000);
     }

@@ -41,7 +41,9 @@ fn value(x: f64, y: f64, z: f64) -> u8 {
     let outer = 27.0 + wrinkles + seam;
     let shell = share(outer - r).min(share(r - 24.0));
     // The kernel: two halves, parted at the seam, with folds.
-    let folds = libm::sin(0.55 * x) * libm::cos(0.5 * y) + libm::sin(0.5 * y) * libm::cos(0.6 * z) + libm::sin(0.6 * z) * libm::cos(0.55 * x);
+    let folds = libm::sin(0.55 * x) * libm::cos(0.5 * y)
+        + libm::sin(0.5 * y) * libm::cos(0.6 * z)
+        + libm::sin(0.6 * z) * libm::cos(0.55 * x);
     let kernel = share(19.0 + 2.0 * folds - r).min(share(x.abs() - 1.2));
     (220.0 * shell + 110.0 * kernel).round() as u8
 }

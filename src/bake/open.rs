@@ -8,8 +8,7 @@ use crate::scene::gltf::{self, ReadOptions};
 use crate::{Error, Result};
 
 /// Extensions that are known.
-const KNOWN: &str =
-    ".gltf, .glb, .obj, .nii, .nii.gz, .hdr, .img, .nrrd, .nhdr, .mha, .mhd, .dcm, .tif, a folder of slices or of DICOM";
+const KNOWN: &str = ".gltf, .glb, .obj, .nii, .nii.gz, .hdr, .img, .nrrd, .nhdr, .mha, .mhd, .dcm, .tif, a folder of slices or of DICOM";
 
 /// How a source is read; each kind of source has its own part.
 #[derive(Debug, Clone, Default)]

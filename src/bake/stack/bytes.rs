@@ -68,7 +68,11 @@ impl Spool {
     pub fn push(&mut self, bytes: &[u8]) -> Result<()> {
         self.written += bytes.len() as u64;
         if self.written > MAX_DECODED {
-            return Err(Error::Limit { what: "a stack, decoded, in bytes,".into(), needed: self.written, allowed: MAX_DECODED });
+            return Err(Error::Limit {
+                what: "a stack, decoded, in bytes,".into(),
+                needed: self.written,
+                allowed: MAX_DECODED,
+            });
         }
         let io = |e| Error::io(std::env::temp_dir(), e);
         if self.file.is_none() && self.written > self.in_memory {
@@ -156,7 +160,8 @@ impl Data<'_> {
         for file in &self.files {
             let bytes = map_file(file)?;
             let share = (total / self.files.len() as u64) as usize;
-            let skip = self.skip.map_or(bytes.len().saturating_sub(share), |s| usize::try_from(s).unwrap_or(usize::MAX));
+            let skip =
+                self.skip.map_or(bytes.len().saturating_sub(share), |s| usize::try_from(s).unwrap_or(usize::MAX));
             let body = bytes.get(skip..).unwrap_or_default();
             match self.packing {
                 Packing::Raw => {
@@ -169,7 +174,10 @@ impl Data<'_> {
             }
         }
         if left > 0 {
-            return Err(wrong(format!("its samples need {total} bytes, {} are there: it is cut short, or lies", total - left)));
+            return Err(wrong(format!(
+                "its samples need {total} bytes, {} are there: it is cut short, or lies",
+                total - left
+            )));
         }
         Samples::new(spool.finish()?, 0, coding, self.dims).map_err(wrong)
     }
@@ -201,7 +209,11 @@ fn words(path: &Path, text: &[u8], left: u64, spool: &mut Spool) -> Result<u64> 
             let number = std::str::from_utf8(word).ok().and_then(|w| w.parse::<f64>().ok());
             let Some(number) = number else {
                 let word = String::from_utf8_lossy(&word[..word.len().min(20)]).into_owned();
-                return Err(Error::input(path, format!("line {} of the data", row + 1), format!("{word:?} is not a number")));
+                return Err(Error::input(
+                    path,
+                    format!("line {} of the data", row + 1),
+                    format!("{word:?} is not a number"),
+                ));
             };
             if done < left {
                 spool.push(&number.to_ne_bytes())?;

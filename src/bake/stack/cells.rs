@@ -101,16 +101,23 @@ mod tests {
                 assert!(l.len() >= 3, "{within}");
                 longest = longest.max(l.len());
                 l.iter().for_each(|&e| seen[usize::from(e)] += 1);
-                let points: Vec<DVec3> = l.iter().map(|&e| {
-                    let [a, b] = EDGES[usize::from(e)];
-                    0.5 * (corner(a) + corner(b))
-                }).collect();
-                let area: DVec3 = (2..points.len()).map(|i| (points[i - 1] - points[0]).cross(points[i] - points[0])).sum();
+                let points: Vec<DVec3> = l
+                    .iter()
+                    .map(|&e| {
+                        let [a, b] = EDGES[usize::from(e)];
+                        0.5 * (corner(a) + corner(b))
+                    })
+                    .collect();
+                let area: DVec3 =
+                    (2..points.len()).map(|i| (points[i - 1] - points[0]).cross(points[i] - points[0])).sum();
                 // Along the loop, out of matter: from the end within to the end outside.
-                let out: DVec3 = l.iter().map(|&e| {
-                    let [a, b] = EDGES[usize::from(e)];
-                    if inside(a) { corner(b) - corner(a) } else { corner(a) - corner(b) }
-                }).sum();
+                let out: DVec3 = l
+                    .iter()
+                    .map(|&e| {
+                        let [a, b] = EDGES[usize::from(e)];
+                        if inside(a) { corner(b) - corner(a) } else { corner(a) - corner(b) }
+                    })
+                    .sum();
                 assert!(area.dot(out) > 0.0, "{within}: {area} {out}");
             }
             for (e, [a, b]) in EDGES.iter().enumerate() {

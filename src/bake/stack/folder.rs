@@ -73,7 +73,11 @@ pub fn images(dir: &Path, files: &[PathBuf], warnings: &mut Warnings) -> Result<
         return Err(Error::input(dir, "", what));
     }
     let Some((_, slices)) = kinds.into_iter().next() else {
-        return Err(Error::input(dir, "", "holds no slices (.png, .tif, .jpg, .exr or DICOM): name one file of it, if it is a volume"));
+        return Err(Error::input(
+            dir,
+            "",
+            "holds no slices (.png, .tif, .jpg, .exr or DICOM): name one file of it, if it is a volume",
+        ));
     };
     warnings.add_many("files of the folder are no images and are left out", others);
     Ok(slices)
@@ -94,7 +98,11 @@ pub fn read(path: &Path, files: &[PathBuf], warnings: Warnings, in_memory: u64) 
             slice::read(&group[i], &mut |slice| {
                 slices.push(slice);
                 if slices.len() > 1 {
-                    return Err(Error::input(&group[i], "", "has several pages: among others in a folder it has to be one slice"));
+                    return Err(Error::input(
+                        &group[i],
+                        "",
+                        "has several pages: among others in a folder it has to be one slice",
+                    ));
                 }
                 Ok(())
             })
@@ -126,7 +134,8 @@ impl Pile<'_> {
         {
             let here = if self.files == 1 { format!("page {}", self.count + 1) } else { String::new() };
             let than = if self.files == 1 { "page 1".into() } else { name(name_of_first) };
-            let what = format!("is {}, but {than} is {}: the slices of a stack are alike", slice.describe(), first.describe());
+            let what =
+                format!("is {}, but {than} is {}: the slices of a stack are alike", slice.describe(), first.describe());
             return Err(Error::input(file, here, what));
         }
         self.spool.push(&slice.bytes)?;
@@ -143,7 +152,8 @@ impl Pile<'_> {
         if byte_count(dims, first.coding).is_none() {
             return Err(Error::input(self.path, "", "its slices are too many"));
         }
-        let samples = Samples::new(self.spool.finish()?, 0, first.coding, dims).map_err(|e| Error::input(self.path, "", e))?;
+        let samples =
+            Samples::new(self.spool.finish()?, 0, first.coding, dims).map_err(|e| Error::input(self.path, "", e))?;
         Stack::new(self.path, samples, DAffine3::IDENTITY, 0.0, warnings)
     }
 }

@@ -29,7 +29,8 @@ pub fn file_list(header: &Path, text: &str, at: &str) -> Result<Vec<PathBuf>> {
         return text.lines().skip(1).map(str::trim).filter(|l| !l.is_empty()).map(open).collect();
     }
     let words: Vec<&str> = text.split_whitespace().collect();
-    let range: Option<Vec<i64>> = words.get(1..).map(|w| w.iter().take(3).filter_map(|v| v.parse::<i32>().ok()).map(i64::from).collect());
+    let range: Option<Vec<i64>> =
+        words.get(1..).map(|w| w.iter().take(3).filter_map(|v| v.parse::<i32>().ok()).map(i64::from).collect());
     if let (Some(pattern), Some([first, last, step])) = (words.first().filter(|w| w.contains('%')), range.as_deref()) {
         let span = last - first;
         if *step == 0 || (span < 0) != (*step < 0) && span != 0 || (span / step) >= MAX_FILES {

@@ -35,7 +35,8 @@ pub fn reach(sigma: f64) -> usize {
 fn weights(x: f64, sigma: f64, out: &mut [f32]) {
     let r = reach(sigma) as f64;
     let t = x - x.floor();
-    let gauss = |d: f64| if sigma > 0.0 { libm::exp(-0.5 * (d / sigma) * (d / sigma)) } else { f64::from(u8::from(d == 0.0)) };
+    let gauss =
+        |d: f64| if sigma > 0.0 { libm::exp(-0.5 * (d / sigma) * (d / sigma)) } else { f64::from(u8::from(d == 0.0)) };
     let mut raw = [0.0f64; 64];
     let raw = &mut raw[..out.len().min(64)];
     if sigma >= SMOOTH {
@@ -130,7 +131,8 @@ impl Lattice {
     /// Values at the nodes `from .. from + size`, outer ones included; those outside are `outside`.
     pub fn fill(&self, samples: &Samples, from: [usize; 3], size: [usize; 3], outside: f32, scratch: &mut Scratch) {
         let [ax, ay, az] = &self.axes;
-        let span = |a: &Axis, n: usize, size: usize| (a.first[n], (a.first[n + size - 1] - a.first[n]) as usize + a.width);
+        let span =
+            |a: &Axis, n: usize, size: usize| (a.first[n], (a.first[n + size - 1] - a.first[n]) as usize + a.width);
         let (x0, nx) = span(ax, from[0], size[0]);
         let (y0, ny) = span(ay, from[1], size[1]);
         let (z0, nz) = span(az, from[2], size[2]);

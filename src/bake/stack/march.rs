@@ -75,7 +75,11 @@ pub fn facets(corners: &[DVec3], to_grid: impl Fn(DVec3) -> DVec3, mirrored: boo
         return each(&Polygon::new(points, 0));
     }
     // From the corner whose fan bends least: of a quad, along the shorter diagonal.
-    let start = if n == 4 && (points[1] - points[3]).length_squared() < (points[0] - points[2]).length_squared() { 1 } else { 0 };
+    let start = if n == 4 && (points[1] - points[3]).length_squared() < (points[0] - points[2]).length_squared() {
+        1
+    } else {
+        0
+    };
     for i in 1..n.saturating_sub(1) {
         each(&Polygon::new(&[points[start], points[(start + i) % n], points[(start + i + 1) % n]], 0));
     }

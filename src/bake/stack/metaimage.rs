@@ -102,7 +102,9 @@ impl<'a> Fields<'a> {
 pub fn read(path: &Path, in_memory: u64) -> Result<Stack> {
     let fields = Fields::read(path)?;
     let mut warnings = Warnings::default();
-    let Some((text, at)) = fields.get(&["DimSize"]) else { return fields.wrong(String::new(), "its header has no DimSize") };
+    let Some((text, at)) = fields.get(&["DimSize"]) else {
+        return fields.wrong(String::new(), "its header has no DimSize");
+    };
     let sizes: Option<Vec<usize>> = text.split_whitespace().map(size).collect();
     let Some(sizes) = sizes.filter(|s| (1..=16).contains(&s.len())) else {
         return fields.wrong(at, format!("DimSize = {text}: whole numbers from 1 on are needed"));

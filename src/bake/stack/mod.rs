@@ -65,13 +65,7 @@ pub struct Stack {
 }
 
 impl Stack {
-    fn new(
-        path: &Path,
-        samples: Samples,
-        affine: DAffine3,
-        metres_per_unit: f64,
-        warnings: Warnings,
-    ) -> Result<Stack> {
+    fn new(path: &Path, samples: Samples, affine: DAffine3, metres_per_unit: f64, warnings: Warnings) -> Result<Stack> {
         let m = affine.matrix3;
         let lengths = m.x_axis.length() * m.y_axis.length() * m.z_axis.length();
         // Also of NaN. Axes closer than a twentieth of a degree span nothing.

@@ -56,7 +56,8 @@ impl Header {
     }
 
     fn sform(&self) -> DAffine3 {
-        let row = |r: usize| -> [f64; 4] { std::array::from_fn(|c| self.float(280 + 16 * r + 4 * c, 400 + 32 * r + 8 * c)) };
+        let row =
+            |r: usize| -> [f64; 4] { std::array::from_fn(|c| self.float(280 + 16 * r + 4 * c, 400 + 32 * r + 8 * c)) };
         let [x, y, z] = [row(0), row(1), row(2)];
         let column = |c: usize| DVec3::new(x[c], y[c], z[c]);
         DAffine3 { matrix3: DMat3::from_cols(column(0), column(1), column(2)), translation: column(3) }
@@ -102,9 +103,12 @@ fn kind(code: i32) -> Result<(Kind, usize), String> {
 
 /// The other file of a pair, where there is one: with the ending `.hdr` or `.img`, packed or not.
 fn partner(path: &Path, ending: &str) -> Option<PathBuf> {
-    let bare = |p: &Path| if p.extension().is_some_and(|e| e.eq_ignore_ascii_case("gz")) { p.with_extension("") } else { p.into() };
+    let bare = |p: &Path| {
+        if p.extension().is_some_and(|e| e.eq_ignore_ascii_case("gz")) { p.with_extension("") } else { p.into() }
+    };
     let stem = bare(path).with_extension("");
-    let endings = [ending.to_owned(), format!("{ending}.gz"), ending.to_uppercase(), format!("{}.GZ", ending.to_uppercase())];
+    let endings =
+        [ending.to_owned(), format!("{ending}.gz"), ending.to_uppercase(), format!("{}.GZ", ending.to_uppercase())];
     endings.iter().map(|e| PathBuf::from(format!("{}.{e}", stem.display()))).find(|p| p.is_file())
 }
 
@@ -170,7 +174,8 @@ pub fn read(path: &Path, in_memory: u64) -> Result<Stack> {
     if more > 1 {
         warnings.add(format!("{more} volumes are in one file; the first is taken"));
     }
-    let (kind, channels) = kind(i32::from(h.i16(if two { 12 } else { 70 }))).map_err(|what| Error::unsupported(&header_path, what))?;
+    let (kind, channels) =
+        kind(i32::from(h.i16(if two { 12 } else { 70 }))).map_err(|what| Error::unsupported(&header_path, what))?;
     let units = if two { h.i32(500) } else { i32::from(h.bytes[123]) };
     let metres_per_unit = match units & 7 {
         1 => 1.0,
@@ -194,7 +199,8 @@ pub fn read(path: &Path, in_memory: u64) -> Result<Stack> {
         () if two => h.i64(168) as f64,
         () => f64::from(h.f32(108)),
     };
-    let offset = if offset >= 0.0 && offset < 1e15 { offset as u64 } else { return Err(wrong("its samples begin nowhere")) };
+    let offset =
+        if offset >= 0.0 && offset < 1e15 { offset as u64 } else { return Err(wrong("its samples begin nowhere")) };
     let packing = if map_file(&data_path)?.starts_with(&[0x1f, 0x8b]) { Packing::Deflate } else { Packing::Raw };
     let (skip, skip_unpacked) = if packing == Packing::Raw { (offset, 0) } else { (0, offset) };
     let data = Data {

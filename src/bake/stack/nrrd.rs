@@ -23,7 +23,12 @@ fn kind(name: &str) -> Option<Kind> {
         "ushort" | "unsigned short" | "unsigned short int" | "uint16" | "uint16_t" => Kind::U16,
         "int" | "signed int" | "int32" | "int32_t" => Kind::I32,
         "uint" | "unsigned int" | "uint32" | "uint32_t" => Kind::U32,
-        "longlong" | "long long" | "long long int" | "signed long long" | "signed long long int" | "int64"
+        "longlong"
+        | "long long"
+        | "long long int"
+        | "signed long long"
+        | "signed long long int"
+        | "int64"
         | "int64_t" => Kind::I64,
         "ulonglong" | "unsigned long long" | "unsigned long long int" | "uint64" | "uint64_t" => Kind::U64,
         "float" => Kind::F32,
@@ -111,7 +116,9 @@ pub fn read(path: &Path, in_memory: u64) -> Result<Stack> {
             if let Some(list) = fields.list.last_mut() {
                 list.1 += &format!("\n{line}");
             }
-        } else if let Some((name, value)) = line.split_once(": ").filter(|_| !line.starts_with('#') && !line.contains(":=")) {
+        } else if let Some((name, value)) =
+            line.split_once(": ").filter(|_| !line.starts_with('#') && !line.contains(":="))
+        {
             let name = name.trim().to_ascii_lowercase();
             let name = if name == "datafile" { "data file".to_owned() } else { name };
             fields.list.push((name, value.trim().to_owned(), row));
@@ -120,7 +127,9 @@ pub fn read(path: &Path, in_memory: u64) -> Result<Stack> {
     let attached = fields.get(&["data file"]).is_none();
     let body = match body {
         Some(body) => body,
-        None if attached => return fields.wrong(String::new(), "its header does not end in an empty line: it is cut short"),
+        None if attached => {
+            return fields.wrong(String::new(), "its header does not end in an empty line: it is cut short");
+        }
         None => map.len(),
     };
     stack(&fields, attached.then_some(body), in_memory)
@@ -163,7 +172,9 @@ fn stack(fields: &Fields, body: Option<usize>, in_memory: u64) -> Result<Stack> 
     let coding = Coding { kind, big_endian: big_endian(fields, kind)?, channels };
     let samples = data(fields, body, coding, dims)?.load(in_memory)?;
     let axis = |n: usize| directions.as_ref().and_then(|d| d.get(first + n).copied().flatten());
-    let spacings = fields.get(&["spacings"]).map(|s| s.0.split_whitespace().map(|w| w.parse().unwrap_or(f64::NAN)).collect::<Vec<f64>>());
+    let spacings = fields
+        .get(&["spacings"])
+        .map(|s| s.0.split_whitespace().map(|w| w.parse().unwrap_or(f64::NAN)).collect::<Vec<f64>>());
     let spacing = |n: usize| spacings.as_ref().and_then(|s| s.get(first + n)).filter(|v| !v.is_nan()).copied();
     let mut unit = None;
     let columns: [DVec3; 3] = std::array::from_fn(|n| match (axis(n), spacing(n)) {

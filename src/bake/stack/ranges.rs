@@ -67,7 +67,8 @@ impl Scan {
             }
             (bricks, missing)
         });
-        let mut scan = Scan { whole: Range::EMPTY, missing: 0, bricks: Vec::with_capacity(size.iter().product()), size };
+        let mut scan =
+            Scan { whole: Range::EMPTY, missing: 0, bricks: Vec::with_capacity(size.iter().product()), size };
         for (bricks, missing) in layers {
             scan.bricks.extend(bricks);
             scan.missing += missing;

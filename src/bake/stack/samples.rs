@@ -135,12 +135,18 @@ impl Samples {
     pub fn new(bytes: Bytes, start: usize, coding: Coding, dims: [usize; 3]) -> Result<Samples, String> {
         let [x, y, z] = dims;
         if !(1..=4).contains(&coding.channels) {
-            return Err(format!("{} channels a sample; 1 to 4 are read: take one out with another tool", coding.channels));
+            return Err(format!(
+                "{} channels a sample; 1 to 4 are read: take one out with another tool",
+                coding.channels
+            ));
         }
-        let needed = byte_count(dims, coding).ok_or_else(|| format!("{x}×{y}×{z} samples: not a size that can be read"))?;
+        let needed =
+            byte_count(dims, coding).ok_or_else(|| format!("{x}×{y}×{z} samples: not a size that can be read"))?;
         let there = bytes.len().saturating_sub(start);
         if needed > there {
-            return Err(format!("{x}×{y}×{z} samples need {needed} bytes, {there} are there: it is cut short, or lies"));
+            return Err(format!(
+                "{x}×{y}×{z} samples need {needed} bytes, {there} are there: it is cut short, or lies"
+            ));
         }
         // Grey and alpha: grey. Colour: its lightness.
         let weights = if coding.channels >= 3 { LUMA } else { [1.0, 0.0, 0.0, 0.0] };

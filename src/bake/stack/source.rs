@@ -39,7 +39,10 @@ impl StackSource {
     /// part them.
     pub fn new(mut stack: Stack, options: &StackOptions) -> Result<StackSource> {
         if !(0.0..=MAX_SIGMA).contains(&options.sigma) {
-            return Err(Error::Options(format!("--sigma {}: 0 to {MAX_SIGMA}, in distances of samples", options.sigma)));
+            return Err(Error::Options(format!(
+                "--sigma {}: 0 to {MAX_SIGMA}, in distances of samples",
+                options.sigma
+            )));
         }
         let samples = &mut stack.samples;
         samples.value_is_alpha(samples.has_alpha());
@@ -71,8 +74,17 @@ impl StackSource {
         let (iso, least) = (transfer.solid_from() as f32, transfer.matter_from() as f32);
         // Nothing, whatever the threshold.
         let outside = if least > scan.whole.lo { scan.whole.lo } else { least - least.abs().max(1.0) };
-        let mut source =
-            StackSource { stack, transfer, iso, sigma: options.sigma, units, size, outside, bounds: Aabb::EMPTY, notes };
+        let mut source = StackSource {
+            stack,
+            transfer,
+            iso,
+            sigma: options.sigma,
+            units,
+            size,
+            outside,
+            bounds: Aabb::EMPTY,
+            notes,
+        };
         source.bounds = source.find_bounds(least);
         Ok(source)
     }

@@ -106,7 +106,10 @@ fn metaimage_local_packed_and_apart() {
     let mut zlib = flate2::write::ZlibEncoder::new(Vec::new(), flate2::Compression::fast());
     zlib.write_all(&little()).unwrap();
     let packed = zlib.finish().unwrap();
-    expect(&dir.save("z.mha", &[head("CompressedData = True\nElementDataFile = LOCAL\n"), packed].concat()), nrrd_place);
+    expect(
+        &dir.save("z.mha", &[head("CompressedData = True\nElementDataFile = LOCAL\n"), packed].concat()),
+        nrrd_place,
+    );
     let big: Vec<u8> = numbers().iter().flat_map(|v| v.to_be_bytes()).collect();
     dir.save("b.raw", &big);
     let apart = dir.save("b.mhd", &head("BinaryDataByteOrderMSB = True\nElementDataFile = b.raw\n"));
@@ -295,7 +298,8 @@ fn broken_files_are_refused_and_never_panic() {
             let mut wrong = bytes.clone();
             for flip in [0xff, 0x01] {
                 wrong[at] ^= flip;
-                let _ = open(&dir.save(name, &wrong)).map(|s| StackSource::new(s, &StackOptions::default()).map(|_| ()));
+                let _ =
+                    open(&dir.save(name, &wrong)).map(|s| StackSource::new(s, &StackOptions::default()).map(|_| ()));
                 wrong[at] ^= flip;
             }
         }
@@ -315,7 +319,8 @@ fn broken_files_are_refused_and_never_panic() {
     let none = dir.save("nan.nrrd", &{
         let text = NRRD.replace("short", "float").replace("4 3 2", "2 2 1");
         let values = [f32::NAN, 1.0, f32::INFINITY, 3.0];
-        [format!("{text}encoding: raw\n\n").into_bytes(), values.iter().flat_map(|v| v.to_le_bytes()).collect()].concat()
+        [format!("{text}encoding: raw\n\n").into_bytes(), values.iter().flat_map(|v| v.to_le_bytes()).collect()]
+            .concat()
     });
     let source = StackSource::new(open(&none).unwrap(), &StackOptions::default()).unwrap();
     assert!(source.warnings().as_reasons().contains("2 × values that are no numbers"));
@@ -410,7 +415,10 @@ fn what_reaches_the_border_is_closed_there() {
     let source = StackSource::new(open(&path).unwrap(), &options).unwrap();
     // All of it is matter: a box of 4 × 3 × 2 about the samples' centres.
     let b = source.bounds();
-    assert!((b.min - DVec3::new(9.5, 19.5, 29.5)).length() < 1e-12 && (b.size() - DVec3::new(4.0, 3.0, 2.0)).length() < 1e-12);
+    assert!(
+        (b.min - DVec3::new(9.5, 19.5, 29.5)).length() < 1e-12
+            && (b.size() - DVec3::new(4.0, 3.0, 2.0)).length() < 1e-12
+    );
     let (area, volume, sum) = facets(&source, 4);
     assert!((area - 52.0).abs() < 1e-6 && (volume - 24.0).abs() < 1e-6 && sum.length() < 1e-9, "{area} {volume} {sum}");
 }

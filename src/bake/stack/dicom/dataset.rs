@@ -176,7 +176,8 @@ impl Reader<'_> {
         let length = if self.explicit && tag >> 16 != 0xfffe {
             kind = self.take()?;
             match &kind {
-                b"OB" | b"OD" | b"OF" | b"OL" | b"OV" | b"OW" | b"SQ" | b"SV" | b"UC" | b"UN" | b"UR" | b"UT" | b"UV" => {
+                b"OB" | b"OD" | b"OF" | b"OL" | b"OV" | b"OW" | b"SQ" | b"SV" | b"UC" | b"UN" | b"UR" | b"UT"
+                | b"UV" => {
                     self.u16()?;
                     self.u32()?
                 }

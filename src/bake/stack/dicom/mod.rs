@@ -209,7 +209,12 @@ fn choose(path: &Path, files: &[PathBuf], series: Option<&str>, warnings: &mut W
 }
 
 /// Sort the slices along their normal and say where they lie: index → millimetres.
-fn arrange(path: &Path, images: &[Image], slices: &mut Vec<(usize, usize)>, warnings: &mut Warnings) -> Result<DAffine3> {
+fn arrange(
+    path: &Path,
+    images: &[Image],
+    slices: &mut Vec<(usize, usize)>,
+    warnings: &mut Warnings,
+) -> Result<DAffine3> {
     let frame = |&(i, f): &(usize, usize)| &images[i].frames[f];
     let wrong = |what: String| Err(Error::input(path, "", what));
     slices.sort_by(|a, b| images[a.0].instance.total_cmp(&images[b.0].instance).then(a.1.cmp(&b.1)));
@@ -244,7 +249,10 @@ fn arrange(path: &Path, images: &[Image], slices: &mut Vec<(usize, usize)>, warn
     // Stable: of slices at one place, the first by number stays.
     let all = slices.len();
     slices.dedup_by(|b, a| (at(b) - at(a)).dot(normal) < 1e-3 * thickness);
-    warnings.add_many("slices lie where another one does and are left out (other times or echoes)", (all - slices.len()) as u64);
+    warnings.add_many(
+        "slices lie where another one does and are left out (other times or echoes)",
+        (all - slices.len()) as u64,
+    );
     let n = slices.len();
     let origin = at(&slices[0]);
     if n == 1 {
@@ -257,14 +265,19 @@ fn arrange(path: &Path, images: &[Image], slices: &mut Vec<(usize, usize)>, warn
         let gap = |k: usize| (at(&slices[k + 1]) - at(&slices[k])).dot(normal);
         let (mut small, mut large) = (f64::INFINITY, 0.0f64);
         (0..n - 1).map(gap).for_each(|g| (small, large) = (small.min(g), large.max(g)));
-        return wrong(format!("its slices are not evenly apart: {small:.4} to {large:.4} mm; one is missing, or they are not one stack"));
+        return wrong(format!(
+            "its slices are not evenly apart: {small:.4} to {large:.4} mm; one is missing, or they are not one stack"
+        ));
     }
     if worst > 0.02 {
         warnings.add("its slices are not quite evenly apart: they are taken as if they were");
     }
     let lean = step.dot(normal) / step.length();
     if lean < 0.9999 {
-        warnings.add(format!("its slices lean by {:.2}° (gantry tilt): the stack is sheared as its positions say", libm::acos(lean).to_degrees()));
+        warnings.add(format!(
+            "its slices lean by {:.2}° (gantry tilt): the stack is sheared as its positions say",
+            libm::acos(lean).to_degrees()
+        ));
     }
     Ok(affine(origin, step))
 }

@@ -45,7 +45,8 @@ fn packing(syntax: &str) -> Result<Packing, String> {
 
 impl Layout {
     pub fn new(file: &File) -> Result<Layout, String> {
-        let need = |tag, name: &str| file.short(tag).map(usize::from).ok_or_else(|| format!("it does not say its {name}"));
+        let need =
+            |tag, name: &str| file.short(tag).map(usize::from).ok_or_else(|| format!("it does not say its {name}"));
         let data = &file.data;
         let layout = Layout {
             rows: need(0x0028_0010, "rows")?,
@@ -60,7 +61,8 @@ impl Layout {
         };
         let high = if layout.high == usize::MAX { layout.stored.saturating_sub(1) } else { layout.high };
         let layout = Layout { high, ..layout };
-        let bits = (1..=layout.allocated).contains(&layout.stored) && layout.stored - 1 <= high && high < layout.allocated;
+        let bits =
+            (1..=layout.allocated).contains(&layout.stored) && layout.stored - 1 <= high && high < layout.allocated;
         if layout.rows == 0 || layout.columns == 0 || !bits || ![1, 3].contains(&layout.channels) {
             return Err(format!("its pixels cannot be: {layout:?}"));
         }
@@ -108,7 +110,9 @@ impl Layout {
                 let start = frame * self.bytes();
                 let there = all.len();
                 let part = all.get(start..start + self.bytes());
-                Cow::Borrowed(part.ok_or_else(|| format!("its pixels need {} bytes, {there} are there", frames * self.bytes()))?)
+                Cow::Borrowed(
+                    part.ok_or_else(|| format!("its pixels need {} bytes, {there} are there", frames * self.bytes()))?,
+                )
             }
             (packing @ (Packing::Runs | Packing::Jpeg), Some(Element::Fragments(list))) => {
                 let piece = |r: &std::ops::Range<usize>| file.bytes.get(r.clone()).unwrap_or_default();
@@ -133,7 +137,9 @@ impl Layout {
             let mut mixed = Vec::with_capacity(raw.len());
             for i in 0..plane {
                 for c in 0..self.channels {
-                    mixed.extend_from_slice(raw.get((c * plane + i) * width..(c * plane + i + 1) * width).unwrap_or_default());
+                    mixed.extend_from_slice(
+                        raw.get((c * plane + i) * width..(c * plane + i + 1) * width).unwrap_or_default(),
+                    );
                 }
             }
             raw = Cow::Owned(mixed);
@@ -162,7 +168,8 @@ impl Layout {
     /// DICOM's runs: a segment for every byte of a number, the highest first, channel by channel.
     fn runs(&self, packed: &[u8]) -> Result<Vec<u8>, String> {
         const BROKEN: &str = "its runs are broken";
-        let word = |n: usize| -> Option<usize> { Some(u32::from_le_bytes(*packed.get(4 * n..)?.first_chunk()?) as usize) };
+        let word =
+            |n: usize| -> Option<usize> { Some(u32::from_le_bytes(*packed.get(4 * n..)?.first_chunk()?) as usize) };
         let width = self.allocated / 8;
         let segments = self.channels * width;
         if word(0) != Some(segments) || segments > 15 {
@@ -185,7 +192,8 @@ impl Layout {
                 if code == i8::MIN {
                     continue;
                 }
-                let (values, rest) = from.split_at_checked(take).ok_or_else(|| format!("{BROKEN}: they end too early"))?;
+                let (values, rest) =
+                    from.split_at_checked(take).ok_or_else(|| format!("{BROKEN}: they end too early"))?;
                 from = rest;
                 for _ in 0..times {
                     for v in values {
