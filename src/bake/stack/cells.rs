@@ -67,7 +67,7 @@ fn steps(within: usize) -> [Option<u8>; 12] {
     for face in FACES {
         for i in 0..4 {
             let corner = |n: usize| face[n % 4];
-            if !(inside(corner(i)) && !inside(corner(i + 1))) {
+            if !inside(corner(i)) || inside(corner(i + 1)) {
                 continue;
             }
             // Back to where the run begins.

@@ -70,7 +70,7 @@ impl Axis {
             }
             nodes.push(i as f64 / parts as f64);
         }
-        if (samples - 1) % UNIT == 0 && samples > 1 {
+        if (samples - 1).is_multiple_of(UNIT) && samples > 1 {
             units.push(nodes.len());
         }
         nodes.extend([last, last + 0.5, last + 0.5]);

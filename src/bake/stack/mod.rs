@@ -80,9 +80,9 @@ impl Stack {
 /// Where there is one sample along an axis and no distance: as far as the samples along the others.
 fn with_thickness(affine: DAffine3, dims: [usize; 3]) -> DAffine3 {
     let mut out = affine;
-    for n in 0..3 {
+    for (n, &samples) in dims.iter().enumerate() {
         let (a, b) = (affine.matrix3.col((n + 1) % 3), affine.matrix3.col((n + 2) % 3));
-        if dims[n] == 1 && affine.matrix3.col(n) == DVec3::ZERO {
+        if samples == 1 && affine.matrix3.col(n) == DVec3::ZERO {
             *out.matrix3.col_mut(n) = a.cross(b).normalize_or_zero() * (a.length() * b.length()).sqrt();
         }
     }

@@ -200,7 +200,7 @@ pub fn read(path: &Path, in_memory: u64) -> Result<Stack> {
         () => f64::from(h.f32(108)),
     };
     let offset =
-        if offset >= 0.0 && offset < 1e15 { offset as u64 } else { return Err(wrong("its samples begin nowhere")) };
+        if (0.0..1e15).contains(&offset) { offset as u64 } else { return Err(wrong("its samples begin nowhere")) };
     let packing = if map_file(&data_path)?.starts_with(&[0x1f, 0x8b]) { Packing::Deflate } else { Packing::Raw };
     let (skip, skip_unpacked) = if packing == Packing::Raw { (offset, 0) } else { (0, offset) };
     let data = Data {
