@@ -36,6 +36,24 @@ impl Polygon {
         polygon
     }
 
+    /// Give the convex polygon of at most [`ROOM`] corners, in two where it has more than a facet may have.
+    pub fn convex(corners: &[DVec3], facet: u32, each: &mut dyn FnMut(&Polygon)) {
+        if corners.len() <= MAX_CORNERS {
+            return each(&Polygon::new(corners, facet));
+        }
+        each(&Polygon::new(&corners[..MAX_CORNERS], facet));
+        let mut rest = Polygon::new(&corners[MAX_CORNERS - 1..], facet);
+        rest.push(corners[0]);
+        each(&rest);
+    }
+
+    /// The same seen from the other side.
+    pub fn turned(&self) -> Polygon {
+        let mut turned = *self;
+        turned.corners[..self.len].reverse();
+        turned
+    }
+
     pub fn corners(&self) -> &[DVec3] {
         &self.corners[..self.len]
     }

@@ -5,7 +5,7 @@
 //! so that a copy takes a few bytes a region it reaches and not a few a facet.
 
 use super::alpha::Presence;
-use super::clip::{MAX_CORNERS, Polygon};
+use super::clip::{Polygon, ROOM};
 use super::medium::Medium;
 use super::mixture::mix;
 use super::patch::weighted_median;
@@ -69,6 +69,14 @@ impl GroupSource {
         }
         sizes.retain(|s| s.0 > 0.0);
         GroupSource { sources, places, bounds, facet_size: weighted_median(sizes), metres_per_unit, warnings }
+    }
+}
+
+impl GroupSource {
+    /// The same, taken to fill `bounds`.
+    pub fn with_bounds(mut self, bounds: Aabb) -> GroupSource {
+        self.bounds = bounds;
+        self
     }
 }
 
@@ -353,6 +361,20 @@ impl<'a> StagedGroup<'a> {
         (piece, copy, local)
     }
 
+    /// What may reach `at`, and where that is for it.
+    fn around(&self, at: DVec3) -> impl Iterator<Item = (&(dyn Staged + 'a), DVec3)> {
+        let width = f64::from(1u32 << self.levels);
+        let region = (at / width).floor().clamp(DVec3::ZERO, DVec3::splat(self.last)).as_uvec3();
+        let found = self.regions.binary_search(&morton::encode(region.to_array()));
+        let entries = found.map_or(&[][..], |region| self.entries(region));
+        entries.iter().filter_map(move |&(piece, copy)| {
+            let piece = &self.pieces[piece as usize];
+            let Some(copy) = piece.copies.get(copy as usize) else { return Some((&*piece.staged, at)) };
+            let within = at.cmpge(copy.bounds.min).all() && at.cmple(copy.bounds.max).all();
+            within.then(|| (&*piece.staged, copy.back.transform_point3(at)))
+        })
+    }
+
     fn entries(&self, region: usize) -> &[(u32, u32)] {
         &self.entries[self.starts[region]..self.starts[region + 1]]
     }
@@ -431,6 +453,17 @@ impl Staged for StagedGroup<'_> {
         }
     }
 
+    fn normal(&self, facet: u32, at: DVec3, own: DVec3) -> DVec3 {
+        let (piece, copy, local) = self.find(facet);
+        let Some(copy) = copy else { return piece.staged.normal(local, at, own) };
+        // Normals go with the transposed inverse; a mirrored copy turned its facets, and with them their normals.
+        let turn = if copy.mirrored { -1.0 } else { 1.0 };
+        let into = |n: DVec3, map: &DAffine3| (map.matrix3.transpose() * n).try_normalize();
+        let Some(inner) = into(turn * own, &copy.map) else { return own };
+        let given = piece.staged.normal(local, copy.back.transform_point3(at), inner);
+        if given == inner { own } else { into(turn * given, &copy.back).unwrap_or(own) }
+    }
+
     fn cut_out(&self, facet: u32) -> bool {
         let (piece, _, local) = self.find(facet);
         piece.staged.cut_out(local)
@@ -468,26 +501,35 @@ impl Staged for StagedGroup<'_> {
     }
 
     fn inside(&self, at: DVec3) -> bool {
-        let width = f64::from(1u32 << self.levels);
-        let region = (at / width).floor().clamp(DVec3::ZERO, DVec3::splat(self.last)).as_uvec3();
-        let Ok(region) = self.regions.binary_search(&morton::encode(region.to_array())) else { return false };
-        self.entries(region).iter().any(|&(piece, copy)| {
-            let piece = &self.pieces[piece as usize];
-            match piece.copies.get(copy as usize) {
-                None => piece.staged.inside(at),
-                Some(copy) => {
-                    let within = at.cmpge(copy.bounds.min).all() && at.cmple(copy.bounds.max).all();
-                    within && piece.staged.inside(copy.back.transform_point3(at))
+        self.around(at).any(|(staged, at)| staged.inside(at))
+    }
+
+    fn level(&self, at: DVec3) -> f64 {
+        self.around(at).map(|(staged, at)| staged.level(at)).fold(1.0, f64::min)
+    }
+
+    fn side(&self, b: &Aabb) -> Option<bool> {
+        let mut outside = true;
+        for piece in &self.pieces {
+            let alone = piece.copies.is_empty().then(|| piece.staged.side(b));
+            let copies = piece.copies.iter().filter(|c| !c.bounds.intersection(*b).is_empty());
+            let sides = alone.into_iter().chain(copies.map(|c| piece.staged.side(&b.transformed(c.back))));
+            for side in sides {
+                match side {
+                    Some(true) => return Some(true),
+                    Some(false) => {}
+                    None => outside = false,
                 }
             }
-        })
+        }
+        outside.then_some(false)
     }
 }
 
 /// Give the polygon of a copy in the group's grid; clipped ones may have more corners than a facet has, and go in two.
 fn carry(p: &Polygon, copy: &Copy, facet: u32, each: &mut dyn FnMut(&Polygon)) {
     let corners = p.corners();
-    let mut placed = [DVec3::ZERO; super::clip::ROOM];
+    let mut placed = [DVec3::ZERO; ROOM];
     for (to, from) in placed.iter_mut().zip(corners) {
         *to = copy.map.transform_point3(*from);
     }
@@ -495,13 +537,7 @@ fn carry(p: &Polygon, copy: &Copy, facet: u32, each: &mut dyn FnMut(&Polygon)) {
     if copy.mirrored {
         placed.reverse();
     }
-    if placed.len() <= MAX_CORNERS {
-        return each(&Polygon::new(placed, facet));
-    }
-    each(&Polygon::new(&placed[..MAX_CORNERS], facet));
-    let mut rest = vec![placed[0]];
-    rest.extend_from_slice(&placed[MAX_CORNERS - 1..]);
-    each(&Polygon::new(&rest, facet));
+    Polygon::convex(placed, facet, each);
 }
 
 #[cfg(test)]

@@ -125,6 +125,9 @@ impl Gather {
             albedo = DVec3::from(s.albedo.map(f64::from));
         }
         (m.lo, m.hi) = (m.lo.min(lo), m.hi.max(hi));
+        let own = area / size;
+        let shown = staged.normal(p.facet, polygon.middle(), own);
+        let area = if shown == own { area } else { size * shown };
         for (k, sum) in self.areas.iter_mut().enumerate() {
             *sum += share * oblique_area(k, area);
         }

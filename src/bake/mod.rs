@@ -16,17 +16,22 @@ pub mod field;
 mod fit;
 pub mod group;
 mod interior;
+pub mod layers;
 mod measure;
 mod medium;
+pub mod merge;
 pub mod mesh;
 mod mixture;
 mod mtl;
 pub mod obj;
 mod open;
+pub mod paint;
 mod patch;
 mod polygon;
+pub mod recipe;
 mod source;
 pub mod stack;
+pub mod texel;
 mod tree;
 mod tube;
 
@@ -67,11 +72,13 @@ pub struct Options {
     pub up: u8,
     /// Bytes that the bake may take besides the source; 0: any.
     pub memory: u64,
+    /// The texel's cube in source space, where it is not to be found from what the source fills.
+    pub cube: Option<Aabb>,
 }
 
 impl Default for Options {
     fn default() -> Self {
-        Options { resolution: 512, voxel_size: None, model: Model::Coverage, cyclic: [false; 3], up: 1, memory: 0 }
+        Options { resolution: 512, voxel_size: None, model: Model::Coverage, cyclic: [false; 3], up: 1, memory: 0, cube: None }
     }
 }
 
@@ -202,6 +209,13 @@ fn plan(bounds: Aabb, options: &Options) -> Result<Placement> {
         None => options.resolution.next_power_of_two(),
     };
     let edge = options.voxel_size.unwrap_or(extent / f64::from(side)) * f64::from(side);
+    if let Some(cube) = options.cube {
+        let side = options.resolution.next_power_of_two();
+        place.bounds = cube;
+        place.scale = f64::from(side) / cube.size().x;
+        place.depth = side.trailing_zeros() as usize;
+        return Ok(place);
+    }
     // Centred across, standing on w = 0.
     let base = if bounds.is_empty() { Aabb::new(DVec3::ZERO, DVec3::ONE) } else { bounds };
     let mut min = base.centre() - 0.5 * edge;

@@ -3,12 +3,13 @@
 use std::path::{Path, PathBuf};
 
 use super::stack::{self, StackOptions, StackSource};
-use super::{MeshOptions, MeshSource, Source};
+use super::texel::TexelSource;
+use super::{MeshOptions, MeshSource, Source, recipe};
 use crate::scene::gltf::{self, ReadOptions};
 use crate::{Error, Result};
 
 /// Extensions that are known.
-const KNOWN: &str = ".gltf, .glb, .obj, .nii, .nii.gz, .hdr, .img, .nrrd, .nhdr, .mha, .mhd, .dcm, .tif, a folder of slices or of DICOM";
+const KNOWN: &str = ".gltf, .glb, .obj, .vtex, .toml and .json (recipes), .nii, .nii.gz, .hdr, .img, .nrrd, .nhdr, .mha, .mhd, .dcm, .tif, a folder of slices or of DICOM";
 
 /// How a source is read; each kind of source has its own part.
 #[derive(Debug, Clone, Default)]
@@ -17,6 +18,8 @@ pub struct OpenOptions {
     pub read: ReadOptions,
     pub mesh: MeshOptions,
     pub stack: StackOptions,
+    /// Recipes that are being read: none of them may draw itself.
+    pub within: Vec<PathBuf>,
 }
 
 /// Open the source `path`.
@@ -27,6 +30,8 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Box<dyn Source>> {
     let model = match extension(path).as_str() {
         "gltf" | "glb" => gltf::read(path, &options.read)?.model,
         "obj" => super::obj::read(path, &options.read)?,
+        "vtex" => return Ok(Box::new(TexelSource::open(path, options.read.max_bytes)?)),
+        "toml" | "json" => return recipe::open(path, options),
         _ if stack::is_stack(path) => {
             let stack = stack::read(path, &options.stack, options.read.max_bytes)?;
             return Ok(Box::new(StackSource::new(stack, &options.stack)?));
@@ -76,6 +81,10 @@ pub fn dependencies(path: &Path) -> Vec<PathBuf> {
                     }
                 }
             }
+        }
+        "toml" | "json" => {
+            let of = |f: PathBuf| if recipe::is_recipe(&f) { vec![f] } else { dependencies(&f) };
+            recipe::files(path).into_iter().flat_map(of).for_each(&mut add);
         }
         _ => {}
     }

@@ -156,6 +156,11 @@ pub trait Staged: Sync {
     fn cut(&self, _facet: u32) -> Option<Box<dyn Cut + '_>> {
         None
     }
+    /// The unit normal (grid space) that a facet of the unit normal `own` shows at `at`; another one leaves alone how much it
+    /// covers in the mean over all directions.
+    fn normal(&self, _facet: u32, _at: DVec3, own: DVec3) -> DVec3 {
+        own
+    }
     /// Whether the facet is one face of a closed thing: its normal points to where it is seen from.
     fn one_sided(&self, facet: u32) -> bool;
     /// Give the semi-transparent matter in `regions()[region]`, cube by cube: no two overlap, and a cube lies within the
@@ -164,6 +169,15 @@ pub trait Staged: Sync {
     /// Whether the point `at` (grid space) is within opaque matter; only asked of cubes that no facet reaches, about their
     /// middles. Regions without facets that are within have to be among [`Staged::regions`].
     fn inside(&self, at: DVec3) -> bool;
+    /// A value that is below 0 within opaque matter and above 0 outside, at any point; by default its sign alone is known.
+    fn level(&self, at: DVec3) -> f64 {
+        if self.inside(at) { -1.0 } else { 1.0 }
+    }
+    /// Whether the box `b` lies wholly within opaque matter (true) or wholly outside (false); `None` where it may be on the
+    /// frontier, or where that is not known.
+    fn side(&self, _b: &Aabb) -> Option<bool> {
+        None
+    }
 }
 
 /// The alpha of one facet.

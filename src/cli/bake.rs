@@ -101,6 +101,7 @@ impl Args {
                 None => up,
             },
             memory: self.memory.unwrap_or(0),
+            cube: None,
         }
     }
 

@@ -18,6 +18,10 @@ mod map;
 mod plot;
 #[cfg_attr(not(feature = "bake"), allow(dead_code))]
 mod quantity;
+#[cfg(feature = "bake")]
+mod merge;
+#[cfg(feature = "bake")]
+mod recipe;
 #[cfg(feature = "render")]
 mod reference;
 #[cfg(feature = "render")]
@@ -74,6 +78,13 @@ enum Command {
     #[cfg(all(feature = "bake", feature = "render", feature = "plot"))]
     Error(Box<error::Args>),
     Inspect(inspect::Args),
+    #[cfg(feature = "bake")]
+    Merge(merge::MergeArgs),
+    #[cfg(feature = "bake")]
+    Resample(merge::ResampleArgs),
+    /// Check a recipe, or print what one may say
+    #[cfg(feature = "bake")]
+    Recipe(recipe::Args),
     /// Render a landscape: one cone a pixel, the texels read only as far as they are seen
     #[cfg(feature = "render")]
     Render(render::Args),
@@ -128,6 +139,12 @@ fn run(command: Command, ui: &Ui) -> crate::Result<()> {
         #[cfg(all(feature = "bake", feature = "render", feature = "plot"))]
         Command::Error(args) => error::run(&args, ui),
         Command::Inspect(args) => inspect::run(&args, ui),
+        #[cfg(feature = "bake")]
+        Command::Merge(args) => merge::run_merge(&args, ui),
+        #[cfg(feature = "bake")]
+        Command::Resample(args) => merge::run_resample(&args, ui),
+        #[cfg(feature = "bake")]
+        Command::Recipe(args) => recipe::run(&args, ui),
         #[cfg(feature = "render")]
         Command::Render(args) => render::run(&args, ui),
         #[cfg(feature = "render")]

@@ -126,6 +126,7 @@ impl SourceArgs {
             },
             mesh: MeshOptions { line_width: self.line_width, fill },
             stack: self.stack.options(),
+            ..OpenOptions::default()
         }
     }
 

@@ -335,6 +335,15 @@ impl Staged for StagedField<'_> {
     }
 
     fn inside(&self, at: DVec3) -> bool {
-        self.laid.value_at(at * self.laid.cells) < 0.0
+        self.level(at) < 0.0
+    }
+
+    fn level(&self, at: DVec3) -> f64 {
+        self.laid.value_at(at * self.laid.cells)
+    }
+
+    fn side(&self, b: &Aabb) -> Option<bool> {
+        let (least, most) = self.laid.range(b.min * self.laid.cells, b.max * self.laid.cells);
+        if most < 0.0 { Some(true) } else { (least > 0.0).then_some(false) }
     }
 }
