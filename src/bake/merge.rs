@@ -34,7 +34,11 @@ const MAX_TILES: u64 = 1 << 12;
 ///
 /// # Errors
 /// [`Error::Options`] where the inputs' axes differ or options are out of range, and what [`bake`] gives.
-pub fn merge(inputs: Vec<(Volume, Warnings)>, options: &MergeOptions, progress: &dyn Progress) -> Result<(Volume, Report)> {
+pub fn merge(
+    inputs: Vec<(Volume, Warnings)>,
+    options: &MergeOptions,
+    progress: &dyn Progress,
+) -> Result<(Volume, Report)> {
     let Some(first) = inputs.first().map(|(v, _)| v.info.clone()) else {
         return Err(Error::Options("there is no texel to merge".into()));
     };
@@ -74,7 +78,10 @@ pub fn merge(inputs: Vec<(Volume, Warnings)>, options: &MergeOptions, progress: 
     let mut source: Box<dyn Source> = Box::new(GroupSource::new(sources, &parts, first.metres_per_unit));
     if let Some(crop) = options.crop {
         let block = FieldSource::new(Box::new(Block { min: crop.min, max: crop.max, round: 0.0 }), None)?;
-        source = Box::new(LayersSource::new(vec![(Mode::Add, source), (Mode::Multiply, Box::new(block))], first.metres_per_unit));
+        source = Box::new(LayersSource::new(
+            vec![(Mode::Add, source), (Mode::Multiply, Box::new(block))],
+            first.metres_per_unit,
+        ));
     }
     let cube = match options.resolution {
         // The first input's own cube, where all fits into it; else one of the same voxels that holds all.

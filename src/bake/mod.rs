@@ -78,7 +78,15 @@ pub struct Options {
 
 impl Default for Options {
     fn default() -> Self {
-        Options { resolution: 512, voxel_size: None, model: Model::Coverage, cyclic: [false; 3], up: 1, memory: 0, cube: None }
+        Options {
+            resolution: 512,
+            voxel_size: None,
+            model: Model::Coverage,
+            cyclic: [false; 3],
+            up: 1,
+            memory: 0,
+            cube: None,
+        }
     }
 }
 

@@ -55,7 +55,8 @@ impl TexelSource {
     /// Voxels of `depth`, and coarser ones that have no children: first code at `depth`, own depth, voxel.
     fn leaves(&self, depth: usize) -> Vec<Leaf> {
         let mut leaves = Vec::new();
-        for ((d, level), codes) in self.volume.depths.iter().enumerate().take(depth + 1).zip(codes(&self.volume.depths)) {
+        for ((d, level), codes) in self.volume.depths.iter().enumerate().take(depth + 1).zip(codes(&self.volume.depths))
+        {
             let levels = (depth - d) as u32;
             for ((code, &mask), &voxel) in codes.into_iter().zip(&level.masks).zip(&level.voxels) {
                 if d == depth || mask == 0 {
@@ -99,9 +100,8 @@ pub fn codes(depths: &[Depth]) -> Vec<Vec<u64>> {
     let mut codes = vec![0u64];
     for level in depths {
         codes.truncate(level.masks.len());
-        let children = |(&code, &mask): (&u64, &u8)| {
-            (0..8).filter(move |j| mask >> j & 1 != 0).map(move |j| code << 3 | j)
-        };
+        let children =
+            |(&code, &mask): (&u64, &u8)| (0..8).filter(move |j| mask >> j & 1 != 0).map(move |j| code << 3 | j);
         let next = codes.iter().zip(&level.masks).flat_map(children).collect();
         all.push(std::mem::replace(&mut codes, next));
     }
@@ -188,7 +188,11 @@ impl Source for TexelSource {
                 }
                 if entries.len() > MAX_ENTRIES {
                     let (needed, allowed) = (entries.len() as u64, MAX_ENTRIES as u64);
-                    return Err(Error::Limit { what: "the number of regions that voxels reach".into(), needed, allowed });
+                    return Err(Error::Limit {
+                        what: "the number of regions that voxels reach".into(),
+                        needed,
+                        allowed,
+                    });
                 }
             }
         }

@@ -68,7 +68,8 @@ struct Common {
 }
 
 fn vector(text: &str) -> Result<DVec3, String> {
-    let numbers: Vec<f64> = text.split(',').filter_map(|v| v.trim().parse().ok()).filter(|v: &f64| v.is_finite()).collect();
+    let numbers: Vec<f64> =
+        text.split(',').filter_map(|v| v.trim().parse().ok()).filter(|v: &f64| v.is_finite()).collect();
     match numbers[..] {
         [x, y, z] if text.split(',').count() == 3 => Ok(DVec3::new(x, y, z)),
         _ => Err("three numbers with commas between them".into()),

@@ -14,12 +14,12 @@ mod demo;
 mod error;
 mod inspect;
 mod map;
+#[cfg(feature = "bake")]
+mod merge;
 #[cfg(all(feature = "bake", feature = "render", feature = "plot"))]
 mod plot;
 #[cfg_attr(not(feature = "bake"), allow(dead_code))]
 mod quantity;
-#[cfg(feature = "bake")]
-mod merge;
 #[cfg(feature = "bake")]
 mod recipe;
 #[cfg(feature = "render")]

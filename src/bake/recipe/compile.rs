@@ -5,8 +5,8 @@ use std::path::Path;
 use std::sync::Arc;
 
 use super::model::{
-    Albedo, Blade, Box3, Either, FillName, Line, LineSection, Mode, Node, Plane, Projection, Recipe, Shape,
-    SourceFile, Varied, Widths,
+    Albedo, Blade, Box3, Either, FillName, Line, LineSection, Mode, Node, Plane, Projection, Recipe, Shape, SourceFile,
+    Varied, Widths,
 };
 use super::{place, scatter};
 use crate::bake::curve::{CurveOptions, CurveSource, Interpolation, Section, Strand};
