@@ -359,5 +359,6 @@ fn the_published_schema_is_the_model() {
         std::fs::write(concat!(env!("CARGO_MANIFEST_DIR"), "/docs/recipe.schema.json"), &text).unwrap();
         return;
     }
-    assert_eq!(text, SCHEMA, "run this test with VTEX_BLESS=1");
+    let published: serde_json::Value = serde_json::from_str(SCHEMA).unwrap();
+    assert_eq!(serde_json::to_value(&schema).unwrap(), published, "run this test with VTEX_BLESS=1");
 }
