@@ -8,7 +8,7 @@
 
 use std::path::Path;
 
-use super::chord::Chords;
+use super::chord::{Chords, Lanes, MAX_RATE};
 use super::clip::Polygon;
 use super::medium::Medium;
 use super::mixture::mix;
@@ -28,7 +28,7 @@ pub struct TexelSource {
 }
 
 /// Share of a support box from which on it is taken for opaque.
-const OPAQUE: f64 = 0.996;
+const OPAQUE: f32 = 0.996;
 /// Most regions that voxels may reach, one by one.
 const MAX_ENTRIES: usize = 1 << 28;
 
@@ -221,15 +221,16 @@ impl StagedTexel {
     /// What a voxel covers, as independent matter: hits an edge along 13 axes.
     fn rates(&self, voxel: &Voxel) -> [f64; 13] {
         let shape = Sggx::decode(voxel.ndf);
-        let rate = f64::from(self.rates[usize::from(voxel.rate)]);
+        let rate = self.rates[usize::from(voxel.rate)];
         let (lo, hi) = voxel.support_box();
-        let e = (hi - lo).as_dvec3();
-        let directions = directions13();
-        std::array::from_fn(|k| {
-            let chords = Chords::new(k, e);
-            let own = rate * f64::from(shape.sigma(directions[k].as_vec3()));
-            chords.rate(chords.blocked(own, f64::from(voxel.c())).min(OPAQUE), 0.0)
-        })
+        let chords = Chords::new((hi - lo).as_dvec3());
+        let mut own: Lanes = [1e-6; 16];
+        for (own, w) in own.iter_mut().zip(directions13()) {
+            *own = (rate * shape.sigma(w.as_vec3())).clamp(1e-6, MAX_RATE);
+        }
+        let blocked = chords.blocked(&own, voxel.c()).map(|share| share.clamp(0.0, OPAQUE));
+        let rates = chords.rates(&blocked, 0.0);
+        std::array::from_fn(|k| rates[k].into())
     }
 
     /// The voxel as a medium of the other grid: one a voxel that its support box reaches.
