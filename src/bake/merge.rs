@@ -118,7 +118,7 @@ fn grid(extent: Aabb, first: Aabb, voxel: f64) -> Result<(Aabb, u32)> {
     let own = (first.size().x / voxel).round();
     let fits = lo.min_element() >= 0.0 && hi.max_element() <= own && (own as u64).is_power_of_two();
     let (lo, side) = if fits { (DVec3::ZERO, own) } else { (lo, (hi - lo).max_element().max(1.0)) };
-    if !(side <= f64::from(super::MAX_RESOLUTION)) {
+    if side.is_nan() || side > f64::from(super::MAX_RESOLUTION) {
         return Err(Error::Options(format!(
             "{side:.0} voxels of {voxel:.6} a side would be needed, at most {} are made: give -r",
             super::MAX_RESOLUTION

@@ -312,7 +312,7 @@ impl<'a> Compiler<'a> {
 
 /// Whether something is cut by all of the layers.
 fn layers_cut(modes: &[layers::Mode]) -> bool {
-    modes.iter().any(|m| *m == layers::Mode::Multiply)
+    modes.contains(&layers::Mode::Multiply)
 }
 
 /// A node that is ready.
