@@ -4,7 +4,7 @@ use vtex::bake::{self, Medium, Options, Placement, Polygon, Source, Staged, Surf
 use vtex::geom::{Aabb, DVec3, directions13};
 use vtex::progress::Progress;
 use vtex::render::{DepthChoice, MarchStats, Stretch, transmittance};
-use vtex::volume::Octree;
+use vtex::volume::{Octree, Volume};
 use vtex::{Result, Warnings, morton};
 
 /// Fills the unit cube with what a function of place gives for each voxel (or cube of `2^levels` voxels).
@@ -84,9 +84,13 @@ impl<F: Fn(DVec3) -> Option<Medium> + Sync> Staged for StagedCloud<'_, F> {
     }
 }
 
-fn baked(source: &dyn Source, resolution: u32) -> Octree {
+fn volume(source: &dyn Source, resolution: u32) -> Volume {
     let options = Options { resolution, up: 2, ..Options::default() };
-    Octree::new(bake::bake(source, &options, &vtex::progress::Quiet, &mut |_| ()).unwrap().0).unwrap()
+    bake::bake(source, &options, &vtex::progress::Quiet, &mut |_| ()).unwrap().0
+}
+
+fn baked(source: &dyn Source, resolution: u32) -> Octree {
+    Octree::new(volume(source, resolution)).unwrap()
 }
 
 fn through(tree: &Octree, middle: DVec3, dir: DVec3, depth: usize) -> (f64, f64) {
@@ -137,10 +141,78 @@ fn a_slab_takes_away_e_to_the_minus_depth_in_26_directions() {
                 let (bias, worst) = compare(&tree, depth, |p, dir| {
                     slab.hit(p - 2.0 * dir, 1.0 / dir, 0.0, 9.0).map_or(1.0, |(a, b)| (-kappa * (b - a)).exp())
                 });
-                // Codes of rates are steps of 4.4 %; lines that coarse voxels share are drawn at random.
-                let allowed = [0.15, 0.11, 0.11, 0.03, 0.01, 0.005][depth];
-                assert!(bias.abs() < allowed && worst < 2.0 * allowed, "{kappa} {levels} {depth}: {bias} {worst}");
+                // Codes of rates are steps of 4.4 %; which lines coarse voxels share is drawn by chance. Measured: bias at
+                // most .013, worst direction .04 at depth 2, .014 at depth 3, .009 at 4 and .008 at 5. The root is one voxel
+                // whose correlation is taken as 1: rays longer than its mean chord come out too dark, by up to .11.
+                let allowed = [0.13, 0.02, 0.02, 0.01, 0.006, 0.005][depth];
+                assert!(bias.abs() < allowed, "{kappa} {levels} {depth}: {bias} {worst}");
+                assert!(
+                    worst < [0.2, 0.06, 0.05, 0.02, 0.012, 0.01][depth],
+                    "{kappa} {levels} {depth}: {bias} {worst}"
+                );
             }
         }
+    }
+}
+
+#[test]
+fn a_graded_medium_integrates_its_density() {
+    // Density 6 z: the integral along a ray is the mean of both ends times the length.
+    let source = cloud(0, |p: DVec3| Some(Medium::even([0; 3], 0, 6.0 * p.z / 32.0, [0.5; 3])));
+    let tree = baked(&source, 32);
+    for depth in 1..=5 {
+        let (bias, worst) = compare(&tree, depth, |p, dir| {
+            let origin = p - 2.0 * dir;
+            let (a, b) = Aabb::UNIT.hit(origin, 1.0 / dir, 0.0, 9.0).unwrap();
+            (-6.0 * (origin + 0.5 * (a + b) * dir).z * (b - a)).exp()
+        });
+        // As above, and at depth 1 a voxel's density is the mean of 0 … 3 or 3 … 6.
+        assert!(bias.abs() < [0.0, 0.04, 0.025, 0.015, 0.01, 0.01][depth], "{depth} {bias} {worst}");
+        assert!(worst < [0.0, 0.1, 0.05, 0.03, 0.02, 0.015][depth], "{depth} {bias} {worst}");
+    }
+}
+
+#[test]
+fn colours_are_weighted_by_what_is_there() {
+    let source = cloud(0, |p: DVec3| {
+        let (extinction, albedo) = if p.x < 0.5 { (0.03, [1.0, 0.0, 0.0]) } else { (0.01, [0.0, 0.0, 1.0]) };
+        Some(Medium::even([0; 3], 0, extinction, albedo))
+    });
+    let root = volume(&source, 8).depths[0].voxels[0].albedo();
+    // Thin matter: three parts of red to one of blue, less what hides itself; codes are squares of 1/255 steps.
+    assert!((root.x - 0.75).abs() < 0.05 && (root.z - 0.25).abs() < 0.05 && root.y == 0.0, "{root}");
+}
+
+#[test]
+fn a_half_filled_voxel_blocks_on_its_filled_side() {
+    let half = Medium { hi: DVec3::new(0.5, 1.0, 1.0), ..Medium::even([0; 3], 0, 1.2, [0.5; 3]) };
+    let source = cloud(0, |p: DVec3| (p.z > 0.5 && p.z < 0.56).then_some(half));
+    let tree = baked(&source, 16);
+    for voxel in 0..16 {
+        let at = |share: f64| DVec3::new((f64::from(voxel) + share) / 16.0, 0.5, 8.5 / 16.0);
+        let filled = through(&tree, at(0.25), DVec3::Z, 4).0;
+        // One layer of voxels: e^−1.2; a block's rates are levelled against its lines, here by 8 %.
+        assert!((filled - (-1.2f64).exp()).abs() < 0.04, "{filled}");
+        assert_eq!(through(&tree, at(0.75), DVec3::Z, 4).0, 1.0);
+    }
+}
+
+#[test]
+fn flakes_block_more_across_than_along() {
+    let flat = Medium { flat: 1.0, normal: DVec3::Z, facing: 1.0, ..Medium::even([0; 3], 0, 0.05, [0.5; 3]) };
+    let volume = volume(&cloud(0, |_| Some(flat)), 16);
+    let voxel = volume.depths[4].voxels[77];
+    let tree = Octree::new(volume).unwrap();
+    let along = |dir: DVec3| -through(&tree, DVec3::splat(0.5), dir, 4).0.ln() / 16.0;
+    // sigma(w) = 2 extinction |n . w|; the ellipsoid keeps 1 % of its largest axis, and a flake's |cos| is fitted by one.
+    assert!((along(DVec3::Z) / 0.1 - 1.0).abs() < 0.06, "{}", along(DVec3::Z));
+    assert!(along(DVec3::X) < 0.004, "{}", along(DVec3::X));
+    assert!(voxel.one_sidedness() > 0.99 && voxel.mean_normal().z > 0.999);
+}
+
+#[test]
+fn hostile_media_are_left_out() {
+    for bad in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+        assert!(volume(&cloud(0, |_| Some(Medium::even([0; 3], 0, bad, [0.5; 3]))), 8).depths.is_empty());
     }
 }

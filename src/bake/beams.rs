@@ -218,10 +218,31 @@ impl Beams {
         self.rows[PROJECTIONS[k].first + row] |= 1 << bit;
     }
 
-    /// Take over the lines of the axis `k`.
-    pub fn copy_axis(&mut self, k: usize, other: &Beams) {
+    /// Take over the lines of the axis `k`, brought by a symmetry of the full voxel that `turn` chooses to other lines.
+    pub fn copy_axis(&mut self, k: usize, other: &Beams, turn: u32) {
         let p = &PROJECTIONS[k];
-        self.rows[p.first..p.first + p.rows].copy_from_slice(other.axis(k));
+        let from = other.axis(k);
+        let to = &mut self.rows[p.first..p.first + p.rows];
+        let (rows, bits) = ((turn & 15) as usize, turn >> 4 & 15);
+        for (i, to) in to.iter_mut().enumerate() {
+            *to = match (p.sa, p.sb) {
+                (0, _) => {
+                    let row = from[(i + rows) & 15];
+                    (row << bits | row >> (16 - bits)) & 0xffff
+                }
+                (_, 0) if bits & 1 == 1 => from[(i + rows) & 15].reverse_bits(),
+                (_, 0) => from[(i + rows) & 15],
+                _ if bits & 1 == 1 => from[31 - i].reverse_bits(),
+                _ => from[i],
+            };
+        }
+    }
+
+    /// Block all that `other` blocks.
+    pub fn unite_with(&mut self, other: &Beams) {
+        for (mine, theirs) in self.rows.iter_mut().zip(&other.rows) {
+            *mine |= theirs;
+        }
     }
 
     /// Block all that `other` blocks, and count its lines into `parts`.
@@ -229,9 +250,7 @@ impl Beams {
         for (k, parts) in parts.iter_mut().enumerate() {
             *parts += other.count(k);
         }
-        for (mine, theirs) in self.rows.iter_mut().zip(&other.rows) {
-            *mine |= theirs;
-        }
+        self.unite_with(other);
     }
 
     /// Every line through a full voxel; found once, as every solid voxel asks for them.

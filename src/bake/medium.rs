@@ -5,8 +5,8 @@
 //! (extinction by flakes with normals).
 //!
 //! A cube blocks the share of its lines that its density takes away, which is exact. Which lines these are is drawn from a
-//! fixed table: a line is blocked from some extinction on, in another order for every place along any of the 13 axes, so
-//! that cubes which are united at a coarser depth hide one another as independent matter does.
+//! fixed table: a line is blocked from some extinction on, in an order that the cube's place chooses, so that cubes which are
+//! united at a coarser depth hide one another as independent matter does.
 
 use std::sync::LazyLock;
 
@@ -79,28 +79,30 @@ pub struct Share {
     pub facing: DVec3,
 }
 
-/// Orders in which lines are blocked. A prime: every step along an axis, straight or to the next but one neighbour, leads to
-/// another.
-const ORDERS: usize = 31;
+/// Orders in which lines are blocked; turned and shifted there are more, so that two cubes seldom have the same.
+const ORDERS: usize = 127;
 /// Extinctions in the table: 2^(level / STEPS − OCTAVES_BELOW) hits an edge.
-const LEVELS: usize = 64;
-const STEPS: f64 = 5.0;
+const LEVELS: usize = 40;
+const STEPS: f64 = 3.5;
 const OCTAVES_BELOW: f64 = 8.0;
 
 /// By order and level.
 static TABLE: LazyLock<Vec<Beams>> = LazyLock::new(|| {
     let mut table = vec![Beams::default(); ORDERS * LEVELS];
-    for order in 0..ORDERS {
-        for (k, lines) in (0..13).map(|k| (k, thresholds(order, k))) {
-            for (row, bit, depth) in lines {
+    for (order, table) in table.chunks_exact_mut(LEVELS).enumerate() {
+        for k in 0..13 {
+            for (row, bit, depth) in thresholds(order, k) {
                 let (x, y) = middle(row, bit);
                 let Some((from, to)) = crossing(k, x, y, DVec3::ZERO, DVec3::ONE) else { continue };
-                let from_extinction = depth / ((to - from) * axis_length(k));
-                let first = (libm::log2(from_extinction) + OCTAVES_BELOW) * STEPS;
-                for level in first.ceil().clamp(0.0, LEVELS as f64) as usize..LEVELS {
-                    table[order * LEVELS + level].set(k, row, bit);
+                let first = (libm::log2(depth / ((to - from) * axis_length(k))) + OCTAVES_BELOW) * STEPS;
+                if let Some(beams) = table.get_mut(first.ceil().max(0.0) as usize) {
+                    beams.set(k, row, bit);
                 }
             }
+        }
+        for level in 1..LEVELS {
+            let (below, above) = table.split_at_mut(level);
+            above[0].unite_with(&below[level - 1]);
         }
     }
     table
@@ -141,12 +143,6 @@ fn mix(v: u64) -> u64 {
     v ^ v >> 31
 }
 
-/// The order of the cube of `2^levels` voxels at the voxel `at`.
-fn order(at: [u32; 3], levels: u32) -> usize {
-    let [x, y, z] = at.map(|v| u64::from(v >> levels));
-    ((x + 3 * y + 9 * z + 5 * u64::from(levels)) % ORDERS as u64) as usize
-}
-
 /// What `medium` adds to the cube of `2^levels` voxels at the voxel `at`, which is a part of its own cube.
 pub fn share(medium: &Medium, at: [u32; 3], levels: u32) -> Option<Share> {
     // The filled part, in edges of the cube that is asked about.
@@ -163,29 +159,35 @@ pub fn share(medium: &Medium, at: [u32; 3], levels: u32) -> Option<Share> {
     let lanes = std::array::from_fn(|k| rates.get(k).map_or(1.0, |&r| r as f32).max(1e-12));
     let blocked = Chords::new(e).blocked(&lanes, 0.0);
     let cover = std::array::from_fn(|k| box_area(k, e) * f64::from(blocked[k]));
-    let order = order(at, levels);
+    let seed = mix(u64::from(at[0]) | u64::from(at[1]) << 20 | u64::from(at[2]) << 40 | u64::from(levels) << 60);
     let whole = lo == DVec3::ZERO && hi == DVec3::ONE;
-    let beams = if whole { whole_cube(order, &rates) } else { part_of_cube(order, &rates, lo, hi) };
+    let beams = if whole { whole_cube(seed, &rates) } else { part_of_cube(seed, &rates, lo, hi) };
     // Facets of area A block A / 2 in the mean over all directions.
     let area = 2.0 * medium.extinction * edge * e.element_product();
     Some(Share { lo, hi, beams, cover, area, facing: area * medium.facing * medium.normal })
 }
 
-fn whole_cube(order: usize, rates: &[f64; 13]) -> Beams {
+fn whole_cube(seed: u64, rates: &[f64; 13]) -> Beams {
     let mut beams = Beams::default();
+    let table = &*TABLE;
     for (k, &rate) in rates.iter().enumerate() {
-        let level = ((libm::log2(rate) + OCTAVES_BELOW) * STEPS).round();
-        if level >= 0.0 {
-            beams.copy_axis(k, &TABLE[order * LEVELS + (level as usize).min(LEVELS - 1)]);
+        let draw = mix(seed ^ k as u64);
+        let level = (libm::log2(rate) + OCTAVES_BELOW) * STEPS;
+        // Less than the table has: its least, as seldom as makes up for it.
+        if level < 0.0 && f64::from(draw as u32) > 4_294_967_296.0 * libm::exp2(level / STEPS) {
+            continue;
         }
+        let level = (level.round().max(0.0) as usize).min(LEVELS - 1);
+        let order = (draw >> 32) as usize % ORDERS;
+        beams.copy_axis(k, &table[order * LEVELS + level], (draw >> 52) as u32);
     }
     beams
 }
 
-fn part_of_cube(order: usize, rates: &[f64; 13], lo: DVec3, hi: DVec3) -> Beams {
+fn part_of_cube(seed: u64, rates: &[f64; 13], lo: DVec3, hi: DVec3) -> Beams {
     let mut beams = Beams::default();
     for (k, &rate) in rates.iter().enumerate() {
-        for (row, bit, depth) in thresholds(order, k) {
+        for (row, bit, depth) in thresholds((mix(seed ^ k as u64) >> 32) as usize, k) {
             let (x, y) = middle(row, bit);
             if let Some((from, to)) = crossing(k, x, y, lo, hi)
                 && rate * (to - from) * axis_length(k) > depth

@@ -4,11 +4,20 @@
 //! inside and frontier by a distance that never grows faster than Euclid's).
 
 mod contour;
+mod csg;
 mod shapes;
+mod skeleton;
 mod source;
+mod spec;
 
+#[cfg(test)]
+pub(super) use contour::Cells;
+pub use csg::{Coloured, Csg, Grown, Operation, Placed};
 pub use shapes::{Block, Capsule, Cone, Ellipsoid, HalfSpace, Plane, Sphere, Torus, Triangle};
+pub use skeleton::{Bone, Element, Kernel, Skeleton};
 pub use source::FieldSource;
+pub(super) use source::Laid;
+pub use spec::{Change, Colour, ElementSpec, FieldSpec, KernelSpec, Scale, Shape, build};
 
 #[cfg(test)]
 mod tests;
@@ -20,7 +29,7 @@ pub trait Field: Sync + Send {
     /// Below 0 within, above 0 outside; NaN counts as outside.
     fn value(&self, p: DVec3) -> f64;
 
-    /// The direction in which the value grows; of any length.
+    /// The gradient of the value; where it has none, any.
     fn gradient(&self, p: DVec3) -> DVec3 {
         central_difference(|p| self.value(p), p, 1e-5 * (1.0 + p.abs().max_element()))
     }
@@ -43,6 +52,11 @@ pub trait Field: Sync + Send {
 
     /// A box around all matter; it may be infinite, and is empty where there is none.
     fn bounds(&self) -> Aabb;
+
+    /// A box around all points whose value is at most `level`; without end where none is known.
+    fn bounds_of(&self, level: f64) -> Aabb {
+        if level <= 0.0 { self.bounds() } else { Aabb::new(DVec3::NEG_INFINITY, DVec3::INFINITY) }
+    }
 
     /// Linear Rec. 709 at a point of the surface; `None`: white.
     fn colour(&self, _p: DVec3) -> Option<[f32; 3]> {
@@ -76,6 +90,10 @@ impl<F: Field + ?Sized> Field for Box<F> {
         (**self).bounds()
     }
 
+    fn bounds_of(&self, level: f64) -> Aabb {
+        (**self).bounds_of(level)
+    }
+
     fn colour(&self, p: DVec3) -> Option<[f32; 3]> {
         (**self).colour(p)
     }
@@ -83,6 +101,11 @@ impl<F: Field + ?Sized> Field for Box<F> {
     fn has_colour(&self) -> bool {
         (**self).has_colour()
     }
+}
+
+/// `b` with every face moved outward by `by` ≥ 0; an empty box stays empty.
+fn grown(b: Aabb, by: f64) -> Aabb {
+    if b.is_empty() || by <= 0.0 { b } else { Aabb::new(b.min - by, b.max + by) }
 }
 
 /// The gradient of `value` at `p` by steps of `h` each way.

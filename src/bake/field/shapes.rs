@@ -2,7 +2,7 @@
 //!
 //! Based on: J. Hart, *Sphere Tracing*, The Visual Computer 12, 1996 (distances to solids, and lower bounds of them).
 
-use super::Field;
+use super::{Field, grown};
 use crate::geom::{Aabb, DVec2, DVec3};
 
 /// A ball. Exact.
@@ -18,7 +18,7 @@ impl Field for Sphere {
     }
 
     fn gradient(&self, p: DVec3) -> DVec3 {
-        p - self.centre
+        (p - self.centre).normalize_or_zero()
     }
 
     fn range(&self, b: &Aabb) -> (f64, f64) {
@@ -28,6 +28,10 @@ impl Field for Sphere {
 
     fn bounds(&self) -> Aabb {
         Aabb::new(self.centre - self.radius, self.centre + self.radius)
+    }
+
+    fn bounds_of(&self, level: f64) -> Aabb {
+        grown(self.bounds(), level)
     }
 }
 
@@ -50,7 +54,8 @@ impl Field for Ellipsoid {
     }
 
     fn gradient(&self, p: DVec3) -> DVec3 {
-        (p - self.centre) / (self.radii * self.radii)
+        let q = (p - self.centre) / self.radii;
+        q.normalize_or_zero() / self.radii * self.radii.min_element()
     }
 
     fn range(&self, b: &Aabb) -> (f64, f64) {
@@ -61,6 +66,11 @@ impl Field for Ellipsoid {
 
     fn bounds(&self) -> Aabb {
         Aabb::new(self.centre - self.radii, self.centre + self.radii)
+    }
+
+    fn bounds_of(&self, level: f64) -> Aabb {
+        let reach = self.radii * (1.0 + level.max(0.0) / self.radii.min_element());
+        Aabb::new(self.centre - reach, self.centre + reach)
     }
 }
 
@@ -85,7 +95,7 @@ impl Field for Block {
         let sign = DVec3::new(sign(low.x, high.x), sign(low.y, high.y), sign(low.z, high.z));
         let out = d.max(DVec3::ZERO);
         if out != DVec3::ZERO {
-            return out * sign;
+            return out.normalize() * sign;
         }
         let axis = (0..3).max_by(|&a, &b| d[a].total_cmp(&d[b])).unwrap_or(0);
         DVec3::AXES[axis] * sign
@@ -93,6 +103,10 @@ impl Field for Block {
 
     fn bounds(&self) -> Aabb {
         Aabb::new(self.min, self.max)
+    }
+
+    fn bounds_of(&self, level: f64) -> Aabb {
+        grown(self.bounds(), level)
     }
 }
 
@@ -122,12 +136,16 @@ impl Field for Capsule {
     }
 
     fn gradient(&self, p: DVec3) -> DVec3 {
-        p - nearest_of_segment(p, self.from, self.to)
+        (p - nearest_of_segment(p, self.from, self.to)).normalize_or_zero()
     }
 
     fn bounds(&self) -> Aabb {
         let b = Aabb::around([self.from, self.to]);
         Aabb::new(b.min - self.radius, b.max + self.radius)
+    }
+
+    fn bounds_of(&self, level: f64) -> Aabb {
+        grown(self.bounds(), level)
     }
 }
 
@@ -192,6 +210,10 @@ impl Field for Cone {
         let end = |p: DVec3, r: f64| Aabb::new(p - r * disc, p + r * disc);
         end(self.from, self.radii[0]).union(end(self.to, self.radii[1]))
     }
+
+    fn bounds_of(&self, level: f64) -> Aabb {
+        grown(self.bounds(), level)
+    }
 }
 
 /// A ring: all points within `thickness` of a circle. Exact.
@@ -222,13 +244,17 @@ impl Field for Torus {
     }
 
     fn gradient(&self, p: DVec3) -> DVec3 {
-        self.off_circle(p)
+        self.off_circle(p).normalize_or_zero()
     }
 
     fn bounds(&self) -> Aabb {
         let disc = (1.0 - self.axis * self.axis).max(DVec3::ZERO).map(f64::sqrt);
         let reach = self.radius * disc + self.thickness;
         Aabb::new(self.centre - reach, self.centre + reach)
+    }
+
+    fn bounds_of(&self, level: f64) -> Aabb {
+        grown(self.bounds(), level)
     }
 }
 
@@ -265,6 +291,10 @@ impl Field for HalfSpace {
         }
         b
     }
+
+    fn bounds_of(&self, level: f64) -> Aabb {
+        grown(self.bounds(), level)
+    }
 }
 
 /// A plane `thickness` thick. Exact; without end.
@@ -294,6 +324,10 @@ impl Field for Plane {
         }
         b
     }
+
+    fn bounds_of(&self, level: f64) -> Aabb {
+        grown(self.bounds(), level)
+    }
 }
 
 /// All points within half of `thickness` of a triangle. Exact.
@@ -322,11 +356,15 @@ impl Field for Triangle {
     }
 
     fn gradient(&self, p: DVec3) -> DVec3 {
-        p - nearest_of_triangle(p, self.corners)
+        (p - nearest_of_triangle(p, self.corners)).normalize_or_zero()
     }
 
     fn bounds(&self) -> Aabb {
         let b = Aabb::around(self.corners);
         Aabb::new(b.min - 0.5 * self.thickness, b.max + 0.5 * self.thickness)
+    }
+
+    fn bounds_of(&self, level: f64) -> Aabb {
+        grown(self.bounds(), level)
     }
 }

@@ -97,7 +97,7 @@ impl Source for FieldSource {
 
     fn stage<'a>(&'a self, place: &Placement, progress: &dyn Progress) -> Result<Box<dyn Staged + 'a>> {
         let laid = Laid::new(&*self.field, self.window, self.repeats, place, self.fine)?;
-        let regions = laid.regions(place, progress);
+        let regions = laid.regions(place, 0.0, progress);
         Ok(Box::new(StagedField { laid, regions, cells: (1 << place.region_log2()) << self.fine }))
     }
 }
@@ -156,7 +156,8 @@ impl<'a> Laid<'a> {
             let Some(source) = source.filter(|&a| repeats[a]) else { continue };
             let width = (window.max[source] - window.min[source]) * row[source];
             if (width / period as f64 - 1.0).abs() < 1e-5 {
-                // Neither copies nor an end along this axis.
+                // Neither copies nor an end along this axis; and the widths are made to agree exactly.
+                *laid.to_source.matrix3.col_mut(axis) *= width / period as f64;
                 within.iter_mut().for_each(|c| c[axis] = 0.25);
                 laid.window.min[source] = f64::NEG_INFINITY;
                 laid.window.max[source] = f64::INFINITY;
@@ -236,8 +237,13 @@ impl<'a> Laid<'a> {
         out
     }
 
-    /// Codes of the regions that may hold matter, by descending from the whole grid.
-    pub fn regions(&self, place: &Placement, progress: &dyn Progress) -> Vec<u64> {
+    /// A voxel's edge in source units: of a placement that shears or stretches, the mean.
+    pub fn voxel_edge(&self) -> f64 {
+        self.cells * libm::cbrt(self.to_source.matrix3.determinant().abs())
+    }
+
+    /// Codes of the regions that may hold values of at most `level`, by descending from the whole grid.
+    pub fn regions(&self, place: &Placement, level: f64, progress: &dyn Progress) -> Vec<u64> {
         progress.stage("sort", 1);
         let mut codes = Vec::new();
         let levels = place.depth - place.region_log2();
@@ -246,7 +252,7 @@ impl<'a> Laid<'a> {
         while let Some((code, levels)) = left.pop() {
             let width = region * f64::from(1u32 << levels);
             let lo = DVec3::from(morton::decode(code).map(f64::from)) * width;
-            if self.range(lo, lo + width).0 > 0.0 {
+            if self.range(lo, lo + width).0 > level {
                 continue;
             }
             match levels {
@@ -296,16 +302,13 @@ struct StagedField<'a> {
     cells: i64,
 }
 
-/// Facets that a region is counted as: they are made when asked for and not kept.
-const REGION_WEIGHT: u64 = 64;
-
 impl Staged for StagedField<'_> {
     fn regions(&self) -> &[u64] {
         &self.regions
     }
 
     fn weight(&self, _: usize) -> u64 {
-        REGION_WEIGHT
+        0
     }
 
     fn facets(&self) -> u32 {
