@@ -1,4 +1,4 @@
-//! Plain glTF files that a bench makes for itself: objects, and grounds to cover.
+//! Plain .glb files that a bench makes for itself: objects, and grounds to cover.
 
 use std::path::Path;
 
@@ -54,8 +54,6 @@ impl Plain {
             self.uvs.iter().flatten().flat_map(|v| v.to_le_bytes()).collect(),
             self.indices.iter().flat_map(|v| v.to_le_bytes()).collect(),
         ];
-        let bin = path.with_extension("bin");
-        std::fs::write(&bin, sections.concat()).map_err(|e| Error::io(&bin, e))?;
         let mut offset = 0;
         let mut views = Vec::new();
         let mut accessors = Vec::new();
@@ -92,10 +90,22 @@ impl Plain {
                 "pbrMetallicRoughness": {"baseColorFactor": [r, g, b, 1.0], "metallicFactor": 0.0},
             }],
             "meshes": [{"primitives": [primitive]}],
-            "buffers": [{"uri": bin.file_name().and_then(|n| n.to_str()), "byteLength": offset}],
+            "buffers": [{"byteLength": offset}],
             "bufferViews": views,
             "accessors": accessors,
         });
-        std::fs::write(path, file.to_string()).map_err(|e| Error::io(path, e))
+        let mut text = file.to_string().into_bytes();
+        text.resize(text.len().next_multiple_of(4), b' ');
+        // All sections are of whole words.
+        let chunks = [(b"JSON", text), (b"BIN\0", sections.concat())];
+        let length = 12 + chunks.iter().map(|c| 8 + c.1.len()).sum::<usize>();
+        let mut bytes = b"glTF".to_vec();
+        bytes.extend([2u32, length as u32].map(u32::to_le_bytes).concat());
+        for (kind, chunk) in &chunks {
+            bytes.extend((chunk.len() as u32).to_le_bytes());
+            bytes.extend(*kind);
+            bytes.extend(chunk);
+        }
+        std::fs::write(path, bytes).map_err(|e| Error::io(path, e))
     }
 }

@@ -79,7 +79,14 @@ impl Bench<'_> {
             samples: self.samples,
             output: &stored,
         };
-        let (reference, _) = job.run(true, self.ui)?;
+        let (reference, _) = match job.run(true, self.ui) {
+            // What is stored is of another scene, or was made with other options.
+            Err(Error::Input { path, .. }) if path == stored => {
+                std::fs::remove_file(&stored).map_err(|e| Error::io(&stored, e))?;
+                job.run(true, self.ui)?
+            }
+            other => other?,
+        };
         let noise = reference.noise(DEFAULT_PPD)?.all.flip;
         let blank = Point {
             scene: place.name,
@@ -147,7 +154,7 @@ impl Bench<'_> {
             Matter::Sample(name) => self.sample(name),
             Matter::Shape(make) => {
                 let shape = make();
-                let path = self.folder.join(format!("{}.gltf", shape.name));
+                let path = self.folder.join(format!("{}.glb", shape.name));
                 land::object(&path, &shape)?;
                 Ok(path)
             }
@@ -191,7 +198,7 @@ impl Bench<'_> {
             }
         };
         let path = self.folder.join(format!("{}-{resolution}-{model}.gltf", place.name));
-        let (out, ground) = (path.display().to_string(), self.folder.join(format!("{}-ground.gltf", place.name)));
+        let (out, ground) = (path.display().to_string(), self.folder.join(format!("{}-ground.glb", place.name)));
         let under = ground.display().to_string();
         let common = ["map", &under, "--texel", &file, "--geometry", &source, "-o", &out];
         match place.layout {
