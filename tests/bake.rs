@@ -47,7 +47,7 @@ fn baked(model: Model, mesh: &MeshOptions, options: &Options) -> Volume {
 }
 
 fn hollow() -> MeshOptions {
-    MeshOptions { fill: Fill::Surface, ..MeshOptions::default() }
+    MeshOptions { fill: Fill::Surface }
 }
 
 fn at(resolution: u32) -> Options {
@@ -69,7 +69,7 @@ fn through(tree: &Octree, origin: DVec3, dir: DVec3, depth: usize) -> f64 {
 }
 
 /// Area that is covered as seen along `dir`, in cube faces, by `n` x `n` rays.
-fn area(tree: &Octree, dir: DVec3, depth: usize, n: usize) -> f64 {
+pub fn area(tree: &Octree, dir: DVec3, depth: usize, n: usize) -> f64 {
     let (a, b) = dir.any_orthonormal_pair();
     let step = 1.8 / n as f64;
     let mut sum = 0.0;

@@ -6,6 +6,7 @@ mod bake;
 mod bake_cli;
 mod bench;
 mod compare;
+mod curves;
 mod demo;
 mod error;
 mod files;

@@ -483,6 +483,11 @@ impl Staged for StagedGroup<'_> {
         piece.staged.one_sided(local)
     }
 
+    fn closed(&self, facet: u32) -> bool {
+        let (piece, _, local) = self.find(facet);
+        piece.staged.closed(local)
+    }
+
     fn medium(&self, region: usize, each: &mut dyn FnMut(&Medium)) {
         let (mut media, mut givers, mut others) = (Vec::new(), 0, 0);
         for &(piece, at) in self.entries(region) {

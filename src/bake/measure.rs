@@ -96,11 +96,21 @@ pub struct Gather {
     /// Lines of each facet, before they are united; and oblique areas, an axis.
     parts: [u32; 13],
     areas: [f64; 13],
+    /// Of `areas` what belongs to closed things, and the sum of its area vectors.
+    closed: [f64; 13],
+    facing: DVec3,
 }
 
 impl Gather {
     pub fn new() -> Gather {
-        Gather { measure: Measure::empty(), beams: Beams::default(), parts: [0; 13], areas: [0.0; 13] }
+        Gather {
+            measure: Measure::empty(),
+            beams: Beams::default(),
+            parts: [0; 13],
+            areas: [0.0; 13],
+            closed: [0.0; 13],
+            facing: DVec3::ZERO,
+        }
     }
 
     /// Add a facet (grid space, already cut to the voxel at `origin`); `cut` where alpha leaves only some of it.
@@ -131,6 +141,12 @@ impl Gather {
         for (k, sum) in self.areas.iter_mut().enumerate() {
             *sum += share * oblique_area(k, area);
         }
+        if staged.closed(p.facet) {
+            for (k, sum) in self.closed.iter_mut().enumerate() {
+                *sum += share * oblique_area(k, area);
+            }
+            self.facing += share * area;
+        }
         m.total += share * size;
         if staged.one_sided(p.facet) {
             m.mean += share * area;
@@ -156,16 +172,21 @@ impl Gather {
 
     /// The voxel's measure and lines; `None` where its facets have no area.
     pub fn finish(self) -> Option<(Measure, Beams)> {
-        let Gather { measure: mut m, beams, parts, areas } = self;
+        let Gather { measure: mut m, beams, parts, areas, closed, facing } = self;
         if m.total <= 0.0 {
             return None;
         }
         m.albedo /= m.total;
         (m.lo, m.hi) = (m.lo.clamp(DVec3::ZERO, DVec3::ONE), m.hi.clamp(DVec3::ZERO, DVec3::ONE));
         for (k, &parts) in parts.iter().enumerate() {
-            // One facet covers its area exactly; several share lines as the lattice finds it.
-            let ratio = if parts > 0 { f64::from(beams.count(k)) / f64::from(parts) } else { 1.0 };
-            m.cover[k] = (areas[k] * ratio).min(box_area(k, m.hi - m.lo).max(0.0));
+            // One facet covers its area exactly; several share lines as the lattice finds it. Where they slip between its
+            // lines, what is closed covers as much as faces one way, the way that more does.
+            let area = if parts > 0 {
+                areas[k] * f64::from(beams.count(k)) / f64::from(parts)
+            } else {
+                areas[k] - 0.5 * (closed[k] - oblique_area(k, facing))
+            };
+            m.cover[k] = area.min(box_area(k, m.hi - m.lo).max(0.0));
             m.averaged += m.cover[k] / box_area(k, DVec3::ONE) / 13.0;
         }
         Some((m, beams))

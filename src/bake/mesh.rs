@@ -5,7 +5,6 @@ use super::clip::Polygon;
 use super::interior::Interior;
 use super::patch::{self, Face};
 use super::source::{Cut, Placement, Source, Staged, Surface};
-use super::tube;
 use crate::geom::{Aabb, DAffine3, DVec3};
 use crate::progress::Progress;
 use crate::scene::model::{Alpha, Material, Model, Part};
@@ -15,8 +14,6 @@ use crate::{Error, Result, Warnings, morton, par};
 /// How a mesh is taken.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct MeshOptions {
-    /// Width of lines and points in source units; without it they are left out with a warning.
-    pub line_width: Option<f64>,
     pub fill: Fill,
 }
 
@@ -51,7 +48,8 @@ const CHUNK: usize = 4096;
 impl MeshSource {
     pub fn new(mut model: Model, options: &MeshOptions) -> MeshSource {
         let mut warnings = std::mem::take(&mut model.warnings);
-        let skipped = tube::thicken(&mut model, options.line_width);
+        let skipped = model.instances.iter().map(|i| &model.parts[i.part]).map(|p| p.lines.len() + p.points.len());
+        let skipped = skipped.sum::<usize>() as u64;
         warnings.add_many("lines and points are left out: give them a width with --line-width", skipped);
         let patches = par::map(model.parts.len(), |i| patch::analyse(&model.parts[i]));
         let mut bounds = Aabb::EMPTY;

@@ -4,12 +4,14 @@ use std::path::{Path, PathBuf};
 
 use super::stack::{self, StackOptions, StackSource};
 use super::texel::TexelSource;
-use super::{MeshOptions, MeshSource, Source, recipe};
+use super::{CurveSource, GroupSource, MeshOptions, MeshSource, Source, TrajectoryOptions};
+use super::{group, lines, recipe, trajectory};
+use crate::geom::DAffine3;
 use crate::scene::gltf::{self, ReadOptions};
-use crate::{Error, Result};
+use crate::{Error, Result, Warnings};
 
 /// Extensions that are known.
-const KNOWN: &str = ".gltf, .glb, .obj, .vtex, .toml and .json (recipes), .nii, .nii.gz, .hdr, .img, .nrrd, .nhdr, .mha, .mhd, .dcm, .tif, a folder of slices or of DICOM";
+const KNOWN: &str = ".gltf, .glb, .obj, .csv, .tsv, .hair, .trk, .tck, .swc, .vtex, .toml and .json (recipes), .nii, .nii.gz, .hdr, .img, .nrrd, .nhdr, .mha, .mhd, .dcm, .tif, a folder of slices or of DICOM";
 
 /// How a source is read; each kind of source has its own part.
 #[derive(Debug, Clone, Default)]
@@ -20,6 +22,7 @@ pub struct OpenOptions {
     pub stack: StackOptions,
     /// Recipes that are being read: none of them may draw itself.
     pub within: Vec<PathBuf>,
+    pub trajectory: TrajectoryOptions,
 }
 
 /// Open the source `path`.
@@ -27,18 +30,34 @@ pub struct OpenOptions {
 /// # Errors
 /// [`Error::Input`] where the extension is not known, and all that reading gives.
 pub fn open(path: &Path, options: &OpenOptions) -> Result<Box<dyn Source>> {
-    let model = match extension(path).as_str() {
+    let mut model = match extension(path).as_str() {
         "gltf" | "glb" => gltf::read(path, &options.read)?.model,
         "obj" => super::obj::read(path, &options.read)?,
         "vtex" => return Ok(Box::new(TexelSource::open(path, options.read.max_bytes)?)),
         "toml" | "json" => return recipe::open(path, options),
+        known if trajectory::KNOWN.contains(&known) => {
+            return Ok(Box::new(trajectory::read(path, options.read.max_bytes, &options.trajectory)?));
+        }
+        "bgeo" | "geo" | "pdb" => {
+            return Err(Error::unsupported(path, "a Partio or Houdini file (export its points as .csv)"));
+        }
         _ if stack::is_stack(path) => {
             let stack = stack::read(path, &options.stack, options.read.max_bytes)?;
             return Ok(Box::new(StackSource::new(stack, &options.stack)?));
         }
         _ => return Err(Error::input(path, "", format!("its extension is not known; what can be baked: {KNOWN}"))),
     };
-    Ok(Box::new(MeshSource::new(model, &options.mesh)))
+    let curves = &options.trajectory;
+    let strands =
+        curves.width.map_or_else(Vec::new, |w| lines::take(&mut model, w * curves.width_scale, curves.section));
+    let units = model.metres_per_unit;
+    let mesh = MeshSource::new(model, &options.mesh);
+    if strands.is_empty() {
+        return Ok(Box::new(mesh));
+    }
+    let curves = CurveSource::new(strands, &curves.curve, units, Warnings::default());
+    let part = |source| group::Part { source, transform: DAffine3::IDENTITY };
+    Ok(Box::new(GroupSource::new(vec![Box::new(mesh), Box::new(curves)], &[part(0), part(1)], units)))
 }
 
 fn extension(path: &Path) -> String {

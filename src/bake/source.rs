@@ -163,6 +163,10 @@ pub trait Staged: Sync {
     }
     /// Whether the facet is one face of a closed thing: its normal points to where it is seen from.
     fn one_sided(&self, facet: u32) -> bool;
+    /// Whether the facet is one face of a closed thing, were it so thin that it is seen from both sides within a voxel.
+    fn closed(&self, facet: u32) -> bool {
+        self.one_sided(facet)
+    }
     /// Give the semi-transparent matter in `regions()[region]`, cube by cube: no two overlap, and a cube lies within the
     /// region. What of it is within opaque matter is to be left out.
     fn medium(&self, _region: usize, _each: &mut dyn FnMut(&Medium)) {}

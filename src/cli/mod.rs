@@ -8,6 +8,8 @@ mod bake;
 mod bench;
 #[cfg(feature = "render")]
 mod compare;
+#[cfg(feature = "bake")]
+mod curves;
 #[cfg(all(feature = "bake", feature = "render"))]
 mod demo;
 #[cfg(all(feature = "bake", feature = "render", feature = "plot"))]

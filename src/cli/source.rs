@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use serde_json::{Value, json};
 
+use super::curves::CurveArgs;
 use super::quantity::positive;
 use crate::bake::stack::{StackOptions, TransferSpec};
 use crate::bake::{Fill, MeshOptions, OpenOptions};
@@ -18,9 +19,11 @@ pub struct SourceArgs {
     /// What is within closed surfaces: nothing, or opaque matter (auto: in every component that closes)
     #[arg(long, value_enum, default_value = "auto")]
     fill: FillArg,
-    /// Width of lines and points in source units; without it they are left out
-    #[arg(long, value_name = "X", value_parser = positive)]
+    /// Width in source units of lines and points, which are left out without it, and of curves whose file gives none
+    #[arg(long, visible_alias = "width", value_name = "X", value_parser = positive)]
     line_width: Option<f64>,
+    #[command(flatten)]
+    curves: CurveArgs,
     /// Scene of the file, by name or index
     #[arg(long, value_name = "SCENE")]
     scene: Option<String>,
@@ -124,7 +127,8 @@ impl SourceArgs {
                 max_bytes: memory.filter(|&m| m > 0).unwrap_or(READ_BYTES),
                 ..ReadOptions::default()
             },
-            mesh: MeshOptions { line_width: self.line_width, fill },
+            mesh: MeshOptions { fill },
+            trajectory: self.curves.options(self.line_width, fill),
             stack: self.stack.options(),
             ..OpenOptions::default()
         }
@@ -134,6 +138,7 @@ impl SourceArgs {
     pub fn provenance(&self, out: &mut Value) {
         out["fill"] = json!(clap_name::Name::name(&self.fill));
         self.line_width.into_iter().for_each(|v| out["lineWidth"] = v.into());
+        self.curves.provenance(out);
         self.scene.iter().for_each(|v| out["scene"] = v.as_str().into());
         for (key, list) in [("include", &self.include), ("exclude", &self.exclude)] {
             if !list.is_empty() {

@@ -362,6 +362,10 @@ impl Staged for StagedCurves<'_> {
     }
 
     fn one_sided(&self, facet: u32) -> bool {
+        self.is_thick(facet)
+    }
+
+    fn closed(&self, facet: u32) -> bool {
         section::closed(self.section(&self.knots[self.find(facet).0]))
     }
 

@@ -17,6 +17,7 @@ use crate::bake::mesh::{Fill, MeshOptions, MeshSource};
 use crate::bake::open::{OpenOptions, open};
 use crate::bake::paint::{self, Paint, PaintedSource};
 use crate::bake::source::Source;
+use crate::bake::trajectory::TrajectoryOptions;
 use crate::geom::{Aabb, DAffine3, DVec3};
 use crate::scene::model::{Instance, Material, Model};
 use crate::scene::{ReadOptions, files, image};
@@ -258,6 +259,12 @@ impl<'a> Compiler<'a> {
 
     fn file(&mut self, file: &SourceFile) -> Result<Box<dyn Source>> {
         let path = self.find(&file.file)?;
+        let fill = match file.fill {
+            Some(FillName::Surface) => Fill::Surface,
+            Some(FillName::Solid) => Fill::Solid,
+            Some(FillName::Auto) => Fill::Auto,
+            None => self.options.mesh.fill,
+        };
         let options = OpenOptions {
             read: ReadOptions {
                 scene: file.scene.clone(),
@@ -265,14 +272,11 @@ impl<'a> Compiler<'a> {
                 exclude: file.exclude.clone(),
                 ..self.options.read.clone()
             },
-            mesh: MeshOptions {
-                line_width: file.line_width.map(|w| w.0),
-                fill: match file.fill {
-                    Some(FillName::Surface) => Fill::Surface,
-                    Some(FillName::Solid) => Fill::Solid,
-                    Some(FillName::Auto) => Fill::Auto,
-                    None => self.options.mesh.fill,
-                },
+            mesh: MeshOptions { fill },
+            trajectory: TrajectoryOptions {
+                width: file.line_width.map(|w| w.0),
+                curve: CurveOptions { fill, ..self.options.trajectory.curve },
+                ..self.options.trajectory
             },
             ..self.options.clone()
         };
