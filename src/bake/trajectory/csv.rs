@@ -1,6 +1,6 @@
 //! Tables of points (`.csv`, `.tsv`): id, t, x, y, z [, radius, r, g, b, a], by the names of a first line, in any order.
 
-use std::collections::HashMap;
+use std::collections::BTreeMap;
 
 use super::{Content, Fault};
 use crate::bake::Strand;
@@ -58,7 +58,7 @@ pub fn read(text: &str) -> Result<Content, Fault> {
     content.warnings.add_many("columns of other names are ignored", ignored as u64);
     let has = |c: Column| columns.contains(&Some(c));
     let coloured = has(Colour(0)) || has(Colour(3));
-    let (mut ids, mut tracks): (HashMap<&str, usize>, Vec<Vec<Row>>) = (HashMap::new(), Vec::new());
+    let (mut ids, mut tracks): (BTreeMap<&str, usize>, Vec<Vec<Row>>) = (BTreeMap::new(), Vec::new());
     let mut brightest = 0.0f32;
     for (number, line) in lines {
         let mut row = Row { time: 0.0, at: DVec3::ZERO, radius: f32::NAN, colour: [1.0; 4] };

@@ -2,7 +2,7 @@
 //!
 //! Based on: R. Cannon et al., *An On-line Archive of Reconstructed Hippocampal Neurons*, J. Neurosci. Methods 1998.
 
-use std::collections::HashMap;
+use std::collections::BTreeMap;
 
 use super::{Content, Fault};
 use crate::bake::Strand;
@@ -20,7 +20,7 @@ struct Node {
 pub fn read(text: &str) -> Result<Content, Fault> {
     let mut nodes: Vec<Node> = Vec::new();
     let mut parents: Vec<(i64, usize)> = Vec::new();
-    let mut names: HashMap<i64, usize> = HashMap::new();
+    let mut names: BTreeMap<i64, usize> = BTreeMap::new();
     for (number, line) in text.lines().enumerate() {
         let fault = |what: String| (format!("line {}", number + 1), what);
         let line = line.split('#').next().unwrap_or_default().trim();
