@@ -10,6 +10,7 @@ use super::model::{
 };
 use super::{place, scatter};
 use crate::bake::curve::{CurveOptions, CurveSource, Interpolation, Section, Strand};
+use crate::bake::emitter;
 use crate::bake::field::{self, FieldSource};
 use crate::bake::group::{GroupSource, Part};
 use crate::bake::layers::{self, LayersSource};
@@ -219,6 +220,10 @@ impl<'a> Compiler<'a> {
             Shape::Triangle(t) => Ok(polygon(&t.corners.map(|c| c.0))),
             Shape::Line(line) => Ok(line_source(line)),
             Shape::Blade(blade) => Ok(blade_source(blade)),
+            Shape::Emitter(spec) => {
+                let strands = emitter::strands(spec)?;
+                Ok(Box::new(CurveSource::new(strands, &CurveOptions::default(), 0.0, Warnings::default())))
+            }
             Shape::Source(file) => self.file(file),
             Shape::Use(name) => self.named(name, window),
             Shape::Group(nodes) => self.drawn(nodes, window),

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::Deserialize;
 
+use crate::bake::emitter::EmitterSpec;
 use crate::geom::{DAffine3, DMat3, DVec3};
 
 /// A recipe: what is drawn, in order.
@@ -46,6 +47,9 @@ pub struct RawNode {
     pub torus: Option<Torus>,
     /// A segment of grass: two sheets that meet in a V along a parabola.
     pub blade: Option<Blade>,
+    /// Particles that fly from a shape: their paths are drawn. docs/curves.md says with which keys.
+    #[cfg_attr(test, schemars(with = "Option<BTreeMap<String, serde_json::Value>>"))]
+    pub emitter: Option<EmitterSpec>,
     pub triangle: Option<Triangle>,
     /// Any other file that can be baked, beside the recipe.
     pub source: Option<SourceFile>,
@@ -133,6 +137,7 @@ pub enum Shape {
     Cone(Cone),
     Torus(Torus),
     Blade(Blade),
+    Emitter(Box<EmitterSpec>),
     Triangle(Triangle),
     Source(SourceFile),
     Use(String),
@@ -143,7 +148,7 @@ pub enum Shape {
 }
 
 /// Keys of shapes, for messages.
-const SHAPES: &str = "line, plane, half_space, sphere, ellipsoid, box, cylinder, cone, torus, blade, triangle, source, use, \
+const SHAPES: &str = "line, plane, half_space, sphere, ellipsoid, box, cylinder, cone, torus, blade, emitter, triangle, source, use, \
                       group, union, intersection or difference";
 
 impl TryFrom<RawNode> for Node {
@@ -161,6 +166,7 @@ impl TryFrom<RawNode> for Node {
             raw.cone.map(Shape::Cone),
             raw.torus.map(Shape::Torus),
             raw.blade.map(Shape::Blade),
+            raw.emitter.map(|e| Shape::Emitter(Box::new(e))),
             raw.triangle.map(Shape::Triangle),
             raw.source.map(Shape::Source),
             raw.reference.map(Shape::Use),
