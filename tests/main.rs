@@ -14,6 +14,7 @@ mod golden;
 mod import;
 mod layers;
 mod levels;
+mod lsystem;
 mod map;
 mod medium;
 mod near;

@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use super::lsystem::{self, LSystemOptions};
 use super::stack::{self, StackOptions, StackSource};
 use super::texel::TexelSource;
 use super::{CurveSource, GroupSource, MeshOptions, MeshSource, Source, TrajectoryOptions};
@@ -11,7 +12,7 @@ use crate::scene::gltf::{self, ReadOptions};
 use crate::{Error, Result, Warnings};
 
 /// Extensions that are known.
-const KNOWN: &str = ".gltf, .glb, .obj, .csv, .tsv, .hair, .trk, .tck, .swc, .vtex, .toml and .json (recipes), .nii, .nii.gz, .hdr, .img, .nrrd, .nhdr, .mha, .mhd, .dcm, .tif, a folder of slices or of DICOM";
+const KNOWN: &str = ".gltf, .glb, .obj, .lsys, .ls, .csv, .tsv, .hair, .trk, .tck, .swc, .vtex, .toml and .json (recipes), .nii, .nii.gz, .hdr, .img, .nrrd, .nhdr, .mha, .mhd, .dcm, .tif, a folder of slices or of DICOM";
 
 /// How a source is read; each kind of source has its own part.
 #[derive(Debug, Clone, Default)]
@@ -23,6 +24,7 @@ pub struct OpenOptions {
     /// Recipes that are being read: none of them may draw itself.
     pub within: Vec<PathBuf>,
     pub trajectory: TrajectoryOptions,
+    pub lsystem: LSystemOptions,
 }
 
 /// Open the source `path`.
@@ -33,6 +35,7 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Box<dyn Source>> {
     let mut model = match extension(path).as_str() {
         "gltf" | "glb" => gltf::read(path, &options.read)?.model,
         "obj" => super::obj::read(path, &options.read)?,
+        "lsys" | "ls" => return lsystem::open(Some(path), &options.lsystem, &options.read, &options.mesh),
         "vtex" => return Ok(Box::new(TexelSource::open(path, options.read.max_bytes)?)),
         "toml" | "json" => return recipe::open(path, options),
         known if trajectory::KNOWN.contains(&known) => {
@@ -99,6 +102,11 @@ pub fn dependencies(path: &Path) -> Vec<PathBuf> {
                         add(dir.join(map.split_whitespace().last().unwrap_or_default().replace('\\', "/")));
                     }
                 }
+            }
+        }
+        "lsys" | "ls" => {
+            for surface in lsystem::surfaces(path, &text()) {
+                dependencies(&surface).into_iter().for_each(&mut add);
             }
         }
         "toml" | "json" => {

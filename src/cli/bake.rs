@@ -20,8 +20,9 @@ use crate::{Error, Result, par};
 /// Turn a 3D source (a mesh, an image stack) into a texel
 #[derive(clap::Args)]
 pub struct Args {
-    /// The source
-    input: PathBuf,
+    /// The source; none where --string is all there is
+    #[arg(required_unless_present = "string")]
+    input: Option<PathBuf>,
     #[command(flatten)]
     source: SourceArgs,
     /// The .vtex file to write [default: the input's name with .vtex, here]
@@ -127,16 +128,23 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
 
 fn bake_file(args: &Args, ui: &Ui) -> Result<()> {
     let start = Instant::now();
+    // A string alone has neither a file nor a name.
+    let input = args.input.as_deref().unwrap_or(Path::new("string"));
     let output = args
         .output
         .clone()
-        .unwrap_or_else(|| PathBuf::from(args.input.file_name().unwrap_or_default()).with_extension("vtex"));
-    check_outputs(args, &output)?;
+        .unwrap_or_else(|| PathBuf::from(input.file_name().unwrap_or_default()).with_extension("vtex"));
+    let files = args.input.as_deref().map(bake::dependencies).unwrap_or_default();
+    check_outputs(args, &output, &files)?;
     if args.voxel_size.is_none() && !args.resolution.is_power_of_two() {
         ui.say(&format!("-r {} is rounded up to {}", args.resolution, args.resolution.next_power_of_two()));
     }
     ui.stage("read", 0);
-    let source = bake::open(&args.input, &args.source.options(args.memory))?;
+    let options = args.source.options(args.memory);
+    let source = match &args.input {
+        Some(path) => bake::open(path, &options)?,
+        None => bake::lsystem::open(None, &options.lsystem, &options.read, &options.mesh)?,
+    };
     source.notes().iter().for_each(|note| ui.say(note));
     let read_time = start.elapsed();
     let mut foresee = |e: &Estimate| {
@@ -153,19 +161,14 @@ fn bake_file(args: &Args, ui: &Ui) -> Result<()> {
     let (volume, report) = bake::bake(&*source, &args.options(source.up()), ui, &mut foresee)?;
     if volume.depths.is_empty() {
         let why = report.warnings.as_reasons();
-        return Err(Error::input(
-            &args.input,
-            "",
-            format!("there is nothing in it to bake: no facet has an area{why}"),
-        ));
+        return Err(Error::input(input, "", format!("there is nothing in it to bake: no facet has an area{why}")));
     }
     ui.warn(&report.warnings)?;
     let bake_time = start.elapsed() - read_time;
     ui.stage("level", 0);
     let mut volume = levelled(volume)?;
-    let files = bake::dependencies(&args.input);
     volume.info.meta.insert("options".into(), args.provenance(volume.info.up));
-    volume.info.meta.insert("sources".into(), sources(&args.input, &files)?);
+    volume.info.meta.insert("sources".into(), sources(input, &files)?);
     ui.stage("write", 0);
     let quality = match args.quality {
         QualityArg::Lean => Quality::Lean,
@@ -227,9 +230,9 @@ fn levelled(volume: Volume) -> Result<Volume> {
 }
 
 /// That what will be written has a place, and is none of the files that are read.
-fn check_outputs(args: &Args, output: &Path) -> Result<()> {
+fn check_outputs(args: &Args, output: &Path, files: &[PathBuf]) -> Result<()> {
     let real = |path: &Path| std::fs::canonicalize(path).ok();
-    let read: Vec<PathBuf> = bake::dependencies(&args.input).iter().filter_map(|f| real(f)).collect();
+    let read: Vec<PathBuf> = files.iter().filter_map(|f| real(f)).collect();
     for path in [Some(output), args.depfile.as_deref(), args.report.as_deref()].into_iter().flatten() {
         let folder = path.parent().filter(|f| !f.as_os_str().is_empty()).unwrap_or(Path::new("."));
         if !folder.is_dir() {

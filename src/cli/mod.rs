@@ -15,6 +15,8 @@ mod demo;
 #[cfg(all(feature = "bake", feature = "render", feature = "plot"))]
 mod error;
 mod inspect;
+#[cfg(feature = "bake")]
+mod lsystem;
 mod map;
 #[cfg(feature = "bake")]
 mod merge;

@@ -36,6 +36,10 @@ pub fn positive(text: &str) -> Result<f64, String> {
     if value > 0.0 && value.is_finite() { Ok(value) } else { Err("must be above 0".into()) }
 }
 
+pub fn finite(text: &str) -> Result<f64, String> {
+    text.parse().ok().filter(|v: &f64| v.is_finite()).ok_or_else(|| "not a number".to_owned())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use serde_json::{Value, json};
 
 use super::curves::CurveArgs;
+use super::lsystem::LSystemArgs;
 use super::quantity::positive;
 use crate::bake::stack::{StackOptions, TransferSpec};
 use crate::bake::{Fill, MeshOptions, OpenOptions};
@@ -35,6 +36,8 @@ pub struct SourceArgs {
     exclude: Vec<String>,
     #[command(flatten)]
     stack: StackArgs,
+    #[command(flatten)]
+    lsystem: LSystemArgs,
 }
 
 /// How an image stack (CT, MR, microscopy) is taken.
@@ -130,6 +133,7 @@ impl SourceArgs {
             mesh: MeshOptions { fill },
             trajectory: self.curves.options(self.line_width, fill),
             stack: self.stack.options(),
+            lsystem: self.lsystem.options(),
             ..OpenOptions::default()
         }
     }
@@ -146,6 +150,7 @@ impl SourceArgs {
             }
         }
         self.stack.provenance(out);
+        self.lsystem.provenance(out);
     }
 }
 

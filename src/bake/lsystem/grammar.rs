@@ -1,0 +1,179 @@
+//! What a grammar file says, as plain data with every default filled in.
+//!
+//! Based on: P. Prusinkiewicz, A. Lindenmayer, *The Algorithmic Beauty of Plants*, Springer 1990.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use super::expr::Expr;
+use crate::geom::DVec3;
+
+/// A symbol with the expressions of its parameters.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Module {
+    pub symbol: char,
+    pub arguments: Vec<Expr>,
+}
+
+/// What a symbol with so many parameters matches.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Pattern {
+    pub symbol: char,
+    pub count: usize,
+}
+
+/// `left < predecessor > right : condition -> successor : weight`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Production {
+    pub left: Vec<Pattern>,
+    pub predecessor: Pattern,
+    /// May hold brackets, nested well.
+    pub right: Vec<Pattern>,
+    /// Its parameters are those of left, predecessor and right, in this order; so for the weight and the successor.
+    pub condition: Option<Expr>,
+    /// How likely it is among those that match and have one.
+    pub weight: Option<Expr>,
+    pub successor: Vec<Module>,
+    /// How many were given before it.
+    pub number: usize,
+}
+
+impl Production {
+    pub fn in_context(&self) -> bool {
+        !(self.left.is_empty() && self.right.is_empty())
+    }
+}
+
+/// Productions by their predecessor; those with a context come first, else as they were given.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Rules(BTreeMap<char, Vec<Production>>);
+
+impl Rules {
+    pub fn add(&mut self, mut production: Production) {
+        production.number = self.0.values().map(Vec::len).sum();
+        let list = self.0.entry(production.predecessor.symbol).or_default();
+        let end = list.len();
+        let at = if production.in_context() { list.iter().position(|p| !p.in_context()).unwrap_or(end) } else { end };
+        list.insert(at, production);
+    }
+
+    pub fn of(&self, symbol: char) -> &[Production] {
+        self.0.get(&symbol).map_or(&[], Vec::as_slice)
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+
+    /// Whether chance has a part in which productions match the symbol.
+    pub fn random(&self, symbol: char) -> bool {
+        self.of(symbol).iter().any(|p| [&p.condition, &p.weight].into_iter().flatten().any(Expr::random))
+    }
+
+    /// Whether any production looks at a symbol's neighbours.
+    pub fn in_context(&self) -> bool {
+        self.0.values().flatten().any(Production::in_context)
+    }
+}
+
+/// What the turtle does at a symbol.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Action {
+    /// F: draw a segment; within a polygon its end is a corner.
+    Draw,
+    /// G: draw a segment.
+    DrawOnly,
+    /// f: move; within a polygon the end is a corner.
+    Move,
+}
+
+/// What `~` draws.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Surface {
+    /// A polygon: x to the turtle's right, y ahead, z up; and its colour (linear), without one the turtle's.
+    Polygon { corners: Vec<DVec3>, colour: Option<[f32; 3]> },
+    /// A mesh file, as it is named, and the place that names it.
+    Mesh { file: String, line: u32, column: u32 },
+}
+
+/// The symbols that contexts look at.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Considered {
+    AllBut(BTreeSet<char>),
+    Only(BTreeSet<char>),
+}
+
+impl Considered {
+    pub fn holds(&self, symbol: char) -> bool {
+        match self {
+            Considered::AllBut(set) => !set.contains(&symbol),
+            Considered::Only(set) => set.contains(&symbol) || matches!(symbol, '[' | ']'),
+        }
+    }
+}
+
+/// An L-system and how its string is drawn. Lengths are in the source's units, angles in degrees.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Grammar {
+    pub constants: BTreeMap<String, f64>,
+    pub axiom: Vec<Module>,
+    pub rules: Rules,
+    /// Applied to the string that was derived; what one production gives is rewritten by those below it.
+    pub homomorphism: Rules,
+    pub considered: Considered,
+    pub iterations: Option<u64>,
+    pub seed: u64,
+    pub angle: f64,
+    /// Length of a segment without a parameter.
+    pub step: f64,
+    /// Width at the start; without one it follows from the drawing's size.
+    pub width: Option<f64>,
+    /// What `!` without a parameter multiplies the width by.
+    pub taper: f64,
+    /// Direction times elasticity: how segments bend.
+    pub tropism: DVec3,
+    /// Linear Rec. 709 by index.
+    pub colours: BTreeMap<i64, [f32; 3]>,
+    pub surfaces: BTreeMap<char, Surface>,
+    pub actions: BTreeMap<char, Action>,
+    /// Metres in a unit; 0 where unknown.
+    pub metres_per_unit: f64,
+}
+
+impl Default for Grammar {
+    fn default() -> Self {
+        Grammar {
+            constants: BTreeMap::new(),
+            axiom: Vec::new(),
+            rules: Rules::default(),
+            homomorphism: Rules::default(),
+            considered: Considered::AllBut(BTreeSet::new()),
+            iterations: None,
+            seed: 0,
+            angle: 90.0,
+            step: 1.0,
+            width: None,
+            taper: std::f64::consts::FRAC_1_SQRT_2,
+            tropism: DVec3::ZERO,
+            colours: BTreeMap::new(),
+            surfaces: BTreeMap::new(),
+            actions: BTreeMap::from([('F', Action::Draw), ('G', Action::DrawOnly), ('f', Action::Move)]),
+            metres_per_unit: 0.0,
+        }
+    }
+}
+
+impl Grammar {
+    /// The colour of an index that need not be whole: between the nearest of the table; white without a table.
+    pub fn colour(&self, index: f64) -> [f32; 3] {
+        let below = self.colours.iter().rev().find(|(i, _)| **i as f64 <= index);
+        let above = self.colours.iter().find(|(i, _)| **i as f64 >= index);
+        match (below, above) {
+            (Some((i, a)), Some((j, b))) if i != j => {
+                let t = ((index - *i as f64) / (*j as f64 - *i as f64)) as f32;
+                std::array::from_fn(|k| a[k] + t * (b[k] - a[k]))
+            }
+            (Some((_, c)), _) | (None, Some((_, c))) => *c,
+            (None, None) => [1.0; 3],
+        }
+    }
+}

@@ -1,0 +1,47 @@
+//! The options of L-systems.
+
+use serde_json::Value;
+
+use super::quantity::finite;
+use crate::bake::LSystemOptions;
+
+/// How an L-system is taken.
+#[derive(clap::Args)]
+#[command(next_help_heading = "L-systems")]
+pub struct LSystemArgs {
+    /// Derivation steps, instead of the grammar's
+    #[arg(long, value_name = "N")]
+    iterations: Option<u64>,
+    /// Seed of what is drawn by lot, instead of the grammar's
+    #[arg(long, value_name = "N")]
+    seed: Option<u64>,
+    /// Degrees that the turtle turns by, instead of the grammar's
+    #[arg(long, value_name = "DEGREES", allow_hyphen_values = true, value_parser = finite)]
+    angle: Option<f64>,
+    /// Draw this derived string, with the grammar's constants, colours and surfaces or without a grammar
+    #[arg(long, value_name = "SYMBOLS", allow_hyphen_values = true, conflicts_with = "iterations")]
+    string: Option<String>,
+    /// Symbols that may be rewritten before it is given up
+    #[arg(long, value_name = "N", default_value_t = LSystemOptions::default().max_symbols)]
+    max_symbols: u64,
+}
+
+impl LSystemArgs {
+    pub fn options(&self) -> LSystemOptions {
+        LSystemOptions {
+            iterations: self.iterations,
+            seed: self.seed,
+            angle: self.angle,
+            string: self.string.clone(),
+            max_symbols: self.max_symbols,
+        }
+    }
+
+    /// Add to `out` what decides on the content.
+    pub fn provenance(&self, out: &mut Value) {
+        self.iterations.into_iter().for_each(|v| out["iterations"] = v.into());
+        self.seed.into_iter().for_each(|v| out["seed"] = v.into());
+        self.angle.into_iter().for_each(|v| out["angle"] = v.into());
+        self.string.iter().for_each(|v| out["string"] = v.as_str().into());
+    }
+}
