@@ -8,13 +8,15 @@ use super::model::{
     Albedo, Blade, Box3, Either, FillName, Line, LineSection, Mode, Node, Plane, Projection, Recipe, Shape, SourceFile,
     Varied, Widths,
 };
-use super::{place, scatter};
+use super::{model, place, scatter};
 use crate::bake::curve::{CurveOptions, CurveSource, Interpolation, Section, Strand};
 use crate::bake::emitter;
 use crate::bake::field::{self, FieldSource};
 use crate::bake::group::{GroupSource, Part};
+use crate::bake::hypertexture::Hypertexture;
 use crate::bake::layers::{self, LayersSource};
 use crate::bake::mesh::{Fill, MeshOptions, MeshSource};
+use crate::bake::noise::Noise;
 use crate::bake::open::{OpenOptions, open};
 use crate::bake::paint::{self, Paint, PaintedSource};
 use crate::bake::source::Source;
@@ -174,7 +176,7 @@ impl<'a> Compiler<'a> {
             colour: node.albedo.as_ref().map(|a| self.colour(a)).transpose()?,
             tint: matches!(&node.albedo, Some(Either::Table(v)) if v.tint),
             opacity: node.opacity.map(|o| Arc::new(move |_| o.0) as paint::Varying<f64>),
-            bump: None,
+            bump: node.bump.as_ref().map(bump),
         };
         let source = if is_plain(node) { source } else { Box::new(PaintedSource::new(source, paint)) };
         Ok(Drawn { source: Some(source), parts })
@@ -223,6 +225,13 @@ impl<'a> Compiler<'a> {
             Shape::Emitter(spec) => {
                 let strands = emitter::strands(spec)?;
                 Ok(Box::new(CurveSource::new(strands, &CurveOptions::default(), 0.0, Warnings::default())))
+            }
+            Shape::Implicit(spec) => {
+                let made = field::build(spec).and_then(|f| FieldSource::new(f, window));
+                Ok(Box::new(made.map_err(|e| self.error("implicit", e.to_string()))?))
+            }
+            Shape::Hypertexture(spec) => {
+                Hypertexture::source(spec).map_err(|e| self.error("hypertexture", e.to_string()))
             }
             Shape::Source(file) => self.file(file),
             Shape::Use(name) => self.named(name, window),
@@ -297,8 +306,8 @@ impl<'a> Compiler<'a> {
             Either::Table(varied) => varied,
         };
         let colours: Vec<[f32; 3]> = varied.colours.iter().map(|c| c.0).collect();
-        match (&varied.image, &varied.gradient) {
-            (Some(name), None) => {
+        match (&varied.image, &varied.gradient, &varied.noise) {
+            (Some(name), None, None) => {
                 let path = self.find(name)?;
                 let bytes = files::read(&path, self.options.read.max_bytes)?;
                 let hint = path.to_string_lossy();
@@ -306,15 +315,15 @@ impl<'a> Compiler<'a> {
                     .map_err(|what| Error::input(&path, "", what))?;
                 Ok(paint::picture(texture, projection(varied)))
             }
-            (None, Some(g)) if !colours.is_empty() => {
+            (None, Some(g), None) if !colours.is_empty() => {
                 let (from, way) = (g.from.0, g.to.0 - g.from.0);
                 let length = way.length_squared();
                 Ok(paint::ramp(colours, move |p| if length > 0.0 { (p - from).dot(way) / length } else { 0.0 }))
             }
-            _ => {
-                Err(self
-                    .error("albedo", "an albedo is a colour, or has either an image, or a gradient and its colours"))
-            }
+            _ => Err(self.error(
+                "albedo",
+                "an albedo is a colour, or has either an image, or noise or a gradient and its colours",
+            )),
         }
     }
 }
@@ -333,7 +342,7 @@ struct Drawn {
 
 /// Whether a node looks as its shape does.
 fn is_plain(node: &Node) -> bool {
-    node.albedo.is_none() && node.opacity.is_none()
+    node.albedo.is_none() && node.opacity.is_none() && node.bump.is_none()
 }
 
 /// The name by which nodes of a run share a source.
@@ -382,6 +391,22 @@ fn mode(mode: Mode) -> layers::Mode {
 fn csg(count: usize, mode: layers::Mode) -> Vec<layers::Mode> {
     let first = if mode == layers::Mode::Union { mode } else { layers::Mode::Add };
     (0..count).map(|i| if i == 0 { first } else { mode }).collect()
+}
+
+fn noise(n: &model::Noise) -> Noise {
+    Noise {
+        seed: n.seed,
+        frequency: DVec3::splat(1.0 / n.scale.0),
+        origin: DVec3::ZERO,
+        period: [0; 3],
+        octaves: u32::from(n.octaves.clamp(1, 10)),
+        turbulence: n.turbulence,
+    }
+}
+
+fn bump(b: &model::Bump) -> paint::Varying<DVec3> {
+    let (noise, height) = (noise(&b.noise), b.height.0);
+    Arc::new(move |p| height * noise.at(p).1)
 }
 
 fn projection(v: &Varied) -> paint::Projection {

@@ -5,6 +5,8 @@ use std::collections::BTreeMap;
 use serde::Deserialize;
 
 use crate::bake::emitter::EmitterSpec;
+use crate::bake::field::FieldSpec;
+use crate::bake::hypertexture::HypertextureSpec;
 use crate::geom::{DAffine3, DMat3, DVec3};
 
 /// A recipe: what is drawn, in order.
@@ -51,6 +53,12 @@ pub struct RawNode {
     #[cfg_attr(test, schemars(with = "Option<BTreeMap<String, serde_json::Value>>"))]
     pub emitter: Option<EmitterSpec>,
     pub triangle: Option<Triangle>,
+    /// An implicit function: a field by its kind, as docs/fields.md has it.
+    #[cfg_attr(test, schemars(with = "Option<serde_json::Map<String, serde_json::Value>>"))]
+    pub implicit: Option<FieldSpec>,
+    /// A shape formed by noise, as docs/fields.md has it.
+    #[cfg_attr(test, schemars(with = "Option<serde_json::Map<String, serde_json::Value>>"))]
+    pub hypertexture: Option<HypertextureSpec>,
     /// Any other file that can be baked, beside the recipe.
     pub source: Option<SourceFile>,
     /// What the recipe defines under this name.
@@ -78,6 +86,8 @@ pub struct RawNode {
     pub albedo: Option<Albedo>,
     /// Share that is there, in [0, 1]; of the modes `opacity` and `threshold` the value that is set or asked for.
     pub opacity: Option<Unit>,
+    /// Tilts the normals as if the surface were rough.
+    pub bump: Option<Bump>,
 }
 
 /// How a node is drawn onto what is there.
@@ -112,6 +122,7 @@ pub struct Node {
     pub mode: Mode,
     pub albedo: Option<Albedo>,
     pub opacity: Option<Unit>,
+    pub bump: Option<Bump>,
 }
 
 #[cfg(test)]
@@ -139,6 +150,8 @@ pub enum Shape {
     Blade(Blade),
     Emitter(Box<EmitterSpec>),
     Triangle(Triangle),
+    Implicit(Box<FieldSpec>),
+    Hypertexture(Box<HypertextureSpec>),
     Source(SourceFile),
     Use(String),
     Group(Vec<Node>),
@@ -148,7 +161,7 @@ pub enum Shape {
 }
 
 /// Keys of shapes, for messages.
-const SHAPES: &str = "line, plane, half_space, sphere, ellipsoid, box, cylinder, cone, torus, blade, emitter, triangle, source, use, \
+const SHAPES: &str = "line, plane, half_space, sphere, ellipsoid, box, cylinder, cone, torus, blade, emitter, triangle, implicit, hypertexture, source, use, \
                       group, union, intersection or difference";
 
 impl TryFrom<RawNode> for Node {
@@ -168,6 +181,8 @@ impl TryFrom<RawNode> for Node {
             raw.blade.map(Shape::Blade),
             raw.emitter.map(|e| Shape::Emitter(Box::new(e))),
             raw.triangle.map(Shape::Triangle),
+            raw.implicit.map(|f| Shape::Implicit(Box::new(f))),
+            raw.hypertexture.map(|h| Shape::Hypertexture(Box::new(h))),
             raw.source.map(Shape::Source),
             raw.reference.map(Shape::Use),
             raw.group.map(Shape::Group),
@@ -578,9 +593,11 @@ pub struct Varied {
     /// Width and height of the picture on a plane; its height on a cylinder (the width goes round).
     #[serde(default = "unit_size")]
     pub size: [Positive; 2],
+    /// Colours by the value of noise.
+    pub noise: Option<Noise>,
     /// Colours along a line.
     pub gradient: Option<Gradient>,
-    /// Colours of the gradient, evenly spaced from its start to its end.
+    /// Colours of the noise or the gradient, evenly spaced from its low end to its high end.
     #[serde(default)]
     pub colours: Vec<Colour>,
     /// Multiply the colours that the shape has, and don't replace them.
@@ -608,4 +625,34 @@ pub enum Projection {
 pub struct Gradient {
     pub from: Point,
     pub to: Point,
+}
+
+/// Gradient noise in three dimensions.
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields)]
+pub struct Noise {
+    /// Width of its largest features.
+    pub scale: Positive,
+    /// Each of half the width and half the strength of the one before; up to 10.
+    #[serde(default = "one_octave")]
+    pub octaves: u8,
+    #[serde(default)]
+    pub seed: u32,
+    /// Sum the octaves' absolute values.
+    #[serde(default)]
+    pub turbulence: bool,
+}
+
+fn one_octave() -> u8 {
+    1
+}
+
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields)]
+pub struct Bump {
+    pub noise: Noise,
+    /// Height of the roughness, in the recipe's unit.
+    pub height: Positive,
 }

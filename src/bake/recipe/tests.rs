@@ -230,6 +230,21 @@ fn every_mode_does_what_it_says() {
 }
 
 #[test]
+fn implicit_functions_noise_and_bumps() {
+    let s = sums("[[draw]]\nimplicit = { kind = \"sphere\", radius = 1 }", 32);
+    near(s.area, 4.0 * PI, 0.005);
+    let rough = "albedo = { noise = { scale = 0.3 }, colours = [[0, 0, 0], [1, 1, 1]] }\nbump = { noise = { scale = 0.2, seed = 3 }, height = 0.02 }";
+    let s = sums(&format!("[[draw]]\nsphere = {{ radius = 1 }}\n{rough}"), 64);
+    near(s.area, 4.0 * PI, 0.004);
+    // Noise is 0 in the mean, to what some hundred cells of it leave; |x| of normals all around is 1/2, tilted or not.
+    near(s.red, 2.0 * PI, 0.1);
+    near(s.shown, 2.0 * PI, 0.05);
+    assert!(
+        Folder::new("[[draw]]\nimplicit = { kind = \"blob\" }").open().err().unwrap().to_string().contains("line 2")
+    );
+}
+
+#[test]
 fn sheets_and_lines_have_their_area() {
     let s = sums("[[draw]]\ntriangle = { corners = [[0, 0, 0], [3, 0, 0], [0, 4, 0]] }", 32);
     near(s.area, 6.0, 1e-6);
