@@ -211,7 +211,15 @@ impl TryFrom<RawNode> for Node {
         let moved = raw.translate.map_or(DVec3::ZERO, |t| t.0);
         let placed = DAffine3::from_mat3_translation(turn * scale, moved);
         let transform = raw.matrix.map_or(placed, |m| m.0 * placed);
-        Ok(Node { shape, transform, scatter: raw.scatter, mode: raw.mode, albedo: raw.albedo, opacity: raw.opacity })
+        Ok(Node {
+            shape,
+            transform,
+            scatter: raw.scatter,
+            mode: raw.mode,
+            albedo: raw.albedo,
+            opacity: raw.opacity,
+            bump: raw.bump,
+        })
     }
 }
 
