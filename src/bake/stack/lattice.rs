@@ -6,6 +6,7 @@
 
 use super::ranges::UNIT;
 use super::samples::Samples;
+use crate::geom::DAffine3;
 
 /// Standard deviation from which on a Gaussian is a smooth interpolation by itself.
 const SMOOTH: f64 = 0.5;
@@ -24,6 +25,17 @@ pub struct Axis {
     samples: usize,
     /// The cell at which each unit begins, and the end.
     units: Vec<usize>,
+}
+
+/// Nodes are at least so far apart.
+const APART: f64 = 1e-6;
+/// No cell is wider, in distances of samples.
+const WIDEST: f64 = 1.25;
+const MAX_NODES_ALONG: f64 = 1e6;
+
+/// Samples around a unit that have a say in its values: those of the filter, of a cell that begins in it, and of the next.
+pub fn margin(sigma: f64) -> usize {
+    reach(sigma) + 2
 }
 
 /// Samples that a filter of `sigma` reaches each way.
@@ -59,21 +71,16 @@ fn weights(x: f64, sigma: f64, out: &mut [f32]) {
 pub const MAX_SIGMA: f64 = 10.0;
 
 impl Axis {
-    /// For `samples` along the axis, `parts` cells between two of them.
-    pub fn new(samples: usize, parts: usize, sigma: f64) -> Axis {
+    /// For `samples` along the axis, with nodes at `inner`, which ascends; others are left out.
+    pub fn new(samples: usize, inner: impl IntoIterator<Item = f64>, sigma: f64) -> Axis {
         let last = (samples - 1) as f64;
+        let end = last + 0.5;
         let mut nodes = vec![-0.5, -0.5];
-        let mut units = vec![0];
-        for i in 0..(samples - 1) * parts {
-            if i % (parts * UNIT) == 0 && i > 0 {
-                units.push(nodes.len());
-            }
-            nodes.push(i as f64 / parts as f64);
-        }
-        if (samples - 1).is_multiple_of(UNIT) && samples > 1 {
-            units.push(nodes.len());
-        }
-        nodes.extend([last, last + 0.5, last + 0.5]);
+        nodes.extend(inner.into_iter().filter(|x| (APART - 0.5..end - APART).contains(x)));
+        nodes.extend([end, end]);
+        // A cell belongs to the unit in which it begins.
+        let begin = |u: usize| if u == 0 { 0 } else { nodes.partition_point(|&x| x < (u * UNIT) as f64) };
+        let mut units: Vec<usize> = (0..samples.div_ceil(UNIT)).map(begin).collect();
         units.push(nodes.len() - 1);
         let r = reach(sigma) as i64;
         let width = 2 * r as usize + 2;
@@ -99,7 +106,7 @@ impl Axis {
     pub fn units(&self, from: f64, to: f64) -> std::ops::RangeInclusive<usize> {
         let last = self.units.len() - 2;
         let unit = |x: f64| ((x / UNIT as f64).max(0.0) as usize).min(last);
-        unit(from)..=unit(to)
+        unit(from - WIDEST)..=unit(to)
     }
 
     fn clamp(&self, virtual_index: i64) -> usize {
@@ -124,8 +131,29 @@ pub struct Scratch {
 }
 
 impl Lattice {
+    /// With `parts` cells between two samples.
     pub fn new(dims: [usize; 3], parts: [usize; 3], sigma: f64) -> Lattice {
-        Lattice { axes: std::array::from_fn(|a| Axis::new(dims[a], parts[a], sigma)), sigma }
+        let inner = |a: usize| (0..=(dims[a] - 1) * parts[a]).map(move |i| i as f64 / parts[a] as f64);
+        Lattice { axes: std::array::from_fn(|a| Axis::new(dims[a], inner(a), sigma)), sigma }
+    }
+
+    /// With nodes where the voxels' planes are, for a stack that `to_grid` turns by quarter turns at most and whose samples are
+    /// no closer than voxels: then no facet is cut. `None` for others.
+    pub fn aligned(dims: [usize; 3], to_grid: &DAffine3, sigma: f64) -> Option<Lattice> {
+        let axis = |a: usize| {
+            let column = to_grid.matrix3.col(a);
+            let along = (0..3).find(|&g| column[g].abs() > (1.0 - 1e-12) * column.length())?;
+            let (step, origin) = (column[along], to_grid.translation[along]);
+            let ends = [-0.5, dims[a] as f64 - 0.5].map(|x| origin + step * x);
+            let (lo, hi) = (ends[0].min(ends[1]).ceil(), ends[0].max(ends[1]).floor());
+            if step.abs() < 1.0 / WIDEST || hi - lo > MAX_NODES_ALONG {
+                return None;
+            }
+            let count = (hi - lo + 1.0).max(0.0) as usize;
+            let plane = |n: usize| if step > 0.0 { lo + n as f64 } else { hi - n as f64 };
+            Some(Axis::new(dims[a], (0..count).map(|n| (plane(n) - origin) / step), sigma))
+        };
+        Some(Lattice { axes: [axis(0)?, axis(1)?, axis(2)?], sigma })
     }
 
     /// Values at the nodes `from .. from + size`, outer ones included; those outside are `outside`.

@@ -86,7 +86,7 @@ impl Scan {
         scan
     }
 
-    /// Of every unit of 8^3 cells, x fastest, what values may be in it once they are filtered from `reach` samples around;
+    /// Of every unit of 8^3 cells, x fastest, what values may be in it once they are looked at from `reach` samples around;
     /// and how many units there are along each axis.
     pub fn units(&self, dims: [usize; 3], reach: usize) -> (Vec<Range>, [usize; 3]) {
         let size = dims.map(|d| d.div_ceil(UNIT));

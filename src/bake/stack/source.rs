@@ -1,7 +1,7 @@
 //! A stack as a source: facets of its iso-surface made a region at a time, opaque matter where values are above.
 
 use super::cells::Loops;
-use super::lattice::{Lattice, MAX_SIGMA, Scratch, reach};
+use super::lattice::{Lattice, MAX_SIGMA, Scratch, margin};
 use super::march::{Block, facets};
 use super::ranges::{Range, Scan};
 use super::soft::{Field, Sight};
@@ -70,7 +70,7 @@ impl StackSource {
             transfer.iso = Some(f64::from(otsu));
         }
         let dims = stack.samples.dims();
-        let (units, size) = scan.units(dims, reach(options.sigma));
+        let (units, size) = scan.units(dims, margin(options.sigma));
         let (iso, least) = (transfer.solid_from() as f32, transfer.matter_from() as f32);
         // Nothing, whatever the threshold.
         let outside = if least > scan.whole.lo { scan.whole.lo } else { least - least.abs().max(1.0) };
@@ -210,7 +210,8 @@ impl Source for StackSource {
         let mut staged = StagedStack {
             source: self,
             place: *place,
-            lattice: Lattice::new(dims, parts, self.sigma),
+            lattice: Lattice::aligned(dims, &to_grid, self.sigma)
+                .unwrap_or_else(|| Lattice::new(dims, parts, self.sigma)),
             loops: Loops::new(),
             copies,
             mirrored: matrix.determinant() < 0.0,
@@ -242,6 +243,12 @@ fn mapped(map: &DAffine3, b: Aabb) -> Aabb {
         let at = |a: usize| if c >> a & 1 == 1 { b.max[a] } else { b.min[a] };
         map.transform_point3(DVec3::new(at(0), at(1), at(2)))
     }))
+}
+
+/// What is a rounding error away from a voxel's plane lies in it, so that no sliver is cut off.
+fn snapped(p: DVec3) -> DVec3 {
+    let plane = p.round();
+    DVec3::select((p - plane).abs().cmplt(DVec3::splat(1e-7)), plane, p)
 }
 
 /// The stack at one place of the grid.
@@ -395,7 +402,7 @@ impl Staged for StagedStack<'_> {
             // By the same steps as the bounds, which facets of finer cells may pass by a hair: nothing sticks out.
             let to_grid = |index: DVec3| {
                 let p = self.source.stack.affine.transform_point3(index);
-                self.place.to_grid(p.clamp(bounds.min, bounds.max)) + copy.shift
+                snapped(self.place.to_grid(p.clamp(bounds.min, bounds.max)) + copy.shift)
             };
             let window = self.region(self.regions[region], copy);
             self.units(window, &mut |at| {

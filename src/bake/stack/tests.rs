@@ -379,14 +379,15 @@ fn a_balls_surface_closes_and_its_area_errs_by_the_square_of_the_distance() {
         let radius = 0.4 * n as f64;
         let options = StackOptions { transfer: TransferSpec::hard(0.0), sigma: 0.0, ..StackOptions::default() };
         let source = StackSource::new(open(&ball(&dir, n, radius)).unwrap(), &options).unwrap();
-        let (area, volume, sum) = facets(&source, 6);
+        // As many voxels as samples: cells shrink with both.
+        let (area, volume, sum) = facets(&source, n.trailing_zeros() as usize);
         let exact = 4.0 * std::f64::consts::PI * radius * radius;
         let error = (area / exact - 1.0).abs();
         // A facet as wide as samples are apart is flat: (1/radius)^2 of the area is lost, about.
         assert!(error < 1.2 / (radius * radius), "{n}: {error}");
         assert!(error < before / 3.0, "{n}: second order: {error} after {before}");
         before = error;
-        assert!((volume / (exact * radius / 3.0) - 1.0).abs() < 1.5 / (radius * radius), "{n}: {volume}");
+        assert!((volume / (exact * radius / 3.0) - 1.0).abs() < 2.0 / (radius * radius), "{n}: {volume}");
         // Nothing is open: area vectors cancel but for rounding, and for facets that are not quite flat.
         assert!(sum.length() < 1e-4 * area, "{n}: {sum}");
     }
