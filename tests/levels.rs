@@ -86,11 +86,11 @@ fn a_change_of_depth_does_not_show() {
     let (mut before, mut after) = (0.0, 0.0);
     for eye in [DVec3::new(0.6, 0.3, 0.8), DVec3::new(-0.8, 0.1, 0.6), DVec3::new(0.05, 1.0, 0.1)] {
         let (rough, smooth) = (zoom(&plain, eye), zoom(&levelled, eye));
-        // The levels are means over all directions of view and sun; what one pair is off them shows more the fewer voxels
-        // there are, and the last picture has 8×8 pixels.
-        assert!(step(&smooth[..2]) < 0.01 && step(&smooth) < 0.05, "{eye}: {smooth:?}, without the levels {rough:?}");
+        // The levels are roots of means over all directions of view and sun; what is left shows more the fewer voxels there
+        // are, and the last picture has 8×8 pixels.
+        assert!(step(&smooth[..2]) < 0.025 && step(&smooth) < 0.08, "{eye}: {smooth:?}, without the levels {rough:?}");
         let (rough, smooth) = (step(&rough), step(&smooth));
         (before, after) = (before + rough, after + smooth);
     }
-    assert!(after < 0.5 * before, "{after} against {before}");
+    assert!(after < 0.7 * before, "{after} against {before}");
 }

@@ -113,3 +113,15 @@ fn threads_do_not_show() {
     let bytes = |name: &str| std::fs::read(folder.path().join(name)).unwrap();
     assert!(bytes("1.exr") == bytes("2.exr"));
 }
+
+#[test]
+fn the_light_binary_renders_the_same() {
+    let folder = land();
+    let view = "land.gltf --camera far --size 48x27 --quiet -o";
+    assert_eq!(vtex(folder.path(), &format!("render {view} all.png")).0, 0);
+    let mut light = Command::new(env!("CARGO_BIN_EXE_vtex-render"));
+    let run = light.args(view.split(' ')).arg("light.png").current_dir(folder.path()).output().unwrap();
+    assert!(run.status.success() && run.stdout.is_empty() && run.stderr.is_empty(), "{run:?}");
+    let [all, light] = ["all.png", "light.png"].map(|name| std::fs::read(folder.path().join(name)).unwrap());
+    assert_eq!(all, light);
+}

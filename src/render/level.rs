@@ -1,9 +1,12 @@
-//! How much each depth of a texel covers and how much light it shows, against the finest: the factors of
-//! [`crate::volume::level`].
+//! How much light each depth of a texel shows, against the finest: the factors of [`crate::volume::level`].
 //!
 //! The same rays, evenly spread over places and directions, are marched at every depth by the renderer's own law and lit by
 //! the same lamps. Coarse matter that is clumped lets too much light in, and where the lamp stands behind the viewer it
 //! misses that what is seen is what is lit (the hot spot), so the light's factor depends on the angle between the two.
+//!
+//! What is stored is the root of what a texel on its own would need: among others like it, a forest's lower parts are dark
+//! anyway. 25 000 trees from afar against 48 samples of their triangles, 384×216, one cone a pixel: FLIP .0357 without
+//! factors (3.8 % too bright), .0311 with their roots (.2 % too dark), .0403 with all of them (3.5 % too dark).
 
 use std::ops::AddAssign;
 
@@ -21,8 +24,6 @@ const LAMPS: usize = 3;
 const CHUNK: usize = 1 << 10;
 /// Depths from here on are not compared, they differ by less than what is measured.
 const DEEPEST: usize = 9;
-/// The factor of the rates at which coverage is measured besides 1.
-const TRIAL: f32 = 1.15;
 
 /// The factors of every depth of a texel whose META holds none yet, root first; plain ones for the model of 1996, which is kept as it
 /// was.
@@ -34,18 +35,9 @@ pub fn measure(tree: Octree) -> Result<Vec<Level>> {
     let mut levels = vec![Level::PLAIN; finest + 1];
     if tree.info().model == Model::Coverage {
         let deepest = finest.min(DEEPEST);
-        let [plain, more] = [1.0, TRIAL].map(|scale| covered(&tree, deepest, scale));
-        let rates: Vec<f64> = (0..=deepest)
-            .map(|d| {
-                let slope = (more[d] - plain[d]) / f64::from(TRIAL - 1.0);
-                // Where next to nothing is left to cover, the rate says little.
-                if slope > 0.02 * plain[d] { 1.0 + (plain[deepest] - plain[d]) / slope } else { 1.0 }
-            })
-            .map(|rate| rate.clamp(0.5, 2.0))
-            .collect();
-        let lit = lit(&tree, &rates);
+        let lit = lit(&tree, deepest);
         for depth in 0..deepest {
-            levels[depth] = Level::new(rates[depth], light(&lit[depth], &lit[deepest]));
+            levels[depth] = Level::new(light(&lit[depth], &lit[deepest]).map(f64::sqrt));
         }
     }
     tree.into_failure().map_or(Ok(levels), Err)
@@ -112,19 +104,6 @@ where
     all
 }
 
-/// How much of all rays each depth stops with rates times `scale`.
-fn covered(tree: &Octree, deepest: usize, scale: f32) -> Vec<f64> {
-    let one = |ray: Sample| {
-        let stretch = Stretch { opacity_scale: scale, ..ray.stretch };
-        let stopped = |depth: usize| {
-            let choice = DepthChoice { finest: depth as u8, ..DepthChoice::default() };
-            1.0 - transmittance(tree, &stretch, choice, 1.0 / 512.0, &mut MarchStats::default())
-        };
-        (0..=deepest).map(|d| ray.weight * f64::from(stopped(d))).collect()
-    };
-    sums(deepest + 1, &tree.info().content, one)
-}
-
 /// The light of one depth by the angle between lamp and viewer: with hats h_j over the cosine, centred at −1, 0 and 1, the sums
 /// of h_j · light, and of h_j · h_k · light.
 #[derive(Clone, Copy, Default)]
@@ -146,15 +125,15 @@ fn hats(cosine: f64) -> [f64; 3] {
     [(-cosine).max(0.0), 1.0 - cosine.abs(), cosine.max(0.0)]
 }
 
-/// The light that each depth shows, with its rates times `rates`.
-fn lit(tree: &Octree, rates: &[f64]) -> Vec<Lit> {
+/// The light that each depth down to `deepest` shows.
+fn lit(tree: &Octree, deepest: usize) -> Vec<Lit> {
     let facet = tree.info().facet_size as f32;
     let one = |ray: Sample| {
         let mut groups: Vec<Group> = Vec::new();
         let mut stats = MarchStats::default();
-        let mut depth = |(depth, rate): (usize, &f64)| {
+        let mut depth = |depth: usize| {
             let choice = DepthChoice { finest: depth as u8, ..DepthChoice::default() };
-            let stretch = Stretch { opacity_scale: *rate as f32, ..ray.stretch };
+            let stretch = ray.stretch;
             groups.clear();
             let mut shader = Shader::new(-stretch.dir, &ray.lamps, None, Vec3::ONE, &[], &mut groups);
             march(tree, &stretch, choice, 1.0, &mut shader, &mut stats);
@@ -174,9 +153,9 @@ fn lit(tree: &Octree, rates: &[f64]) -> Vec<Lit> {
             }
             lit
         };
-        rates.iter().enumerate().map(&mut depth).collect()
+        (0..=deepest).map(&mut depth).collect()
     };
-    sums(rates.len(), &tree.info().content, one)
+    sums(deepest + 1, &tree.info().content, one)
 }
 
 const LUMINANCE: Vec3 = Vec3::new(0.2126, 0.7152, 0.0722);
@@ -214,7 +193,7 @@ mod tests {
     #[test]
     fn factors_that_are_linear_in_the_cosine_are_found() {
         let cosines = [-1.0, -0.7, -0.2, 0.1, 0.4, 0.9];
-        let wanted = Level::new(1.0, [0.5, 1.0, 1.5]);
+        let wanted = Level::new([0.5, 1.0, 1.5]);
         let coarse = cosines.map(|c| (c, 2.0 + c));
         let finest = coarse.map(|(c, light)| (c, light * f64::from(wanted.lit(c as f32))));
         let found = light(&shone(&coarse), &shone(&finest));

@@ -4,10 +4,9 @@
 //! depth by the size of its cone); M. Levoy, *Efficient Ray Tracing of Volume Data*, TOG 1990 (early termination).
 
 use crate::geom::Vec3;
-use crate::volume::level::Level;
 use crate::volume::octree::Octree;
 use crate::volume::opacity::advance;
-use crate::volume::{MAX_DEPTH, Model, Voxel};
+use crate::volume::{Model, Voxel};
 
 use super::descent::{End, Line, Piece, Visit, walk};
 
@@ -158,7 +157,6 @@ pub(super) fn run(
     let (width, growth) = (stretch.footprint, stretch.growth / speed);
     let mut law = Law {
         tree,
-        levels: tree.levels(),
         origin: stretch.origin,
         dir: line.dir,
         per_speed: 1.0 / speed,
@@ -192,7 +190,6 @@ const CONTENT_PAD: f32 = 1e-6;
 /// The law of opacity along one line.
 struct Law<'a, S> {
     tree: &'a Octree,
-    levels: &'a [Level; MAX_DEPTH + 1],
     origin: Vec3,
     dir: Vec3,
     per_speed: f32,
@@ -223,7 +220,7 @@ impl<S: Sink> Visit for Law<'_, S> {
         let sigma = if self.isotropic { 1.0 } else { projected_area(voxel, self.dir) };
         let depth = piece.place.depth;
         let edges = length * (1u32 << depth) as f32;
-        let tau = RATE[usize::from(voxel.rate)] * self.scale * self.levels[usize::from(depth)].rate * sigma * edges;
+        let tau = RATE[usize::from(voxel.rate)] * self.scale * sigma * edges;
         let before = self.block;
         self.block = advance(before, tau, voxel.c());
         let stopped = self.behind * self.block < self.stop_below;

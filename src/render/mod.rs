@@ -44,6 +44,8 @@ pub use stats::{Counts, Stats, peak_memory};
 pub use trace::{Met, Trace};
 
 use crate::format::{Limits, Reader};
+use glam::Vec4;
+
 use crate::geom::Vec3;
 use crate::progress::Progress;
 use crate::scene::Scene;
@@ -211,44 +213,56 @@ fn film(world: &World<'_>, options: &Options, progress: &dyn Progress) -> (Film,
     (film, counts)
 }
 
-/// Lanes that are added where a single one came upon triangles of a texel's source, which are not filtered.
+/// Lanes that are added to a single one for which a texel's source was traced: triangles are not filtered.
 const NEAR_LANES: u32 = 2;
+
+/// Where the two outermost lanes see the same, in the display's white, the others are left out.
+const ALIKE: f32 = 1.0 / 256.0;
 
 /// The mean over the pixel's lanes, before exposure.
 fn pixel_of(tracer: &mut Tracer<'_>, x: u32, y: u32) -> [f32; 4] {
     let lanes = tracer.options.lanes;
-    let before = tracer.counts.near_copies;
-    let mut sum = lanes_of(tracer, [x, y], lanes);
-    let mut count = lanes;
-    if lanes == 1 && tracer.counts.near_copies > before {
-        let added = lanes_of(tracer, [x, y], NEAR_LANES);
-        sum = (sum.0 + added.0, sum.1 + added.1);
-        count += NEAR_LANES;
+    tracer.near = false;
+    let mut sum = Vec4::ZERO;
+    let mut count = 0;
+    let mut add = |tracer: &mut Tracer<'_>, lane: u32, lanes: u32| {
+        let seen = lane_of(tracer, [x, y], lane, lanes);
+        sum += seen;
+        count += 1;
+        seen
+    };
+    let first = add(tracer, 0, lanes);
+    if lanes > 1 {
+        let last = add(tracer, lanes - 1, lanes);
+        let apart = (first - last).abs() * Vec3::splat((tracer.options.exposure as f32).exp2()).extend(1.0);
+        if apart.max_element() > ALIKE {
+            (1..lanes - 1).for_each(|lane| {
+                add(tracer, lane, lanes);
+            });
+        }
+    } else if tracer.near {
+        (0..NEAR_LANES).for_each(|lane| {
+            add(tracer, lane, NEAR_LANES);
+        });
     }
-    let share = 1.0 / count as f32;
-    [sum.0.x * share, sum.0.y * share, sum.0.z * share, sum.1 * share]
+    (sum / count as f32).to_array()
 }
 
-/// Radiance and cover, summed over `lanes` lanes.
-fn lanes_of(tracer: &mut Tracer<'_>, [x, y]: [u32; 2], lanes: u32) -> (Vec3, f32) {
+/// Radiance and cover of one lane of a pixel.
+fn lane_of(tracer: &mut Tracer<'_>, [x, y]: [u32; 2], lane: u32, lanes: u32) -> Vec4 {
     let world = tracer.world;
-    let (mut sum, mut cover) = (Vec3::ZERO, 0.0);
-    for lane in 0..lanes {
-        let [dx, dy] = lane_offset(lane, lanes);
-        let cone = world.view.cone(f64::from(x) + dx, f64::from(y) + dy, world.unit);
-        if let Some(trace) = &mut tracer.trace {
-            let width = cone.width * world.unit;
-            trace.push(Met::Cone { direction: cone.ray.dir.to_array(), width, growth: cone.growth });
-        }
-        let threshold = threshold(x, y, lane, lanes);
-        let (radiance, alpha) = tracer.cone(&cone, threshold);
-        if let Some(trace) = &mut tracer.trace {
-            trace.push(Met::Radiance { rgb: radiance.to_array(), alpha });
-        }
-        sum += radiance;
-        cover += alpha;
+    let [dx, dy] = lane_offset(lane, lanes);
+    let cone = world.view.cone(f64::from(x) + dx, f64::from(y) + dy, world.unit);
+    if let Some(trace) = &mut tracer.trace {
+        let width = cone.width * world.unit;
+        trace.push(Met::Cone { direction: cone.ray.dir.to_array(), width, growth: cone.growth });
     }
-    (sum, cover)
+    let threshold = threshold(x, y, lane, lanes);
+    let (radiance, alpha) = tracer.cone(&cone, threshold);
+    if let Some(trace) = &mut tracer.trace {
+        trace.push(Met::Radiance { rgb: radiance.to_array(), alpha });
+    }
+    radiance.extend(alpha)
 }
 
 /// Where in its pixel a lane looks: a rotated grid, row i at column bit-reversed i.

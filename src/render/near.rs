@@ -12,9 +12,9 @@ use crate::{Result, Warnings};
 /// Copies whose voxels are this many pixels wide, log2, are the first that are traced, and those a band further are all
 /// traced; between the two, neighbouring pixels take one or the other by ordered thresholds, so that no seam shows. In a
 /// crown whose leaves are several voxels wide triangles are better from half a voxel a pixel on (FLIP .045 with three rays a pixel,
-/// .071 with one cone through voxels, 1.4 times the time), but matter that is thinner than a pixel is better as voxels (ferns:
-/// .032 and .027 at a voxel a pixel), so the band begins where a pixel is a voxel.
-const BEGIN: f32 = 0.0;
+/// .071 with one cone through voxels, 1.4 times the time), but matter that is thinner than a pixel is a little better as voxels
+/// (ferns: .032 and .027 at a voxel a pixel).
+const BEGIN: f32 = -1.0;
 const BAND: f32 = 0.5;
 
 /// A texel's source, read when a cone first needs it.

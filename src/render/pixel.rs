@@ -80,6 +80,8 @@ pub struct Tracer<'w> {
     pub options: &'w Options,
     pub counts: Counts,
     pub trace: Option<Trace>,
+    /// Set where a texel's source was traced; also where the ray missed it, or else edges would be drawn too light.
+    pub near: bool,
     heap: Vec<Pending>,
     spans: Vec<Span>,
     events: Vec<Event>,
@@ -112,6 +114,7 @@ impl<'w> Tracer<'w> {
             options,
             counts: Counts::default(),
             trace: None,
+            near: false,
             heap: Vec::new(),
             spans: Vec::new(),
             events: Vec::new(),
@@ -197,7 +200,7 @@ impl<'w> Tracer<'w> {
     fn enter(&mut self, cone: &Cone, span: &Span, (index, layer): (u32, u32), threshold: f32, through: f32) {
         let world = self.world;
         let (events, frames, counts, trace) = (&mut self.events, &mut self.frames, &mut self.counts, &mut self.trace);
-        let contacts = &mut self.contacts;
+        let (contacts, found_near) = (&mut self.contacts, &mut self.near);
         counts.boxes += 1;
         if let Some(trace) = trace {
             let metres = [span.t0 * world.unit, span.t1 * world.unit];
@@ -236,6 +239,7 @@ impl<'w> Tracer<'w> {
                 if !contacts.is_empty() {
                     frames.push(new);
                 }
+                *found_near = true;
                 return own > 0.0;
             }
             let mut recorder = Recorder { events, own, frame, t0: visit.t0 };
@@ -338,7 +342,9 @@ impl<'w> Tracer<'w> {
         let mut groups = std::mem::take(&mut self.groups);
         groups.clear();
         let lights = std::mem::take(&mut self.lights);
-        let levels = world.texels[frame.texel].as_ref().map_or(&[][..], |t| &t.tree.levels()[..]);
+        // They make up for what shadows lack.
+        let levelled = world.texels[frame.texel].as_ref().filter(|_| self.options.shadows);
+        let levels = levelled.map_or(&[][..], |t| &t.tree.levels()[..]);
         let mut shader = Shader::new(turn(-cone.ray.dir), &lights, warp, frame.tint, levels, &mut groups);
         for event in run {
             if let Source::Voxel { voxel, depth, t, position, .. } = &event.source {

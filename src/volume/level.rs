@@ -1,6 +1,6 @@
-//! Factors that make the depths of a texel agree: what a coarse voxel cannot hold of its matter's order changes how much it
-//! covers and how much of what is seen is lit. `render::level` measures them against the finest depth once a texel is
-//! baked, META keeps them, and a march and its shading apply them, so that no brightness steps where the depth changes.
+//! Factors that make the depths of a texel agree: what a coarse voxel cannot hold of its matter's order changes how much of
+//! what is seen is lit. `render::level` measures them against the finest depth once a texel is baked, META keeps them, and
+//! shading applies them, so that no brightness steps where the depth changes.
 
 use serde_json::{Map, Value, json};
 
@@ -9,13 +9,11 @@ use super::{Info, MAX_DEPTH};
 /// The factors of one depth.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Level {
-    /// Of the rates.
-    pub rate: f32,
     /// Of the light that a lamp's rays bring, where they come from behind the matter, from the side, and from the viewer.
     pub light: [f32; 3],
 }
 
-/// META's key: an array of `{"light": [behind, side, front], "rate": r}`, root first.
+/// META's key: an array of `{"light": [behind, side, front]}`, root first.
 pub const KEY: &str = "levels";
 /// No factor is further from 1 than this.
 const LARGEST: f32 = 4.0;
@@ -24,15 +22,15 @@ const STEPS: f32 = 256.0;
 
 impl Level {
     /// No change.
-    pub const PLAIN: Level = Level { rate: 1.0, light: [1.0; 3] };
+    pub const PLAIN: Level = Level { light: [1.0; 3] };
 
-    /// The factors nearest to `rate` and `light` that are stored; 1 for what is no number.
-    pub fn new(rate: f64, light: [f64; 3]) -> Level {
+    /// The factors nearest to `light` that are stored; 1 for what is no number.
+    pub fn new(light: [f64; 3]) -> Level {
         let limited = |v: f64| {
             let v = if v.is_finite() { v as f32 } else { 1.0 };
             (v.clamp(1.0 / LARGEST, LARGEST) * STEPS).round() / STEPS
         };
-        Level { rate: limited(rate), light: light.map(limited) }
+        Level { light: light.map(limited) }
     }
 
     /// The factor of a lamp's light, for the cosine between the directions to the lamp and to the viewer.
@@ -45,7 +43,7 @@ impl Level {
 
 /// Put the levels, root first, among what META holds.
 pub fn store(levels: &[Level], meta: &mut Map<String, Value>) {
-    let all: Vec<Value> = levels.iter().map(|l| json!({ "light": l.light, "rate": l.rate })).collect();
+    let all: Vec<Value> = levels.iter().map(|l| json!({ "light": l.light })).collect();
     meta.insert(KEY.into(), all.into());
 }
 
@@ -55,7 +53,7 @@ pub fn levels(info: &Info) -> [Level; MAX_DEPTH + 1] {
     let stored = info.meta.get(KEY).and_then(Value::as_array).map_or(&[][..], Vec::as_slice);
     for (level, value) in out.iter_mut().zip(stored) {
         let number = |v: Option<&Value>| v.and_then(Value::as_f64).unwrap_or(1.0);
-        *level = Level::new(number(value.get("rate")), [0, 1, 2].map(|k| number(value["light"].get(k))));
+        *level = Level::new([0, 1, 2].map(|k| number(value["light"].get(k))));
     }
     out
 }
@@ -66,7 +64,7 @@ mod tests {
 
     #[test]
     fn stored_levels_read_back() {
-        let level = Level::new(1.125, [0.5, 0.75, 1.25]);
+        let level = Level::new([0.5, 0.75, 1.25]);
         let mut info = crate::volume::octree::tests::info();
         store(&[Level::PLAIN, level], &mut info.meta);
         let back = levels(&info);
@@ -77,11 +75,10 @@ mod tests {
     #[test]
     fn whatever_meta_holds_is_bounded() {
         let mut info = crate::volume::octree::tests::info();
-        for hostile in ["7", "[]", "[null]", r#"[{"rate":1e300,"light":[-1,"x"]}]"#, r#"[{"light":{}}]"#] {
+        for hostile in ["7", "[]", "[null]", r#"[{"light":[-1,"x",1e300]}]"#, r#"[{"light":{}}]"#] {
             info.meta.insert(KEY.into(), serde_json::from_str(hostile).unwrap());
             for level in levels(&info) {
-                let all = [level.rate, level.light[0], level.light[1], level.light[2]];
-                assert!(all.iter().all(|v| (0.25..=4.0).contains(v)), "{hostile}: {level:?}");
+                assert!(level.light.iter().all(|v| (0.25..=4.0).contains(v)), "{hostile}: {level:?}");
             }
         }
     }
