@@ -216,7 +216,8 @@ fn film(world: &World<'_>, options: &Options, progress: &dyn Progress) -> (Film,
 /// Lanes that are added to a single one for which a texel's source was traced: triangles are not filtered.
 const NEAR_LANES: u32 = 2;
 
-/// Where the two outermost lanes see the same, in the display's white, the others are left out.
+/// Where the two outermost lanes see the same, in the display's white, the others are left out; but not among triangles,
+/// which may be thinner than what is between lanes.
 const ALIKE: f32 = 1.0 / 256.0;
 
 /// The mean over the pixel's lanes, before exposure.
@@ -235,7 +236,7 @@ fn pixel_of(tracer: &mut Tracer<'_>, x: u32, y: u32) -> [f32; 4] {
     if lanes > 1 {
         let last = add(tracer, lanes - 1, lanes);
         let apart = (first - last).abs() * Vec3::splat((tracer.options.exposure as f32).exp2()).extend(1.0);
-        if apart.max_element() > ALIKE {
+        if tracer.near || apart.max_element() > ALIKE {
             (1..lanes - 1).for_each(|lane| {
                 add(tracer, lane, lanes);
             });
