@@ -212,3 +212,44 @@ fn strict_fails_on_warnings_and_leaves_the_old_file() {
 fn parts_left(dir: &Path) -> bool {
     std::fs::read_dir(dir).unwrap().any(|e| e.unwrap().path().extension().is_some_and(|e| e == "part"))
 }
+
+/// Bytes of the program, its tables and the source, besides what `--memory` is about.
+#[cfg(target_os = "linux")]
+const PROGRAM: u64 = 64 << 20;
+
+/// Bake with `more`, and give the largest memory that the process had.
+#[cfg(target_os = "linux")]
+fn peak_of(output: &Path, more: &[&str]) -> u64 {
+    let tree = Path::new(env!("CARGO_MANIFEST_DIR")).join("samples/tree.glb");
+    let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_vtex"))
+        .args(["bake", "--quiet", "-r", "256", "--compress", "1", "-o"])
+        .arg(output)
+        .arg(tree)
+        .args(more)
+        .spawn()
+        .unwrap();
+    let status = format!("/proc/{}/status", child.id());
+    let mut peak = 0;
+    while child.try_wait().unwrap().is_none() {
+        let text = std::fs::read_to_string(&status).unwrap_or_default();
+        let line = text.lines().find_map(|l| l.strip_prefix("VmHWM:"));
+        let kib = line.and_then(|l| l.split_whitespace().next()).and_then(|n| n.parse::<u64>().ok());
+        peak = peak.max(1024 * kib.unwrap_or(0));
+        std::thread::sleep(std::time::Duration::from_millis(2));
+    }
+    assert!(child.wait().unwrap().success());
+    peak
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_limit_of_memory_is_kept_and_changes_no_byte() {
+    let dir = TempDir::new().unwrap();
+    let [free, limited, report] = ["free.vtex", "limited.vtex", "report.json"].map(|name| dir.path().join(name));
+    peak_of(&free, &["--report", &report.display().to_string()]);
+    let report: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(report).unwrap()).unwrap();
+    let limit = report["estimate"]["memory_bytes"].as_u64().unwrap();
+    let peak = peak_of(&limited, &["--memory", &limit.to_string()]);
+    assert!(peak > 0 && peak <= limit + PROGRAM, "{peak} of {limit}");
+    assert_eq!(std::fs::read(free).unwrap(), std::fs::read(limited).unwrap());
+}

@@ -8,8 +8,9 @@ use super::beams::{PROJECTIONS, axis_length};
 use super::chord::{Chords, Lanes, MAX_RATE, box_areas, depth_for, exp_neg, ln};
 use super::ellipsoid::{fit_sggx, sigmas};
 use super::measure::Measure;
+use super::refine::Passed;
 use crate::geom::Vec3;
-use crate::volume::voxel::{RATE_MAX, encode_rate};
+use crate::volume::voxel::{RATE_MAX, decode_rate, encode_rate};
 use crate::volume::{Model, Sggx, Voxel};
 
 /// Share of a support box from which on it is taken for opaque.
@@ -97,21 +98,22 @@ impl Certificate {
     }
 }
 
-/// Fit all cells of one block, `width` cells wide, whose own measure is `block`. Voxels come in the order of the cells.
+/// Fit all cells of one block, `width` cells wide, whose own measure is `block`. Voxels come in the order of the cells. Gives
+/// what a ray finds of them, where `march` asks for it.
 pub fn fit_block(
     cells: &[Cell],
     block: &Measure,
-    width: usize,
+    (width, march): (usize, bool),
     model: Model,
     voxels: &mut Vec<Voxel>,
     certificate: &mut Certificate,
-) {
+) -> Option<Passed> {
     let mut fitted = [Voxel::default(); 64];
     let mut seen = Vec::with_capacity(cells.len());
     for (voxel, cell) in fitted.iter_mut().zip(cells) {
         seen.push(Seen::new(cell.measure, voxel));
     }
-    let lines = if cells.len() > 1 { Lines::new(cells, &seen, width) } else { Lines::new(&[], &[], width) };
+    let lines = if cells.len() > 1 || march { Lines::new(cells, &seen, width) } else { Lines::new(&[], &[], width) };
     let code = correlation(cells, &seen, &lines, block, width);
     let c = f32::from(code) / 15.0;
     let rates: Vec<Lanes> = seen.iter().map(|s| s.chords.rates(&s.blocked, c)).collect();
@@ -136,6 +138,20 @@ pub fn fit_block(
         }
         voxels.push(*voxel);
     }
+    march.then(|| marched(&fitted[..cells.len()], &lines, width, c))
+}
+
+/// What comes through the block of `voxels`, which have the correlation `c`.
+fn marched(voxels: &[Voxel], lines: &Lines, width: usize, c: f32) -> Passed {
+    let rates: Vec<Lanes> = voxels
+        .iter()
+        .map(|v| {
+            let rate = decode_rate(v.rate);
+            sigmas(&Sggx::decode(v.ndf)).map(|sigma| rate * sigma)
+        })
+        .collect();
+    let mut alone = Vec::new();
+    Passed::of_block(MARCH_LINES * width, c, voxels.len(), |k| lines.depths(k, |cell| rates[cell][k], &mut alone))
 }
 
 /// The rate, near `rate`, with which a voxel of the ellipsoid `ndf` covers the area that was measured, summed over the 13 axes; and

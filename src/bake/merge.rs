@@ -100,6 +100,7 @@ pub fn merge(
         cyclic: if whole { first.cyclic } else { [false; 3] },
         up: first.up,
         memory: options.memory,
+        refine: 0,
         voxel_size: None,
     };
     let (mut volume, report) = bake(&*source, &bake_options, progress, &mut |_| {})?;

@@ -34,6 +34,7 @@ pub mod paint;
 mod patch;
 mod polygon;
 pub mod recipe;
+mod refine;
 mod source;
 pub mod stack;
 pub mod texel;
@@ -59,10 +60,14 @@ use crate::geom::{Aabb, DAffine3, DVec3};
 use crate::progress::Progress;
 use crate::volume::{Channels, Info, Model, Volume};
 use crate::{Error, Result, Warnings, morton, par};
-use tree::{Node, Output, Region};
+use tree::{How, Joiner, Node, Output, Region};
 
 /// Largest resolution that may be asked for.
 pub const MAX_RESOLUTION: u32 = 4096;
+
+/// Levels of [`Options::refine`] where nothing is said, and the most: further ones close sheets that are closed already.
+pub const REFINE: u8 = 0;
+pub const MAX_REFINE: u8 = 5;
 
 /// What is to be baked of a source.
 #[derive(Debug, Clone, PartialEq)]
@@ -81,6 +86,9 @@ pub struct Options {
     pub memory: u64,
     /// The texel's cube in source space, where it is not to be found from what the source fills.
     pub cube: Option<Aabb>,
+    /// Levels of groups of blocks, each twice as wide as the last, in which rates are corrected with the renderer's own
+    /// march; 0: none.
+    pub refine: u8,
 }
 
 impl Default for Options {
@@ -93,6 +101,7 @@ impl Default for Options {
             up: 1,
             memory: 0,
             cube: None,
+            refine: REFINE,
         }
     }
 }
@@ -241,29 +250,35 @@ fn plan(bounds: Aabb, options: &Options) -> Result<Placement> {
     Ok(place)
 }
 
+/// Regions a thread that are measured before what they gave is put together.
+const BATCH: usize = 32;
+
 /// All depths; none for a source without matter.
 fn build(staged: &dyn Staged, place: &Placement, options: &Options, progress: &dyn Progress) -> Output {
     let regions = staged.regions();
     let levels = place.region_log2();
     let top = place.depth - levels;
+    let refine = if options.model == Model::Coverage { usize::from(options.refine) } else { 0 };
+    let how = How { model: options.model, refine };
     progress.stage("measure", regions.len() as u64);
-    let empty = || Output::new(place.depth + 1, options.model);
-    let parts: Vec<(Option<Box<Node>>, Output)> = par::map(regions.len(), |i| {
-        let origin = morton::decode(regions[i]).map(|v| v << levels);
-        let mut region = Region { staged, output: empty(), origin, levels };
-        let node = region.node(i, top);
-        progress.advance(1);
-        (node, region.output)
-    });
-    let mut output = empty();
-    let mut nodes = Vec::with_capacity(parts.len());
-    for (&code, (node, part)) in regions.iter().zip(parts) {
-        output.append(part);
-        nodes.extend(node.map(|n| (code, n)));
+    let mut output = Output::new(place.depth + 1, how);
+    let mut joiner = Joiner::new(top);
+    let batch = BATCH * par::threads();
+    for first in (0..regions.len()).step_by(batch) {
+        let parts: Vec<(Option<Box<Node>>, Output)> = par::map(batch.min(regions.len() - first), |i| {
+            let origin = morton::decode(regions[first + i]).map(|v| v << levels);
+            let mut region = Region { staged, output: Output::new(place.depth + 1, how), origin, levels };
+            let node = region.node(first + i, top);
+            progress.advance(1);
+            (node, region.output)
+        });
+        for (&code, (node, part)) in regions[first..].iter().zip(parts) {
+            joiner.make_way(top, code, &mut output);
+            output.append(part);
+            if let Some(node) = node {
+                joiner.add(top, code, node);
+            }
+        }
     }
-    let mut upper = empty();
-    let root = tree::join_up(top, nodes, &mut upper);
-    // Depths that joining fitted come from above the regions alone, so order does not matter here.
-    output.append(upper);
-    if root { output } else { Output::new(0, options.model) }
+    if joiner.finish(&mut output) { output } else { Output::new(0, how) }
 }

@@ -6,6 +6,7 @@ use super::cutout;
 use super::fit::{Cell, Certificate, fit_block};
 use super::measure::{Gather, Measure};
 use super::medium::{Medium, share};
+use super::refine::{self, Passed};
 use super::source::Staged;
 use crate::geom::DVec3;
 use crate::morton;
@@ -19,6 +20,8 @@ pub struct Node {
     mask: u8,
     /// In child order.
     children: Vec<(Measure, u8)>,
+    /// What a ray finds of the voxels that are fitted: two depths below the node, three …, as far as they are refined.
+    passed: Vec<Passed>,
 }
 
 /// Fitted voxels, a list a depth, in Morton order.
@@ -26,12 +29,20 @@ pub struct Output {
     pub depths: Vec<Depth>,
     /// A depth each.
     pub certificates: Vec<Certificate>,
-    model: Model,
+    how: How,
+}
+
+/// How voxels are fitted.
+#[derive(Debug, Clone, Copy)]
+pub struct How {
+    pub model: Model,
+    /// How many levels of groups of blocks have their rates corrected.
+    pub refine: usize,
 }
 
 impl Output {
-    pub fn new(depths: usize, model: Model) -> Output {
-        Output { depths: vec![Depth::default(); depths], certificates: vec![Certificate::default(); depths], model }
+    pub fn new(depths: usize, how: How) -> Output {
+        Output { depths: vec![Depth::default(); depths], certificates: vec![Certificate::default(); depths], how }
     }
 
     /// Take over what follows in Morton order.
@@ -46,11 +57,30 @@ impl Output {
     }
 
     /// Fit the block `cells`, of voxels at `depth` with masks, whose node is measured by `block`.
-    fn fit(&mut self, depth: usize, cells: &[(Cell, u8)], block: &Measure, width: usize) {
+    fn fit(&mut self, depth: usize, cells: &[(Cell, u8)], block: &Measure, width: usize) -> Option<Passed> {
         let out = &mut self.depths[depth];
         out.masks.extend(cells.iter().map(|c| c.1));
         let cells: Vec<Cell> = cells.iter().map(|(c, _)| Cell { at: c.at, measure: c.measure }).collect();
-        fit_block(&cells, block, width, self.model, &mut out.voxels, &mut self.certificates[depth]);
+        let How { model, refine } = self.how;
+        fit_block(&cells, block, (width, refine > 0), model, &mut out.voxels, &mut self.certificates[depth])
+    }
+
+    /// Correct the rates of what was fitted last at `depth`, the groups `children` side by side, whose node has the measure
+    /// `whole` and `parts` as its children's.
+    fn refine(
+        &mut self,
+        depth: usize,
+        children: &[Option<&Passed>; 8],
+        solid: [bool; 8],
+        whole: &Measure,
+        parts: &[f64; 13],
+    ) -> Option<Passed> {
+        let mut group = Passed::unite(children, solid)?;
+        let log = group.refine(&whole.cover, parts);
+        let voxels = &mut self.depths[depth].voxels;
+        let first = voxels.len().saturating_sub(group.whole.voxels);
+        refine::scale(&mut voxels[first..], log);
+        Some(group.whole)
     }
 }
 
@@ -127,7 +157,9 @@ impl Region<'_> {
             gather.get_or_insert_with(|| Box::new(Gather::new())).add_medium(&share, medium.albedo);
         }
         match gather.and_then(|g| g.finish()) {
-            Some((measure, beams)) => Some(Box::new(Node { measure, beams, mask: 0, children: Vec::new() })),
+            Some((measure, beams)) => {
+                Some(Box::new(Node { measure, beams, mask: 0, children: Vec::new(), passed: Vec::new() }))
+            }
             // Facets of no area: as if there were none.
             None => self.inner(levels, code),
         }
@@ -154,7 +186,8 @@ struct Matter {
 
 impl Node {
     fn solid() -> Node {
-        Node { measure: Measure::full(), beams: Beams::full().clone(), mask: 0, children: Vec::new() }
+        let (measure, beams) = (Measure::full(), Beams::full().clone());
+        Node { measure, beams, mask: 0, children: Vec::new(), passed: Vec::new() }
     }
 
     /// Whether the node is one opaque cube without a face in it.
@@ -183,9 +216,26 @@ pub fn join(depth: usize, children: [Option<Box<Node>>; 8], output: &mut Output)
             cells.push((Cell { at: place(j * 8 + g), measure }, *mask));
         }
     }
-    if !cells.is_empty() {
-        output.fit(depth + 2, &cells, &measure, 4);
+    let solid = children.each_ref().map(|c| c.as_ref().is_some_and(|c| c.is_terminal_solid()));
+    let mut passed = Vec::new();
+    if !cells.is_empty()
+        && let Some(mut block) = output.fit(depth + 2, &cells, &measure, 4)
+    {
+        for j in (0..8).filter(|&j| solid[j]) {
+            let low = 0.5 * DVec3::from(place(j).map(f64::from));
+            block.close(low, low + 0.5);
+        }
+        passed.push(block);
     }
+    let covers = children.iter().flatten().map(|c| c.measure.cover);
+    let parts = covers.fold([0.0; 13], |sum, cover| std::array::from_fn(|k| sum[k] + 0.25 * cover[k]));
+    for level in 1..=output.how.refine {
+        let groups = children.each_ref().map(|c| c.as_ref().and_then(|c| c.passed.get(level - 1)));
+        let Some(group) = output.refine(depth + 2 + level, &groups, solid, &measure, &parts) else { break };
+        passed.push(group);
+    }
+    // What no level above asks for.
+    passed.truncate(output.how.refine);
     let own = |mut child: Box<Node>| {
         if child.measure.total == 0.0 {
             // Matter that no facet shows takes the colour around it.
@@ -194,35 +244,67 @@ pub fn join(depth: usize, children: [Option<Box<Node>>; 8], output: &mut Output)
         (child.measure, child.mask)
     };
     let children = children.into_iter().flatten().map(own).collect();
-    Some(Box::new(Node { measure, beams: union.beams, mask, children }))
+    Some(Box::new(Node { measure, beams: union.beams, mask, children, passed }))
 }
 
-/// Join the nodes of `depth`, given with their Morton codes in order, up to the root, and fit what is left. Gives whether
-/// there is a root.
-pub fn join_up(depth: usize, nodes: Vec<(u64, Box<Node>)>, output: &mut Output) -> bool {
-    let (mut depth, mut nodes) = (depth, nodes);
-    while depth > 0 {
-        depth -= 1;
-        let mut parents: Vec<(u64, Box<Node>)> = Vec::new();
-        let mut nodes_left = nodes.into_iter().peekable();
-        while let Some(&(code, _)) = nodes_left.peek() {
-            let parent = code >> 3;
-            let mut children: [Option<Box<Node>>; 8] = Default::default();
-            while let Some((code, node)) = nodes_left.next_if(|(c, _)| c >> 3 == parent) {
-                children[(code & 7) as usize] = Some(node);
+/// Up to eight nodes, in child order.
+type Siblings = [Option<Box<Node>>; 8];
+
+/// Joins nodes up to the root as they come, in Morton order, and fits what is between.
+pub struct Joiner {
+    /// Siblings that may get another yet, by their depth: their parent's code and themselves.
+    pending: Vec<Option<(u64, Siblings)>>,
+    root: Option<Box<Node>>,
+}
+
+impl Joiner {
+    /// For nodes of `depth`.
+    pub fn new(depth: usize) -> Joiner {
+        Joiner { pending: (0..=depth).map(|_| None).collect(), root: None }
+    }
+
+    /// Join what is complete before the node at `depth` with the Morton code `code`, whose voxels are not in `output` yet.
+    pub fn make_way(&mut self, depth: usize, code: u64, output: &mut Output) {
+        for d in (1..=depth).rev() {
+            let parent = code >> (3 * (depth - d + 1));
+            if self.pending[d].as_ref().is_some_and(|(pending, _)| *pending != parent) {
+                self.close(d, output);
             }
-            parents.extend(join(depth, children, output).map(|node| (parent, node)));
         }
-        nodes = parents;
     }
-    let Some((_, root)) = nodes.into_iter().next() else { return false };
-    // The root's children, then the root: blocks of their own.
-    let present = (0..8).filter(|j| root.mask >> j & 1 != 0);
-    let cells: Vec<(Cell, u8)> =
-        present.zip(&root.children).map(|(j, (measure, mask))| (Cell { at: place(j), measure }, *mask)).collect();
-    if !cells.is_empty() {
-        output.fit(1, &cells, &root.measure, 2);
+
+    /// Add the node at `depth` with the Morton code `code`, which follows all before.
+    pub fn add(&mut self, depth: usize, code: u64, node: Box<Node>) {
+        if depth == 0 {
+            self.root = Some(node);
+            return;
+        }
+        let (_, siblings) = self.pending[depth].get_or_insert_with(|| (code >> 3, Default::default()));
+        siblings[(code & 7) as usize] = Some(node);
     }
-    output.fit(0, &[(Cell { at: [0; 3], measure: &root.measure }, root.mask)], &root.measure, 1);
-    true
+
+    /// Join the siblings at `depth`, to which none will be added.
+    fn close(&mut self, depth: usize, output: &mut Output) {
+        let Some((code, siblings)) = self.pending[depth].take() else { return };
+        if let Some(parent) = join(depth - 1, siblings, output) {
+            self.add(depth - 1, code, parent);
+        }
+    }
+
+    /// Join what is left, and fit the root and its children. Gives whether there is a root.
+    pub fn finish(mut self, output: &mut Output) -> bool {
+        for depth in (1..self.pending.len()).rev() {
+            self.close(depth, output);
+        }
+        let Some(root) = self.root else { return false };
+        // The root's children, then the root: blocks of their own.
+        let present = (0..8).filter(|j| root.mask >> j & 1 != 0);
+        let cells: Vec<(Cell, u8)> =
+            present.zip(&root.children).map(|(j, (measure, mask))| (Cell { at: place(j), measure }, *mask)).collect();
+        if !cells.is_empty() {
+            output.fit(1, &cells, &root.measure, 2);
+        }
+        output.fit(0, &[(Cell { at: [0; 3], measure: &root.measure }, root.mask)], &root.measure, 1);
+        true
+    }
 }

@@ -11,7 +11,7 @@ use sha2::{Digest, Sha256};
 use super::Ui;
 use super::quantity::{bytes, count, size};
 use super::source::{SourceArgs, clap_name};
-use crate::bake::{self, DepthReport, Estimate, MAX_RESOLUTION, Options};
+use crate::bake::{self, DepthReport, Estimate, MAX_REFINE, MAX_RESOLUTION, Options, REFINE};
 use crate::format::{self, Quality, WriteOptions};
 use crate::progress::Progress;
 use crate::volume::{Model, Octree, Volume, level};
@@ -43,6 +43,9 @@ pub struct Args {
     /// Appearance model: coverage measured at every depth, or the paper's averaged isotropic opacity
     #[arg(long, value_enum, default_value = "coverage")]
     model: ModelArg,
+    /// Levels of groups of blocks whose rates are corrected with the renderer's own march: 0 none, each more costs less
+    #[arg(long, default_value_t = REFINE, value_name = "N", value_parser = clap::value_parser!(u8).range(..=i64::from(MAX_REFINE)))]
+    refine: u8,
     /// How finely the channels are stored
     #[arg(long, value_enum, default_value = "full")]
     quality: QualityArg,
@@ -103,6 +106,7 @@ impl Args {
             },
             memory: self.memory.unwrap_or(0),
             cube: None,
+            refine: self.refine,
         }
     }
 
@@ -112,6 +116,7 @@ impl Args {
         let name = |v: &dyn clap_name::Name| v.name();
         let mut out = json!({
             "model": name(&self.model), "quality": name(&self.quality), "up": up, "resolution": self.resolution,
+            "refine": self.refine,
         });
         self.voxel_size.into_iter().for_each(|v| out["voxelSize"] = v.into());
         if !self.cyclic.is_empty() {
@@ -233,6 +238,11 @@ fn levelled(volume: Volume) -> Result<Volume> {
 fn check_outputs(args: &Args, output: &Path, files: &[PathBuf]) -> Result<()> {
     let real = |path: &Path| std::fs::canonicalize(path).ok();
     let read: Vec<PathBuf> = files.iter().filter_map(|f| real(f)).collect();
+    let other = output.extension().filter(|e| !e.eq_ignore_ascii_case("vtex"));
+    if let Some(other) = other {
+        let (path, other) = (output.display(), other.display());
+        return Err(Error::Options(format!("{path}: a texel is written as .vtex, not as .{other}; name it so")));
+    }
     for path in [Some(output), args.depfile.as_deref(), args.report.as_deref()].into_iter().flatten() {
         let folder = path.parent().filter(|f| !f.as_os_str().is_empty()).unwrap_or(Path::new("."));
         if !folder.is_dir() {

@@ -47,11 +47,12 @@ const RATE_STEPS: f32 = 16.0;
 
 /// rho of every rate code, in hits per voxel edge. `libm`, not the platform, so that it is the same everywhere.
 pub fn rate_table() -> [f32; 256] {
-    let mut table = [0.0; 256];
-    for (code, rho) in table.iter_mut().enumerate().skip(1) {
-        *rho = libm::exp2f((code as f32 - RATE_BIAS) / RATE_STEPS);
-    }
-    table
+    std::array::from_fn(|code| decode_rate(code as u8))
+}
+
+/// rho of a rate code, in hits per voxel edge.
+pub fn decode_rate(code: u8) -> f32 {
+    if code == 0 { 0.0 } else { libm::exp2f((f32::from(code) - RATE_BIAS) / RATE_STEPS) }
 }
 
 /// The code nearest to `rho` ≥ 0 in log scale; below half the smallest rate it is 0, above the largest it is [`RATE_MAX`].
