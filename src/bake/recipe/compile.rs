@@ -1,6 +1,6 @@
 //! A recipe → sources: shapes become fields, curves and meshes, nodes groups and layers.
 
-use std::collections::HashMap;
+use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -47,7 +47,7 @@ struct Run<'a> {
     sources: Vec<Box<dyn Source>>,
     parts: Vec<Part>,
     /// What is drawn by name, as places in `sources`.
-    named: HashMap<&'a str, usize>,
+    named: BTreeMap<&'a str, usize>,
 }
 
 impl<'a> Compiler<'a> {
@@ -88,7 +88,7 @@ impl<'a> Compiler<'a> {
         let mut extent = Aabb::EMPTY;
         let mut ready: Vec<Option<Drawn>> = Vec::with_capacity(nodes.len());
         // What a run draws by name is built once; by its name, its bounds.
-        let mut named: HashMap<&str, Aabb> = HashMap::new();
+        let mut named: BTreeMap<&str, Aabb> = BTreeMap::new();
         for (node, &mode) in nodes.iter().zip(modes) {
             if mode != layers::Mode::Add {
                 named.clear();

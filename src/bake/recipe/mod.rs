@@ -7,6 +7,7 @@ mod checks;
 mod compile;
 mod model;
 mod scatter;
+mod values;
 
 use std::path::{Path, PathBuf};
 

@@ -3,7 +3,7 @@
 //! Based on: G. Steele, D. Lea, C. Flood, *Fast Splittable Pseudorandom Number Generators*, OOPSLA 2014 (the generator);
 //! R. Cook, *Stochastic Sampling in Computer Graphics*, TOG 5, 1986 (darts that keep a distance).
 
-use std::collections::HashMap;
+use std::collections::BTreeMap;
 
 use super::checks::about;
 use super::model::Scatter;
@@ -67,12 +67,12 @@ pub fn places(scatter: &Scatter) -> Vec<DAffine3> {
 struct Origins {
     apart: f64,
     /// By cells as wide as the distance.
-    cells: HashMap<[i64; 3], Vec<DVec3>>,
+    cells: BTreeMap<[i64; 3], Vec<DVec3>>,
 }
 
 impl Origins {
     fn new(apart: f64) -> Origins {
-        Origins { apart, cells: HashMap::new() }
+        Origins { apart, cells: BTreeMap::new() }
     }
 
     /// Whether `at` is far enough from all; then it is one of them.
