@@ -320,6 +320,13 @@ impl<'a> Compiler<'a> {
                 let length = way.length_squared();
                 Ok(paint::ramp(colours, move |p| if length > 0.0 { (p - from).dot(way) / length } else { 0.0 }))
             }
+            (None, None, Some(n)) if !colours.is_empty() => {
+                let (noise, signed) = (noise(n), !n.turbulence);
+                Ok(paint::ramp(colours, move |p| {
+                    let value = noise.at(p).0;
+                    if signed { 0.5 + 0.5 * value } else { value }
+                }))
+            }
             _ => Err(self.error(
                 "albedo",
                 "an albedo is a colour, or has either an image, or noise or a gradient and its colours",
