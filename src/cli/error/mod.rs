@@ -58,14 +58,14 @@ pub struct MeasureArgs {
     turned: bool,
     /// Other pixels and rays
     #[arg(long, value_name = "N", default_value_t = Options::default().seed)]
-    seed: u32,
+    rays_seed: u32,
 }
 
 impl MeasureArgs {
     pub fn options(&self) -> Options {
         let default = Options::default();
         let rays = [default.rays[0].min(self.rays), self.rays];
-        Options { pixels: self.pixels, rays, turned: self.turned, depths: self.depths, seed: self.seed, ..default }
+        Options { pixels: self.pixels, rays, turned: self.turned, depths: self.depths, seed: self.rays_seed, ..default }
     }
 }
 
