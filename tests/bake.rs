@@ -100,8 +100,9 @@ fn an_aligned_sheet_is_opaque_along_its_normal_and_nothing_along_itself() {
 fn a_sphere_covers_pi_r_squared_from_26_sides_at_every_depth() {
     let tree = Octree::new(baked(model(sphere(48), Material::default()), &hollow(), &at(64))).unwrap();
     let want = std::f64::consts::PI * 0.25;
-    // The rim is one voxel wide, and a voxel that it crosses spreads over its support: measured .061, .037, .012, .005.
-    for (depth, allowed) in [(3, 0.07), (4, 0.04), (5, 0.015), (6, 0.008)] {
+    // The rim is one voxel wide, and a voxel that it crosses spreads over its support: measured .061, .037, .024, .008. What
+    // closes the seams between blocks makes the rim a little darker: .012 and .005 without --refine.
+    for (depth, allowed) in [(3, 0.07), (4, 0.04), (5, 0.026), (6, 0.012)] {
         for dir in vtex::geom::directions13() {
             for dir in [dir, -dir] {
                 let got = area(&tree, dir, depth, 200);

@@ -66,7 +66,7 @@ use tree::{How, Joiner, Node, Output, Region};
 pub const MAX_RESOLUTION: u32 = 4096;
 
 /// Levels of [`Options::refine`] where nothing is said, and the most: further ones close sheets that are closed already.
-pub const REFINE: u8 = 0;
+pub const REFINE: u8 = 2;
 pub const MAX_REFINE: u8 = 5;
 
 /// What is to be baked of a source.

@@ -221,10 +221,7 @@ pub fn join(depth: usize, children: [Option<Box<Node>>; 8], output: &mut Output)
     if !cells.is_empty()
         && let Some(mut block) = output.fit(depth + 2, &cells, &measure, 4)
     {
-        for j in (0..8).filter(|&j| solid[j]) {
-            let low = 0.5 * DVec3::from(place(j).map(f64::from));
-            block.close(low, low + 0.5);
-        }
+        (0..8).filter(|&j| solid[j]).for_each(|j| block.close(j));
         passed.push(block);
     }
     let covers = children.iter().flatten().map(|c| c.measure.cover);

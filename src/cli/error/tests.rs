@@ -1,7 +1,7 @@
 //! The opacity that was aimed at, on objects that are each hard in their own way.
 
 use super::*;
-use crate::bake::{MeshOptions, MeshSource, Source};
+use crate::bake::{Fill, MeshOptions, MeshSource, Source};
 use crate::cli::shapes::{self, Shape, VOXELS};
 use crate::geom::DAffine3;
 use crate::scene::{Instance, Material, Model, Part};
@@ -25,8 +25,8 @@ fn model(shape: &Shape) -> Model {
 }
 
 /// Bake at 64^3 and measure the two finest depths, in directions that the bake did not measure along.
-fn errors(shape: &Shape) -> Vec<DepthError> {
-    let source = MeshSource::new(model(shape), &MeshOptions::default());
+fn errors(shape: &Shape, fill: Fill) -> Vec<DepthError> {
+    let source = MeshSource::new(model(shape), &MeshOptions { fill });
     let ui = Ui::new(true, false);
     let options = bake::Options { resolution: VOXELS, ..bake::Options::default() };
     let (volume, _) = bake::bake(&source as &dyn Source, &options, &ui, &mut |_| ()).unwrap();
@@ -37,7 +37,11 @@ fn errors(shape: &Shape) -> Vec<DepthError> {
 
 /// What is allowed of one shape: |ΔT| at pixel = voxel and at 4 voxels a pixel, and the covered area.
 fn check(shape: &Shape, own: f64, four: f64, area: std::ops::RangeInclusive<f64>) {
-    for d in errors(shape) {
+    check_filled(shape, Fill::Auto, own, four, area);
+}
+
+fn check_filled(shape: &Shape, fill: Fill, own: f64, four: f64, area: std::ops::RangeInclusive<f64>) {
+    for d in errors(shape, fill) {
         let (name, depth, at_4) = (shape.name, d.depth, d.opacity_at_4.unwrap());
         // 312 pixels with errors of .05 to .1 on the average: means are good to some .005, areas to .01.
         assert!(d.opacity.spread.mean <= own, "{name}, depth {depth}: {:?}", d.opacity);
@@ -46,22 +50,23 @@ fn check(shape: &Shape, own: f64, four: f64, area: std::ops::RangeInclusive<f64>
     }
 }
 
-/// Aimed at: .06, .03, and .97 to 1.03.
+/// Aimed at: .06, .03, and .97 to 1.03; a little more is allowed where the pixels are few.
 #[test]
-fn leaves_and_fur_meet_the_aims() {
+fn what_the_law_can_hold_meets_the_aims() {
     check(&shapes::leaves("leaves .5", 0.5, 1.0), 0.06, 0.03, 0.97..=1.03);
     check(&shapes::leaves("leaves 1.5", 1.5, 1.5), 0.06, 0.03, 0.97..=1.03);
-    check(&shapes::leaves("leaves 4", 4.0, 2.0), 0.06, 0.03, 0.96..=1.03);
+    check(&shapes::leaves("leaves 4", 4.0, 2.0), 0.06, 0.03, 0.97..=1.03);
+    check(&shapes::leaves("leaves 10", 10.0, 2.0), 0.06, 0.03, 0.97..=1.03);
     check(&shapes::clumps(), 0.06, 0.03, 0.97..=1.03);
     check(&shapes::fur(), 0.06, 0.03, 0.97..=1.03);
+    check(&shapes::sheet(), 0.06, 0.03, 0.97..=1.03);
+    check(&shapes::ball(), 0.06, 0.03, 0.97..=1.04);
+    check_filled(&shapes::ball(), Fill::Surface, 0.06, 0.03, 0.97..=1.03);
 }
 
-/// A closed surface is too wide by what its rim's support boxes reach beyond it; one sheet lets too much through where it
-/// passes from block to block; slats narrower than a voxel of the coarser depth add up to too little.
+/// Slats narrower than a voxel of the coarser depth hide one another in one direction and fill each other's gaps in another;
+/// a block has one correlation for all.
 #[test]
-fn sheets_and_solids_are_as_near_as_they_are() {
-    check(&shapes::leaves("leaves 10", 10.0, 2.0), 0.06, 0.03, 0.95..=1.03);
-    check(&shapes::ball(), 0.06, 0.04, 0.97..=1.05);
-    check(&shapes::sheet(), 0.085, 0.065, 0.91..=1.03);
-    check(&shapes::blinds(), 0.09, 0.065, 0.88..=1.03);
+fn blinds_are_as_near_as_one_correlation_gets() {
+    check(&shapes::blinds(), 0.09, 0.065, 0.88..=1.04);
 }
