@@ -79,7 +79,14 @@ impl Job<'_> {
     /// What a picture is of: the landscape's bytes and all options that change it.
     fn key(&self) -> Result<String> {
         let bytes = std::fs::read(self.landscape).map_err(|e| Error::io(self.landscape, e))?;
-        let options = Options { threads: 0, lanes: 1, depth_bias: 0.0, near: Near::default(), ..self.options.clone() };
+        let options = Options {
+            threads: 0,
+            lanes: 1,
+            depth_bias: 0.0,
+            shadow_bias: 0.0,
+            near: Near::default(),
+            ..self.options.clone()
+        };
         let choices = format!("{:?} {options:?}", self.scene_name);
         let digest = Sha256::new().chain_update(bytes).chain_update(choices).finalize();
         Ok(digest.iter().map(|byte| format!("{byte:02x}")).collect())

@@ -58,6 +58,9 @@ pub struct Args {
     /// Added to the depth that fits a pixel: −1 is one coarser
     #[arg(long, value_name = "DEPTHS", default_value_t = 0.0, allow_hyphen_values = true)]
     depth_bias: f64,
+    /// Added to that depth for shadows: −1 is one coarser, which is faster and darker
+    #[arg(long, value_name = "DEPTHS", default_value_t = 0.0, allow_hyphen_values = true)]
+    shadow_bias: f64,
     /// What is seen of a texel where a pixel is smaller than its finest voxel: the mesh that it was baked from, where the
     /// landscape names it, or its voxels
     #[arg(long, value_enum, default_value = "geometry")]
@@ -147,6 +150,7 @@ impl Args {
             exposure: self.exposure,
             threads: self.threads,
             depth_bias: self.depth_bias,
+            shadow_bias: self.shadow_bias,
             near: match self.near {
                 NearArg::Geometry => Near::Geometry,
                 NearArg::Voxels => Near::Voxels,

@@ -21,6 +21,8 @@ pub struct Options {
     pub threads: usize,
     /// Added to the depth that fits a cone: −1 is one coarser.
     pub depth_bias: f64,
+    /// Added to the depth of what is seen for what shades it: −1 is one coarser, which is faster and darker.
+    pub shadow_bias: f64,
     /// What is seen where a pixel is smaller than a texel's finest voxel.
     pub near: Near,
     /// Whether lights are tested for what stands before them.
@@ -39,6 +41,7 @@ impl Default for Options {
             exposure: 0.0,
             threads: 0,
             depth_bias: 0.0,
+            shadow_bias: 0.0,
             near: Near::Geometry,
             shadows: true,
         }

@@ -437,8 +437,8 @@ impl<'w> Tracer<'w> {
     /// The share of light that comes along a ray; its cone is `width.0` wide and grows by `width.1`.
     fn visibility(&mut self, from: &Ray, t1: f64, start: Option<Start>, width: (f64, f64), threshold: f32) -> f32 {
         self.counts.shadow_rays += 1;
-        // The depth of what is seen; a coarser one darkens (see `shadow_start`).
-        let bias = self.options.depth_bias as f32;
+        // The depth of what is seen by default; a coarser one darkens (see `shadow_start`).
+        let bias = (self.options.depth_bias + self.options.shadow_bias) as f32;
         let choice = DepthChoice { bias, threshold, finest: u8::MAX };
         super::passage::visibility(self.world, from, t1, start, width, choice, FAINT, &mut self.counts)
     }

@@ -2,9 +2,12 @@
 
 mod density;
 mod land;
+mod made;
 mod points;
 mod report;
 mod scenes;
+mod summary;
+mod texels;
 
 use std::path::PathBuf;
 
@@ -45,22 +48,25 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
         .collect();
     let size = args.size.unwrap_or(if args.quick { [192, 108] } else { [384, 216] });
     let samples = args.samples.unwrap_or(if args.quick { 64 } else { 256 });
-    let found = par::with_threads(args.threads, || {
+    let (found, texels) = par::with_threads(args.threads, || {
         let bench = Bench { folder: &args.output, size, samples, quick: args.quick, ui };
-        let mut found = Vec::new();
+        let (mut found, mut texels) = (Vec::new(), Vec::<texels::Texel>::new());
+        let mut measured = std::collections::BTreeSet::new();
         for place in chosen {
             ui.say(&format!("{}: {}", place.name, place.about));
             found.extend(bench.scene(place)?);
+            let first = measured.insert((bench.source(place)?, place.resolution));
+            texels.push(bench.texel(place, first)?);
             ui.finish();
         }
-        Ok::<_, Error>(found)
+        Ok::<_, Error>((found, texels))
     })??;
-    report::write(&args.output, &found)?;
+    report::write(&args.output, &found, &texels)?;
     if args.json {
-        println!("{:#}", serde_json::json!({ "size": size, "samples": samples, "points": found }));
+        println!("{:#}", serde_json::json!({ "size": size, "samples": samples, "points": found, "texels": texels }));
     } else {
-        print!("{}", report::table(&found));
+        print!("{}\n{}", report::table(&found), summary::markdown(&found, &texels));
     }
-    ui.say(&format!("{}: bench.csv, bench.svg, bench.png", args.output.display()));
+    ui.say(&format!("{}: bench.csv, bench.md, bench.svg, bench.png", args.output.display()));
     Ok(())
 }

@@ -1,21 +1,18 @@
 //! The points of one scene: its texels are baked, its reference traced, and every way to make the picture is timed and compared.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::Instant;
 
 use serde::Serialize;
 
-use super::scenes::{Layout, Matter, Place};
-use super::{density, land};
-use crate::cli::{Ui, demo, reference, run_words};
-use crate::format::{Limits, Reader};
-use crate::geom::DVec3;
+use super::made::{Made, Recipe};
+use super::scenes::Place;
+use crate::bake::REFINE;
+use crate::cli::{Ui, reference};
 use crate::progress::Quiet;
 use crate::render::metrics::{self, flip::DEFAULT_PPD};
 use crate::render::reference::{Reference, reference as trace};
-use crate::render::{CameraChoice, Film, Near, Options, render};
-use crate::scene::{Scene, gltf};
-use crate::volume::Pages;
+use crate::render::{Film, Near, Options, render};
 use crate::{Error, Result};
 
 /// One way to make a picture, or the texel for it.
@@ -26,8 +23,12 @@ pub struct Point {
     pub kind: &'static str,
     pub model: &'static str,
     pub resolution: u32,
+    pub refine: u8,
+    /// `all` of it; without `shadows`; or only a constant `sky`: then opacity and colour are all that there is.
+    pub light: &'static str,
     pub lanes: u32,
     pub depth_bias: f64,
+    pub shadow_bias: f64,
     /// Whether triangles stand for voxels that are wider than a pixel.
     pub near: bool,
     /// Samples a pixel, of a reference.
@@ -54,13 +55,6 @@ pub struct Bench<'a> {
     pub ui: &'a Ui,
 }
 
-/// A landscape over one texel, and how long that took to bake.
-struct Made {
-    scene: Scene,
-    path: PathBuf,
-    bake: [f64; 2],
-}
-
 /// The first sample of traced baselines: none that a reference has.
 const OTHER_SAMPLES: u32 = 1 << 24;
 
@@ -68,33 +62,20 @@ impl Bench<'_> {
     /// All points of a scene.
     pub fn scene(&self, place: &Place) -> Result<Vec<Point>> {
         let source = self.source(place)?;
-        let truth = self.made(place, &source, "coverage", place.resolution)?;
+        let whole = Recipe::plain(place.resolution);
+        let truth = self.made(place, &source, whole)?;
         let options = self.options(place, &truth)?;
-        let stored = self.folder.join(format!("{}-{}x{}.exr", place.name, options.size[0], options.size[1]));
-        let job = reference::Job {
-            landscape: &truth.path,
-            scene: &truth.scene,
-            scene_name: None,
-            options: &options,
-            samples: self.samples,
-            output: &stored,
-        };
-        let (reference, _) = match job.run(true, self.ui) {
-            // What is stored is of another scene, or was made with other options.
-            Err(Error::Input { path, .. }) if path == stored => {
-                std::fs::remove_file(&stored).map_err(|e| Error::io(&stored, e))?;
-                job.run(true, self.ui)?
-            }
-            other => other?,
-        };
-        let noise = reference.noise(DEFAULT_PPD)?.all.flip;
+        let reference = self.reference(place.name, &truth, &options)?;
         let blank = Point {
             scene: place.name,
             kind: "render",
             model: "coverage",
             resolution: place.resolution,
+            refine: REFINE,
+            light: "all",
             lanes: 1,
             depth_bias: 0.0,
+            shadow_bias: 0.0,
             near: false,
             samples: 0,
             seconds: 0.0,
@@ -103,37 +84,22 @@ impl Bench<'_> {
             rmse: 0.0,
             bias: 0.0,
             area: 0.0,
-            noise,
+            noise: reference.noise(DEFAULT_PPD)?.all.flip,
         };
         let mut points = Vec::new();
-        let shown = |made: &Made, point: Point| -> Result<Point> {
-            let near = if point.near { Near::Geometry } else { Near::Voxels };
-            let options = Options { lanes: point.lanes, depth_bias: point.depth_bias, near, ..options.clone() };
-            let (seconds, done) = timed(|| render(&made.scene, &options, &Quiet));
-            compared(point, &done?.film, &reference, seconds)
-        };
-        let all_lanes: &[u32] = if self.quick { &[1, 4] } else { &[1, 2, 4, 8] };
-        let biases: &[f64] = if self.quick { &[0.0] } else { &[-1.0, -0.5, 0.0, 0.5] };
-        for &lanes in all_lanes {
-            for &depth_bias in biases.iter().filter(|&&b| b == 0.0 || lanes == 1 || lanes == 4) {
-                points.push(shown(&truth, Point { lanes, depth_bias, ..blank.clone() })?);
-            }
-            if lanes == 1 || lanes == 4 {
-                points.push(shown(&truth, Point { lanes, near: true, ..blank.clone() })?);
-            }
+        for way in self.ways(&blank) {
+            points.push(shown(&truth, &options, &reference, way)?);
         }
-        for model in ["coverage", "neyret", "density"] {
-            let coarser = [place.resolution, place.resolution / 2, place.resolution / 4];
-            for resolution in coarser.into_iter().filter(|&r| r >= 8 && (!self.quick || r == place.resolution)) {
-                let made = self.made(place, &source, model, resolution)?;
-                let point = shown(&made, Point { model, resolution, ..blank.clone() })?;
-                let [seconds, cpu_seconds] = made.bake;
-                if model != "density" {
-                    points.push(Point { kind: "bake", seconds, cpu_seconds, ..point.clone() });
-                }
-                if (model, resolution) != ("coverage", place.resolution) {
-                    points.push(point);
-                }
+        for how in self.recipes(whole) {
+            let made = self.made(place, &source, how)?;
+            let Recipe { model, resolution, refine } = how;
+            let point = shown(&made, &options, &reference, Point { model, resolution, refine, ..blank.clone() })?;
+            let [seconds, cpu_seconds] = made.bake;
+            if model != "density" {
+                points.push(Point { kind: "bake", seconds, cpu_seconds, ..point.clone() });
+            }
+            if how != whole {
+                points.push(point);
             }
         }
         for samples in [1, 4, 16, 64] {
@@ -145,132 +111,90 @@ impl Bench<'_> {
             let point = Point { kind: "reference", model: "triangles", samples, ..blank.clone() };
             points.push(compared(point, &done?.film, &reference, seconds)?);
         }
+        if !self.quick {
+            points.extend(self.terms(place, truth, &options, &blank)?);
+        }
         Ok(points)
     }
 
-    /// The file of the scene's matter.
-    fn source(&self, place: &Place) -> Result<PathBuf> {
-        match place.matter {
-            Matter::Sample(name) => self.sample(name),
-            Matter::Shape(make) => {
-                let shape = make();
-                let path = self.folder.join(format!("{}.glb", shape.name));
-                land::object(&path, &shape)?;
-                Ok(path)
+    /// How the texel of full resolution is rendered: lanes, depths of what is seen and of its shadows, triangles where near.
+    fn ways(&self, blank: &Point) -> Vec<Point> {
+        let all_lanes: &[u32] = if self.quick { &[1, 4] } else { &[1, 2, 4, 8] };
+        let mut ways = Vec::new();
+        for &lanes in all_lanes {
+            let plain = Point { lanes, ..blank.clone() };
+            ways.push(plain.clone());
+            if lanes != 1 && lanes != 4 {
+                continue;
+            }
+            ways.push(Point { near: true, ..plain.clone() });
+            if !self.quick {
+                ways.extend([-1.0, -0.5, 0.5].map(|depth_bias| Point { depth_bias, ..plain.clone() }));
+                ways.extend([-2.0, -1.0, 1.0].map(|shadow_bias| Point { shadow_bias, ..plain.clone() }));
             }
         }
+        ways
     }
 
-    fn sample(&self, name: &str) -> Result<PathBuf> {
-        let path = self.folder.join(name);
-        let bytes = demo::SAMPLES.iter().find(|s| s.0 == name).map_or(&[][..], |s| s.1);
-        std::fs::write(&path, bytes).map_err(|e| Error::io(&path, e))?;
-        Ok(path)
+    /// Resolutions, models and levels of refining.
+    fn recipes(&self, whole: Recipe) -> Vec<Recipe> {
+        let mut recipes = Vec::new();
+        let coarser = [1, 2, 4].map(|k| whole.resolution / k);
+        for resolution in coarser.into_iter().filter(|&r| r >= 8 && (!self.quick || r == whole.resolution)) {
+            recipes.extend(["coverage", "neyret", "density"].map(|model| Recipe { model, resolution, ..whole }));
+            let levels: &[u8] = if self.quick { &[0] } else { &[0, 1, 4] };
+            recipes.extend(levels.iter().map(|&refine| Recipe { refine, resolution, ..whole }));
+        }
+        recipes
     }
 
-    /// A command as it would be typed; gives seconds and CPU seconds.
-    fn command(&self, words: &[&str]) -> Result<[f64; 2]> {
-        let words: Vec<String> = words.iter().map(|w| (*w).to_owned()).collect();
-        let (seconds, done) = timed(|| run_words(&words, &Ui::new(true, false)));
-        done.map(|()| seconds)
-    }
-
-    /// The scene over a texel of that model and resolution; a texel that is there is not baked again, unless it is timed.
-    fn made(&self, place: &Place, source: &Path, model: &'static str, resolution: u32) -> Result<Made> {
-        let stem = source.file_stem().unwrap_or_default().to_string_lossy();
-        let texel = self.folder.join(format!("{stem}-{resolution}-{model}.vtex"));
-        let times = texel.with_extension("json");
-        let (source, file) = (source.display().to_string(), texel.display().to_string());
-        let known = std::fs::read(&times).ok().and_then(|text| serde_json::from_slice(&text).ok());
-        let bake = match known.filter(|_| texel.exists()) {
-            Some(bake) => bake,
-            None if model == "density" => {
-                let bake = self.made(place, Path::new(&source), "coverage", resolution)?.bake;
-                let baked = self.folder.join(format!("{stem}-{resolution}-coverage.vtex"));
-                density::write(Path::new(&source), &baked, &texel, &Ui::new(true, false))?;
-                bake
+    /// One cause of error after the other switched off on both sides: shadows, then all light but that of a constant sky.
+    fn terms(&self, place: &Place, mut truth: Made, options: &Options, blank: &Point) -> Result<Vec<Point>> {
+        let mut points = Vec::new();
+        for light in ["shadows", "sky"] {
+            if light == "sky" {
+                truth.scene.model.lights.clear();
             }
-            None => {
-                let side = resolution.to_string();
-                let bake = self.command(&["bake", &source, "-r", &side, "--model", model, "-o", &file])?;
-                std::fs::write(&times, serde_json::json!(bake).to_string()).map_err(|e| Error::io(&times, e))?;
-                bake
+            let options = Options { shadows: false, ..options.clone() };
+            let reference = self.reference(&format!("{}-{light}", place.name), &truth, &options)?;
+            let noise = reference.noise(DEFAULT_PPD)?.all.flip;
+            for lanes in [1, 4] {
+                points.push(shown(&truth, &options, &reference, Point { light, lanes, noise, ..blank.clone() })?);
             }
+        }
+        Ok(points)
+    }
+
+    /// The truth under that name; what is stored of it is gone on from.
+    fn reference(&self, name: &str, of: &Made, options: &Options) -> Result<Reference> {
+        let stored = self.folder.join(format!("{name}-{}x{}.exr", options.size[0], options.size[1]));
+        let job = reference::Job {
+            landscape: &of.path,
+            scene: &of.scene,
+            scene_name: None,
+            options,
+            samples: self.samples,
+            output: &stored,
         };
-        let path = self.folder.join(format!("{}-{resolution}-{model}.gltf", place.name));
-        let (out, ground) = (path.display().to_string(), self.folder.join(format!("{}-ground.glb", place.name)));
-        let under = ground.display().to_string();
-        let common = ["map", &under, "--texel", &file, "--geometry", &source, "-o", &out];
-        match place.layout {
-            Layout::Alone => {
-                let reader = Reader::open(&texel, &Limits::default())?;
-                land::ground(&ground, 1, width(reader.info()), |_, _| 0.0)?;
-                let still = ["--repeat", "1", "--orientations", "identity", "--scale", "1,1", "--displace", "0"];
-                self.command(&[&common[..], &still, &["--surface", "hidden"]].concat())?;
+        match job.run(true, self.ui) {
+            // What is stored is of another scene, or was made with other options.
+            Err(Error::Input { path, .. }) if path == stored => {
+                std::fs::remove_file(&stored).map_err(|e| Error::io(&stored, e))?;
+                job.run(true, self.ui)
             }
-            Layout::Forest { side, hilly, presence, hedge, .. } => {
-                let hills = |x: f64, z: f64| {
-                    let (long, short) = (libm::sin(x / 170.0) * libm::cos(z / 210.0), libm::sin(x / 61.0 + z / 83.0));
-                    40.0 * long + 12.0 * short
-                };
-                land::ground(&ground, side, 10.0 * f64::from(side), if hilly { hills } else { |_, _| 0.0 })?;
-                let (cells, share) = (side.to_string(), presence.to_string());
-                self.command(&[&common[..], &["--repeat", &cells, "--presence", &share]].concat())?;
-                if hedge {
-                    let fern = self.sample("fern.glb")?.display().to_string();
-                    let texel = self.folder.join("hedge.vtex").display().to_string();
-                    self.command(&["bake", &fern, "-r", "128", "-o", &texel])?;
-                    let many = (side * 6).to_string();
-                    self.command(&[
-                        "map",
-                        &out,
-                        "--add",
-                        "--texel",
-                        &texel,
-                        "--geometry",
-                        &fern,
-                        "--repeat",
-                        &many,
-                        "-o",
-                        &out,
-                    ])?;
-                }
-            }
+            other => other,
         }
-        Ok(Made { scene: gltf::read(&path, &gltf::ReadOptions::default())?, path, bake })
-    }
-
-    fn options(&self, place: &Place, made: &Made) -> Result<Options> {
-        let sky = Some([0.3, 0.35, 0.4]);
-        let common = Options { sky, background: Some([0.3, 0.35, 0.4]), ..Options::default() };
-        let look =
-            |eye: DVec3, target: DVec3, degrees: f64| CameraChoice::LookAt { eye, target, yfov: degrees.to_radians() };
-        Ok(match place.layout {
-            Layout::Alone => {
-                let Some(texel) = made.scene.texels.first().and_then(|t| t.frames.first()) else {
-                    return Err(Error::input(&made.path, "", "names no texel"));
-                };
-                let reader = Reader::open(texel, &Limits::default())?;
-                let (info, wide) = (reader.info(), width(reader.info()));
-                let high = 0.5 * (info.content.min.z + info.content.max.z) * wide;
-                let target = DVec3::new(0.0, high, 0.0);
-                let eye = target + wide * DVec3::new(2.1, 1.2, 3.2);
-                // So that the cube's edge is as wide as the picture, at the middle.
-                let degrees = 2.0 * libm::atan(0.5 * wide / eye.distance(target)).to_degrees();
-                Options { size: [self.size[0] / 3; 2], camera: look(eye, target, degrees), ..common }
-            }
-            Layout::Forest { eye, target, .. } => {
-                let camera = look(DVec3::from_array(eye), DVec3::from_array(target), 50.0);
-                Options { size: self.size, camera, ..common }
-            }
-        })
+        .map(|done| done.0)
     }
 }
 
-/// Metres along the texel's cube.
-fn width(info: &crate::volume::Info) -> f64 {
-    let metres = if info.metres_per_unit > 0.0 { info.metres_per_unit } else { 1.0 };
-    info.bounds.size().x * metres
+/// A picture made that way, timed and compared.
+fn shown(made: &Made, options: &Options, reference: &Reference, way: Point) -> Result<Point> {
+    let near = if way.near { Near::Geometry } else { Near::Voxels };
+    let (lanes, depth_bias, shadow_bias) = (way.lanes, way.depth_bias, way.shadow_bias);
+    let options = Options { lanes, depth_bias, shadow_bias, near, ..options.clone() };
+    let (seconds, done) = timed(|| render(&made.scene, &options, &Quiet));
+    compared(way, &done?.film, reference, seconds)
 }
 
 fn compared(point: Point, film: &Film, reference: &Reference, [seconds, cpu_seconds]: [f64; 2]) -> Result<Point> {
@@ -288,7 +212,7 @@ fn compared(point: Point, film: &Film, reference: &Reference, [seconds, cpu_seco
 }
 
 /// What `f` gives, and its seconds and CPU seconds.
-fn timed<T>(f: impl FnOnce() -> T) -> ([f64; 2], T) {
+pub fn timed<T>(f: impl FnOnce() -> T) -> ([f64; 2], T) {
     let (start, cpu) = (Instant::now(), cpu_seconds());
     let result = f();
     ([start.elapsed().as_secs_f64(), cpu_seconds() - cpu], result)

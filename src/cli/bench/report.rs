@@ -3,30 +3,38 @@
 use std::path::Path;
 
 use super::points::Point;
+use super::summary;
+use super::texels::Texel;
+use crate::bake::REFINE;
 use crate::cli::plot::{self, Axis, Chart, Scale, Series};
 use crate::{Error, Result};
 
-/// `bench.csv`, `bench.svg` and `bench.png` in `folder`.
-pub fn write(folder: &Path, points: &[Point]) -> Result<()> {
-    let path = folder.join("bench.csv");
-    std::fs::write(&path, csv(points)).map_err(|e| Error::io(&path, e))?;
+/// `bench.csv`, `bench.md`, `bench.svg` and `bench.png` in `folder`.
+pub fn write(folder: &Path, points: &[Point], texels: &[Texel]) -> Result<()> {
+    for (name, text) in [("bench.csv", csv(points)), ("bench.md", summary::markdown(points, texels))] {
+        let path = folder.join(name);
+        std::fs::write(&path, text).map_err(|e| Error::io(&path, e))?;
+    }
     let charts = charts(points);
     ["bench.svg", "bench.png"].iter().try_for_each(|name| plot::write(&folder.join(name), &charts, 3))
 }
 
 fn csv(points: &[Point]) -> String {
     let mut out = String::from(
-        "scene,kind,model,resolution,lanes,depth_bias,near,samples,seconds,cpu_seconds,flip,rmse,bias,area,reference_noise\n",
+        "scene,kind,model,resolution,refine,light,lanes,depth_bias,shadow_bias,near,samples,seconds,cpu_seconds,flip,rmse,bias,area,reference_noise\n",
     );
     for p in points {
         out += &format!(
-            "{},{},{},{},{},{},{},{},{:.3},{:.2},{:.5},{:.6},{:.5},{:.5},{:.5}\n",
+            "{},{},{},{},{},{},{},{},{},{},{},{:.3},{:.2},{:.5},{:.6},{:.5},{:.5},{:.5}\n",
             p.scene,
             p.kind,
             p.model,
             p.resolution,
+            p.refine,
+            p.light,
             p.lanes,
             p.depth_bias,
+            p.shadow_bias,
             p.near,
             p.samples,
             p.seconds,
@@ -42,7 +50,7 @@ fn csv(points: &[Point]) -> String {
 }
 
 /// CPU time where it is known: others' load does not count.
-fn time(p: &Point) -> f64 {
+pub fn time(p: &Point) -> f64 {
     if p.cpu_seconds > 0.0 { p.cpu_seconds } else { p.seconds }
 }
 
@@ -59,19 +67,24 @@ fn charts(points: &[Point]) -> Vec<Chart> {
     let mut charts: Vec<Chart> = scenes
         .iter()
         .map(|&scene| {
-            let render = |p: &&Point, model: &str| p.scene == scene && p.kind == "render" && p.model == model;
+            let render = |p: &&Point, model: &str| {
+                p.scene == scene && p.kind == "render" && p.light == "all" && p.model == model
+            };
+            let plain = |p: &Point| p.depth_bias == 0.0 && p.shadow_bias == 0.0 && p.refine == REFINE && !p.near;
             let whole = points.iter().filter(|p| p.scene == scene).map(|p| p.resolution).max().unwrap_or(0);
             Chart {
                 title: scene.into(),
                 x: axis("CPU seconds"),
                 y: axis("FLIP"),
                 series: vec![
-                    series("lanes", true, &|p| {
-                        render(p, "coverage") && !p.near && p.depth_bias == 0.0 && p.resolution == whole
-                    }),
+                    series("lanes", true, &|p| render(p, "coverage") && plain(p) && p.resolution == whole),
                     series("triangles where near", true, &|p| render(p, "coverage") && p.near),
-                    series("other depths", false, &|p| render(p, "coverage") && p.depth_bias != 0.0),
-                    series("coarser texels", false, &|p| render(p, "coverage") && p.resolution != whole),
+                    series("other depths, other shadows", false, &|p| {
+                        render(p, "coverage") && (p.depth_bias != 0.0 || p.shadow_bias != 0.0)
+                    }),
+                    series("coarser, or refined otherwise", false, &|p| {
+                        render(p, "coverage") && (p.resolution != whole || p.refine != REFINE)
+                    }),
                     series("model of 1996", false, &|p| render(p, "neyret")),
                     series("averaged SGGX", false, &|p| render(p, "density")),
                     series("triangles, 1 to 64 rays", true, &|p| p.scene == scene && p.kind == "reference"),
@@ -94,13 +107,16 @@ fn charts(points: &[Point]) -> Vec<Chart> {
 /// What stands out of each scene.
 pub fn table(points: &[Point]) -> String {
     let mut out = format!(
-        "{:13} {:10} {:10} {:>5} {:>5} {:>5} {:>5} {:>7}  {:>8} {:>8}  {:>7} {:>8} {:>8} {:>7}\n",
+        "{:13} {:10} {:10} {:>5} {:>6} {:>8} {:>5} {:>5} {:>6} {:>5} {:>7}  {:>8} {:>8}  {:>7} {:>8} {:>8} {:>7}\n",
         "scene",
         "kind",
         "model",
         "r",
+        "refine",
+        "light",
         "lanes",
         "bias",
+        "shadow",
         "near",
         "samples",
         "s",
@@ -117,13 +133,16 @@ pub fn table(points: &[Point]) -> String {
         }
         last = p.scene;
         out += &format!(
-            "{:13} {:10} {:10} {:>5} {:>5} {:>5} {:>5} {:>7}  {:>8.2} {:>8.2}  {:>7.4} {:>8.5} {:>+7.2}% {:>7.4}\n",
+            "{:13} {:10} {:10} {:>5} {:>6} {:>8} {:>5} {:>5} {:>6} {:>5} {:>7}  {:>8.2} {:>8.2}  {:>7.4} {:>8.5} {:>+7.2}% {:>7.4}\n",
             p.scene,
             p.kind,
             p.model,
             p.resolution,
+            p.refine,
+            p.light,
             p.lanes,
             p.depth_bias,
+            p.shadow_bias,
             if p.near { "yes" } else { "no" },
             p.samples,
             p.seconds,
@@ -138,17 +157,20 @@ pub fn table(points: &[Point]) -> String {
 }
 
 #[cfg(test)]
-mod tests {
+pub mod tests {
     use super::*;
 
-    fn point(kind: &'static str, cpu_seconds: f64) -> Point {
+    pub fn point(kind: &'static str, cpu_seconds: f64) -> Point {
         Point {
             scene: "tree",
             kind,
             model: "coverage",
             resolution: 64,
+            refine: REFINE,
+            light: "all",
             lanes: 1,
             depth_bias: 0.0,
+            shadow_bias: 0.0,
             near: false,
             samples: 0,
             seconds: 2.0,
@@ -165,7 +187,7 @@ mod tests {
     fn points_are_written_and_drawn() {
         let dir = tempfile::tempdir().unwrap();
         let points = [point("render", 1.0), point("bake", 0.0)];
-        write(dir.path(), &points).unwrap();
+        write(dir.path(), &points, &[]).unwrap();
         let text = std::fs::read_to_string(dir.path().join("bench.csv")).unwrap();
         assert_eq!(text.lines().count(), 3);
         assert_eq!(text.lines().next().unwrap().split(',').count(), text.lines().nth(1).unwrap().split(',').count());

@@ -1,0 +1,167 @@
+//! What a bench measures on, made once: sources, texels of each model, landscapes over them, and the cameras.
+
+use std::path::{Path, PathBuf};
+
+use super::points::{Bench, timed};
+use super::scenes::{Layout, Matter, Place};
+use super::{density, land};
+use crate::bake::REFINE;
+use crate::cli::{Ui, demo, run_words};
+use crate::format::{Limits, Reader};
+use crate::geom::DVec3;
+use crate::render::{CameraChoice, Options};
+use crate::scene::{Scene, gltf};
+use crate::volume::Pages;
+use crate::{Error, Result};
+
+/// How a texel is baked.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Recipe {
+    /// `coverage`, `neyret`, or `density`: linear filtering.
+    pub model: &'static str,
+    pub resolution: u32,
+    pub refine: u8,
+}
+
+impl Recipe {
+    /// As `vtex bake` does where nothing else is said.
+    pub fn plain(resolution: u32) -> Recipe {
+        Recipe { model: "coverage", resolution, refine: REFINE }
+    }
+}
+
+/// A landscape over one texel, and how long that took to bake.
+pub struct Made {
+    pub scene: Scene,
+    pub path: PathBuf,
+    pub texel: PathBuf,
+    pub bake: [f64; 2],
+}
+
+impl Bench<'_> {
+    /// The file of the scene's matter.
+    pub fn source(&self, place: &Place) -> Result<PathBuf> {
+        match place.matter {
+            Matter::Sample(name) => self.sample(name),
+            Matter::Shape(make) => {
+                let shape = make();
+                let path = self.folder.join(format!("{}.glb", shape.name));
+                land::object(&path, &shape)?;
+                Ok(path)
+            }
+        }
+    }
+
+    fn sample(&self, name: &str) -> Result<PathBuf> {
+        let path = self.folder.join(name);
+        let bytes = demo::SAMPLES.iter().find(|s| s.0 == name).map_or(&[][..], |s| s.1);
+        std::fs::write(&path, bytes).map_err(|e| Error::io(&path, e))?;
+        Ok(path)
+    }
+
+    /// A command as it would be typed; gives seconds and CPU seconds.
+    fn command(&self, words: &[&str]) -> Result<[f64; 2]> {
+        let words: Vec<String> = words.iter().map(|w| (*w).to_owned()).collect();
+        let (seconds, done) = timed(|| run_words(&words, &Ui::new(true, false)));
+        done.map(|()| seconds)
+    }
+
+    /// The scene over a texel that is baked like that; a texel that is there is not baked again.
+    pub fn made(&self, place: &Place, source: &Path, how: Recipe) -> Result<Made> {
+        let Recipe { model, resolution, refine } = how;
+        let stem = source.file_stem().unwrap_or_default().to_string_lossy();
+        let own = format!("{resolution}-{model}-{refine}");
+        let texel = self.folder.join(format!("{stem}-{own}.vtex"));
+        let times = texel.with_extension("json");
+        let (source, file) = (source.display().to_string(), texel.display().to_string());
+        let known = std::fs::read(&times).ok().and_then(|text| serde_json::from_slice(&text).ok());
+        let bake = match known.filter(|_| texel.exists()) {
+            Some(bake) => bake,
+            None if model == "density" => {
+                let baked = self.made(place, Path::new(&source), Recipe { model: "coverage", ..how })?;
+                density::write(Path::new(&source), &baked.texel, &texel, &Ui::new(true, false))?;
+                baked.bake
+            }
+            None => {
+                let (side, levels) = (resolution.to_string(), refine.to_string());
+                let words = ["bake", &source, "-r", &side, "--model", model, "--refine", &levels, "-o", &file];
+                let bake = self.command(&words)?;
+                std::fs::write(&times, serde_json::json!(bake).to_string()).map_err(|e| Error::io(&times, e))?;
+                bake
+            }
+        };
+        let path = self.folder.join(format!("{}-{own}.gltf", place.name));
+        let (out, ground) = (path.display().to_string(), self.folder.join(format!("{}-ground.glb", place.name)));
+        let under = ground.display().to_string();
+        let common = ["map", &under, "--texel", &file, "--geometry", &source, "-o", &out];
+        match place.layout {
+            Layout::Alone => {
+                let reader = Reader::open(&texel, &Limits::default())?;
+                land::ground(&ground, 1, width(reader.info()), |_, _| 0.0)?;
+                let still = ["--repeat", "1", "--orientations", "identity", "--scale", "1,1", "--displace", "0"];
+                self.command(&[&common[..], &still, &["--surface", "hidden"]].concat())?;
+            }
+            Layout::Forest { side, hilly, presence, hedge, .. } => {
+                let hills = |x: f64, z: f64| {
+                    let (long, short) = (libm::sin(x / 170.0) * libm::cos(z / 210.0), libm::sin(x / 61.0 + z / 83.0));
+                    40.0 * long + 12.0 * short
+                };
+                land::ground(&ground, side, 10.0 * f64::from(side), if hilly { hills } else { |_, _| 0.0 })?;
+                let (cells, share) = (side.to_string(), presence.to_string());
+                self.command(&[&common[..], &["--repeat", &cells, "--presence", &share]].concat())?;
+                if hedge {
+                    let fern = self.sample("fern.glb")?.display().to_string();
+                    let texel = self.folder.join("hedge.vtex").display().to_string();
+                    self.command(&["bake", &fern, "-r", "128", "-o", &texel])?;
+                    let many = (side * 6).to_string();
+                    self.command(&[
+                        "map",
+                        &out,
+                        "--add",
+                        "--texel",
+                        &texel,
+                        "--geometry",
+                        &fern,
+                        "--repeat",
+                        &many,
+                        "-o",
+                        &out,
+                    ])?;
+                }
+            }
+        }
+        Ok(Made { scene: gltf::read(&path, &gltf::ReadOptions::default())?, path, texel, bake })
+    }
+
+    pub fn options(&self, place: &Place, made: &Made) -> Result<Options> {
+        let sky = Some([0.3, 0.35, 0.4]);
+        let common = Options { sky, background: Some([0.3, 0.35, 0.4]), ..Options::default() };
+        let look =
+            |eye: DVec3, target: DVec3, degrees: f64| CameraChoice::LookAt { eye, target, yfov: degrees.to_radians() };
+        Ok(match place.layout {
+            Layout::Alone => {
+                let Some(texel) = made.scene.texels.first().and_then(|t| t.frames.first()) else {
+                    return Err(Error::input(&made.path, "", "names no texel"));
+                };
+                let reader = Reader::open(texel, &Limits::default())?;
+                let (info, wide) = (reader.info(), width(reader.info()));
+                let high = 0.5 * (info.content.min.z + info.content.max.z) * wide;
+                let target = DVec3::new(0.0, high, 0.0);
+                let eye = target + wide * DVec3::new(2.1, 1.2, 3.2);
+                // So that the cube's edge is as wide as the picture, at the middle.
+                let degrees = 2.0 * libm::atan(0.5 * wide / eye.distance(target)).to_degrees();
+                Options { size: [self.size[0] / 3; 2], camera: look(eye, target, degrees), ..common }
+            }
+            Layout::Forest { eye, target, .. } => {
+                let camera = look(DVec3::from_array(eye), DVec3::from_array(target), 50.0);
+                Options { size: self.size, camera, ..common }
+            }
+        })
+    }
+}
+
+/// Metres along the texel's cube.
+fn width(info: &crate::volume::Info) -> f64 {
+    let metres = if info.metres_per_unit > 0.0 { info.metres_per_unit } else { 1.0 };
+    info.bounds.size().x * metres
+}
