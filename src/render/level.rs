@@ -11,7 +11,7 @@
 use std::ops::AddAssign;
 
 use super::march::{DepthChoice, MarchStats, Stretch, march, transmittance};
-use super::shade::{Group, Shader, shadow_start};
+use super::shade::{Group, Shader};
 use crate::geom::{Aabb, Vec3};
 use crate::volume::level::Level;
 use crate::volume::{Model, Octree};
@@ -141,7 +141,7 @@ fn lit(tree: &Octree, deepest: usize) -> Vec<Lit> {
             let mut lit = Lit::default();
             for group in &groups {
                 let lamp = ray.lamps[group.light];
-                let origin = group.position + shadow_start(facet, group.voxel) * lamp;
+                let origin = group.position + group.start(facet, lamp);
                 let shadow = Stretch { origin, dir: lamp, ..stretch };
                 let open = transmittance(tree, &shadow, choice, 1.0 / 256.0, &mut stats);
                 let light = ray.weight * f64::from(group.energy.dot(LUMINANCE) * open);

@@ -14,7 +14,7 @@ use super::mesh::{Contact, Surface};
 use super::options::{Ambient, Options};
 use super::passage::{Start, Stretched, passage};
 use super::prepare::World;
-use super::shade::{Group, Shader, shadow_start};
+use super::shade::{Group, Shader};
 use super::stats::Counts;
 use super::trace::{Met, Trace};
 use crate::geom::{DMat3, DVec3, Ray, Vec3};
@@ -334,6 +334,11 @@ impl<'w> Tracer<'w> {
         let m = frame.to_texel;
         let similar = similarity(&m);
         let turn = |d: DVec3| if similar { (m * d).normalize_or_zero() } else { d }.as_vec3();
+        // And back, to as good as the numbers of a shadow's start are.
+        let back = |v: Vec3| {
+            let v = v.as_dvec3();
+            if similar { m.transpose() * v / m.x_axis.length().max(f64::MIN_POSITIVE) } else { v }
+        };
         self.lights.clear();
         for lamp in &world.lamps {
             self.lights.push(lamp.sight(middle).map_or(Vec3::ZERO, |s| turn(s.dir)));
@@ -365,9 +370,9 @@ impl<'w> Tracer<'w> {
             let x = cone.ray.at(t);
             let Some(sight) = world.lamps[group.light].sight(x) else { continue };
             let light = group.energy * sight.irradiance * FRAC_1_PI;
-            let start = f64::from(shadow_start(facet, group.voxel)) / scale;
-            let from = Ray { origin: x + start * sight.dir, dir: sight.dir };
-            self.add(light, &from, sight.distance - start, None, cone.width_at(t), threshold, sum);
+            let start = back(group.start(facet, lights[group.light])) / scale;
+            let from = Ray { origin: x + start, dir: sight.dir };
+            self.add(light, &from, sight.distance - start.dot(sight.dir), None, cone.width_at(t), threshold, sum);
         }
         self.groups = groups;
         self.lights = lights;

@@ -6,7 +6,7 @@ use crate::{Error, Result, par};
 
 use super::image_io::srgb8;
 use super::march::{DepthChoice, MarchStats, Stretch, march, transmittance};
-use super::shade::{Shader, shadow_start};
+use super::shade::Shader;
 
 /// An 8-bit sRGB picture, rows from the top.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -98,11 +98,9 @@ fn shade(tree: &Octree, view: &View, at: Vec2, pixel: f32) -> Vec3 {
     let ambient = if view.lit { SKY } else { 1.0 };
     let mut radiance = shader.albedo * ambient + BACKGROUND * t;
     for group in &groups {
-        let start = shadow_start(tree.info().facet_size as f32, group.voxel);
-        let origin = group.position + to_sun[0] * start;
+        let origin = group.position + group.start(tree.info().facet_size as f32, to_sun[0]);
         let shadow = Stretch { origin, dir: to_sun[0], length: 2.0, ..stretch };
-        let coarser = DepthChoice { bias: -1.0, ..choice };
-        radiance += group.energy * (SUN * transmittance(tree, &shadow, coarser, 1.0 / 256.0, &mut stats));
+        radiance += group.energy * (SUN * transmittance(tree, &shadow, choice, 1.0 / 256.0, &mut stats));
     }
     radiance
 }

@@ -20,8 +20,19 @@ pub struct Group {
     pub position: Vec3,
     /// Weighted mean edge of the voxels, cube edges.
     pub voxel: f32,
+    /// Weighted mean of the normals of what has an outside, in the space of the lights; as long as it is one-sided and flat.
+    pub outside: Vec3,
     /// Sum of weight · albedo · E[max(0, n·l)], linear.
     pub energy: Vec3,
+}
+
+impl Group {
+    /// From the group's position to where its shadow ray begins, in cube edges, in the space of the light's direction
+    /// `towards`: a little of the way to the light (see [`shadow_start`]), and out of the voxels of a wall, which would shade
+    /// itself where the light grazes it.
+    pub fn start(&self, facet_size: f32, towards: Vec3) -> Vec3 {
+        shadow_start(facet_size, self.voxel) * towards + self.voxel * self.outside
+    }
 }
 
 /// Sums of one light's voxels that have no shadow ray yet.
@@ -31,8 +42,20 @@ struct Open {
     t: f32,
     position: Vec3,
     voxel: f32,
+    outside: Vec3,
     energy: Vec3,
 }
+
+/// A voxel of a solid's surface.
+#[derive(Clone, Copy)]
+struct Skin {
+    voxel: Voxel,
+    t: f32,
+    position: Vec3,
+}
+
+/// How far within a solid its surface is still seen, in voxels.
+const SKIN_DEPTH: f32 = 3.0;
 
 /// The sink that shades. Directions are in the space in which normals are to be taken: texel space, or with a `warp` the
 /// space that it leads to.
@@ -42,6 +65,8 @@ pub struct Shader<'a> {
     warp: Option<Mat3>,
     tint: Vec3,
     levels: &'a [Level],
+    /// The last voxel that was met of a solid's surface: what comes through it and ends within the solid is seen of it too.
+    skin: Option<Skin>,
     /// One a light, from the first voxel on.
     open: Vec<Open>,
     groups: &'a mut Vec<Group>,
@@ -64,7 +89,18 @@ impl<'a> Shader<'a> {
         levels: &'a [Level],
         groups: &'a mut Vec<Group>,
     ) -> Self {
-        Shader { view, lights, warp, tint, levels, open: Vec::new(), groups, albedo: Vec3::ZERO, weight: 0.0 }
+        Shader {
+            view,
+            lights,
+            warp,
+            tint,
+            levels,
+            skin: None,
+            open: Vec::new(),
+            groups,
+            albedo: Vec3::ZERO,
+            weight: 0.0,
+        }
     }
 
     /// Close every group; to be called where the ray leaves the instance.
@@ -79,7 +115,8 @@ impl<'a> Shader<'a> {
         if open.weight > 0.0 {
             let inverse = 1.0 / open.weight;
             let (t, position, voxel) = (open.t * inverse, open.position * inverse, open.voxel * inverse);
-            self.groups.push(Group { light, t, position, voxel, energy: open.energy });
+            let outside = open.outside * inverse;
+            self.groups.push(Group { light, t, position, voxel, outside, energy: open.energy });
         }
         *open = Open::default();
     }
@@ -97,26 +134,43 @@ impl Sink for Shader<'_> {
         if self.open.is_empty() {
             self.open.resize(self.lights.len(), Open::default());
         }
+        let edge = (-f32::from(hit.depth)).exp2();
+        let own = Skin { voxel: *voxel, t: hit.t, position: hit.position };
+        let near = |s: &Skin| s.position.distance_squared(hit.position) <= (SKIN_DEPTH * edge).powi(2);
+        let Skin { voxel, t, position } = match self.skin {
+            Some(skin) if voxel.is_inside() && near(&skin) => skin,
+            _ => own,
+        };
+        if voxel.one_sidedness() > 0.0 {
+            self.skin = Some(Skin { voxel, t, position });
+        }
         let decoded = Sggx::decode(voxel.ndf);
         let s = self.warp.map_or(decoded, |j| warped(&decoded, j));
         let normals = visible_normals(&s, self.view);
-        let weights = match voxel.one_sidedness() {
-            0.0 => EQUAL,
-            share => normals.one_sided(mean_normal(voxel, self.warp), share),
+        let share = voxel.one_sidedness();
+        let (weights, mean) = if share > 0.0 {
+            let mean = mean_normal(&voxel, self.warp);
+            (normals.one_sided(mean, share), mean)
+        } else {
+            (EQUAL, Vec3::ZERO)
         };
+        // The ellipsoid is that of the opacity: where all normals are one, it is known better.
+        let flat = share.powi(4);
         let level = self.levels.get(usize::from(hit.depth)).unwrap_or(&Level::PLAIN);
         for light in 0..self.lights.len() {
             let towards = self.lights[light];
-            let cosine = normals.diffuse(&weights, towards) * level.lit(self.view.dot(towards));
+            let all = normals.diffuse(&weights, towards);
+            let cosine = (all + flat * (mean.dot(towards).max(0.0) - all)) * level.lit(self.view.dot(towards));
             let lit = hit.weight * cosine;
             if lit <= 0.0 {
                 continue;
             }
             let open = &mut self.open[light];
             open.weight += lit;
-            open.t += lit * hit.t;
-            open.position += lit * hit.position;
-            open.voxel += lit * (-f32::from(hit.depth)).exp2();
+            open.t += lit * t;
+            open.position += lit * position;
+            open.voxel += lit * edge;
+            open.outside += lit * share * mean;
             open.energy += albedo * cosine;
             if open.weight >= GROUP_WEIGHT {
                 self.close(light);
@@ -156,6 +210,7 @@ pub fn shadow_start(facet_size: f32, voxel: f32) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::volume::voxel::RATE_MAX;
 
     fn hit(voxel: &Voxel, weight: f32, t: f32) -> Hit<'_> {
         Hit { t, weight, depth: 3, voxel, position: Vec3::splat(t) }
@@ -192,6 +247,30 @@ mod tests {
         assert!((3..=4).contains(&groups.len()), "{groups:?}");
         assert!(groups.windows(2).all(|g| g[0].t < g[1].t));
         assert!((groups[0].voxel - 0.125).abs() < 1e-6);
+    }
+
+    #[test]
+    fn what_comes_through_a_solids_surface_is_seen_of_it() {
+        let mut surface = Voxel::default();
+        surface.set_mean_normal([0.0, 0.0, 1.0], 1.0);
+        let inside = Voxel { rate: RATE_MAX, ..Voxel::default() };
+        // Depth 3: a voxel is 1/8 wide, and t is the place along all axes.
+        let lit = |behind: f32| {
+            let mut groups = Vec::new();
+            let light = [Vec3::Z];
+            let mut shader = Shader::new(Vec3::Z, &light, None, Vec3::ONE, &[], &mut groups);
+            shader.voxel(&hit(&surface, 0.5, 0.0));
+            shader.voxel(&hit(&inside, 0.5, behind));
+            shader.finish();
+            let outside = groups[0].start(0.0, Vec3::X);
+            // A voxel towards the light, and one out of the wall.
+            assert!((outside - Vec3::new(0.125, 0.0, 0.125)).length() < 1e-3, "{outside}");
+            groups.iter().map(|g| g.energy.x).sum::<f32>()
+        };
+        // Lambert's law with the surface's own normal, to the step of its code.
+        assert!((lit(0.15) - 1.0).abs() < 1e-3, "{}", lit(0.15));
+        // Elsewhere the inside has normals in all directions: 2/3.
+        assert!((lit(0.5) - (0.5 + 0.5 * 2.0 / 3.0)).abs() < 0.01, "{}", lit(0.5));
     }
 
     #[test]

@@ -74,6 +74,11 @@ impl Voxel {
         f32::from(self.correlation >> 4) / 15.0
     }
 
+    /// Whether this is the opaque inside of a solid, without facets of its own.
+    pub fn is_inside(&self) -> bool {
+        self.rate == RATE_MAX && self.one_sidedness() == 0.0
+    }
+
     /// The support box, lower and upper corner in voxel edges, within [0, 1]^3.
     pub fn support_box(&self) -> (Vec3, Vec3) {
         let lo = |b: u8| f32::from(b & 15) / 16.0;

@@ -5,7 +5,7 @@ use super::{Options, SUN};
 use crate::geom::{Aabb, DVec3, Ray, Vec3};
 use crate::render::march::{DepthChoice, Hit, MarchStats, Sink, Stretch, march, transmittance};
 use crate::render::reference::sampling::{hash, point};
-use crate::render::shade::{Group, Shader, shadow_start};
+use crate::render::shade::{Group, Shader};
 use crate::volume::{Octree, Voxel};
 
 /// What is to be measured.
@@ -168,7 +168,7 @@ impl Batch<'_> {
         let facet = self.tree.info().facet_size as f32;
         let factor = self.tree.levels()[self.depth].lit((-ray.dir).dot(SUN) as f32);
         for group in &scratch.groups {
-            let origin = group.position + lights[0] * shadow_start(facet, group.voxel);
+            let origin = group.position + group.start(facet, lights[0]);
             let shadow = Stretch { origin, dir: lights[0], length: 2.0, ..stretch };
             let open = transmittance(self.tree, &shadow, DepthChoice::default(), 1.0 / 256.0, &mut stats);
             sum.lit += f64::from(group.energy.x);
