@@ -34,8 +34,7 @@ impl Texel {
     pub fn near(&self, width: f32, threshold: f32) -> Option<&Source> {
         let near = self.near.as_ref()?;
         let finest = self.tree.finest()?.min(usize::from(self.finest));
-        let pixels = (-(finest as f32)).exp2() / width.max(f32::MIN_POSITIVE);
-        near.source(self.tree.info(), pixels, threshold)
+        near.source(self.tree.info(), (-(finest as f32)).exp2(), width, threshold)
     }
 }
 
