@@ -24,7 +24,7 @@ pub struct Point {
     pub model: &'static str,
     pub resolution: u32,
     pub refine: u8,
-    /// `all` of it; without `shadows`; or only a constant `sky`: then opacity and colour are all that there is.
+    /// `all` of it; without `shadows`; or only a constant white `sky`: then opacity and colour are all that there is.
     pub light: &'static str,
     pub lanes: u32,
     pub depth_bias: f64,
@@ -153,9 +153,11 @@ impl Bench<'_> {
         let mut points = Vec::new();
         for light in ["shadows", "sky"] {
             if light == "sky" {
-                truth.scene.model.lights.clear();
+                // Without any, a sun would be added.
+                truth.scene.model.lights.iter_mut().for_each(|l| l.intensity = [0.0; 3]);
             }
-            let options = Options { shadows: false, ..options.clone() };
+            let sky = if light == "sky" { Some([1.0; 3]) } else { options.sky };
+            let options = Options { shadows: false, sky, ..options.clone() };
             let reference = self.reference(&format!("{}-{light}", place.name), &truth, &options)?;
             let noise = reference.noise(DEFAULT_PPD)?.all.flip;
             for lanes in [1, 4] {
