@@ -195,6 +195,27 @@ fn a_depfile_is_a_rule_of_make() {
     let bench = Bench::new();
     bench.bake(&["cube.obj", "-r", "16", "-o", "a b.vtex", "--depfile", "a.d"]);
     assert_eq!(String::from_utf8(bench.bytes("a.d")).unwrap(), "a\\ b.vtex: cube.obj \\\n  c.mtl\n");
+    // What is found although it is named as on another machine, and what a GLB names.
+    let save = |name: &str, bytes: &[u8]| std::fs::write(bench.path(name), bytes).unwrap();
+    save("c.mtl", b"newmtl red\nmap_Kd -s 1 1 1 C:\\work\\my leaf.png\n");
+    save("my leaf.png", b"no picture");
+    bench.bake(&["cube.obj", "-r", "16", "--depfile", "a.d"]);
+    let text = String::from_utf8(bench.bytes("a.d")).unwrap();
+    assert_eq!(text, "cube.vtex: cube.obj \\\n  c.mtl \\\n  my\\ leaf.png\n");
+    let data = NODES.split_once("data:").and_then(|(_, rest)| rest.split_once('"')).unwrap().0;
+    let mut json = NODES.replace(&format!("data:{data}"), "tri%20angle.bin").into_bytes();
+    json.resize(json.len().next_multiple_of(4), b' ');
+    let mut glb = b"glTF\x02\0\0\0".to_vec();
+    glb.extend((20 + json.len() as u32).to_le_bytes());
+    glb.extend((json.len() as u32).to_le_bytes());
+    glb.extend(b"JSON");
+    glb.extend(json);
+    save("nodes.glb", &glb);
+    let corners: [f32; 9] = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0];
+    save("tri angle.bin", &corners.iter().flat_map(|v| v.to_le_bytes()).collect::<Vec<u8>>());
+    bench.bake(&["nodes.glb", "-r", "16", "--depfile", "a.d"]);
+    let text = String::from_utf8(bench.bytes("a.d")).unwrap();
+    assert_eq!(text, "nodes.vtex: nodes.glb \\\n  tri\\ angle.bin\n");
 }
 
 #[test]

@@ -131,7 +131,8 @@ fn golden(name: &str, parts: Vec<(Part, DAffine3)>, materials: Vec<Material>, li
     let place = |(part, transform)| Instance { part, transform, node: String::new() };
     let instances = places.into_iter().enumerate().map(place).collect();
     let model = Model { parts, materials, instances, lights, metres_per_unit: 1.0, ..Default::default() };
-    let texels = vec![TexelRef { name: "figure".into(), frames: vec![], geometry: None, max_depth: None }];
+    let texels =
+        vec![TexelRef { name: "figure".into(), frames: vec![], geometry: None, max_depth: None, content_id: None }];
     let environment = Environment { sky: Some([0.3, 0.35, 0.4]), background: None };
     let done = render_with(&Scene { model, texels, environment }, vec![Some(figure())], &options, &Quiet).unwrap();
     assert!(done.warnings.is_empty(), "{:?}", done.warnings);

@@ -74,6 +74,22 @@ fn statistics_are_json_and_count_no_byte_twice() {
 }
 
 #[test]
+fn a_texel_that_the_landscape_was_not_made_for_is_told() {
+    let folder = land();
+    let (_, text, _) = vtex(folder.path(), "inspect bush.vtex --json");
+    let own = serde_json::from_str::<serde_json::Value>(&text).unwrap()["content_id"].clone();
+    let land = std::fs::read_to_string(folder.path().join("land.gltf")).unwrap();
+    let mut land: serde_json::Value = serde_json::from_str(&land).unwrap();
+    for (id, told) in [(own, false), ("0123456789abcdef0123456789abcdef".into(), true)] {
+        land["extensions"]["VTEX_volumetric_texture"]["texels"][0]["frames"][0]["contentId"] = id;
+        std::fs::write(folder.path().join("land.gltf"), land.to_string()).unwrap();
+        let (code, _, errors) = vtex(folder.path(), &format!("{FAR} -o a.png"));
+        assert!(code == 0 && errors.contains("bush.vtex: is not the texel") == told, "{errors}");
+        assert_eq!(vtex(folder.path(), &format!("{FAR} -o a.png --strict")).0, i32::from(told));
+    }
+}
+
+#[test]
 fn what_cannot_be_rendered_is_said_and_the_old_picture_stays() {
     let folder = land();
     let picture: PathBuf = folder.path().join("a.png");

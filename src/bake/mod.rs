@@ -139,14 +139,8 @@ pub fn bake(
     let staged = source.stage(&place, progress)?;
     let estimate = estimate::estimate(&*staged, &place);
     foresee(&estimate);
-    if options.memory > 0 && estimate.memory_bytes > options.memory {
-        return Err(Error::Limit {
-            what: format!("baking at -r {} (give more --memory, or a smaller -r), in bytes,", place.side()),
-            needed: estimate.memory_bytes,
-            allowed: options.memory,
-        });
-    }
-    let output = build(&*staged, &place, options, progress);
+    within(options, &place, estimate.memory_bytes)?;
+    let output = build(&*staged, &place, options, progress)?;
     let depths = output.depths;
     // The root's support: rounded outward by more than any deeper voxel's, so no support reaches beyond it.
     let content = depths.first().and_then(|d| d.voxels.first()).map_or(Aabb::new(DVec3::ZERO, DVec3::ZERO), |root| {
@@ -253,8 +247,17 @@ fn plan(bounds: Aabb, options: &Options) -> Result<Placement> {
 /// Regions a thread that are measured before what they gave is put together.
 const BATCH: usize = 32;
 
-/// All depths; none for a source without matter.
-fn build(staged: &dyn Staged, place: &Placement, options: &Options, progress: &dyn Progress) -> Output {
+/// An error where more memory is needed than is allowed.
+fn within(options: &Options, place: &Placement, needed: u64) -> Result<()> {
+    if options.memory == 0 || needed <= options.memory {
+        return Ok(());
+    }
+    let what = format!("baking at -r {} (give more --memory, or a smaller -r), in bytes,", place.side());
+    Err(Error::Limit { what, needed, allowed: options.memory })
+}
+
+/// All depths; none for a source without matter. Ends where it takes more memory than was foreseen and is allowed.
+fn build(staged: &dyn Staged, place: &Placement, options: &Options, progress: &dyn Progress) -> Result<Output> {
     let regions = staged.regions();
     let levels = place.region_log2();
     let top = place.depth - levels;
@@ -279,6 +282,8 @@ fn build(staged: &dyn Staged, place: &Placement, options: &Options, progress: &d
                 joiner.add(top, code, node);
             }
         }
+        let voxels: usize = output.depths.iter().map(|d| d.voxels.len()).sum();
+        within(options, place, voxels as u64 * estimate::VOXEL_MEMORY)?;
     }
-    if joiner.finish(&mut output) { output } else { Output::new(0, how) }
+    Ok(if joiner.finish(&mut output) { output } else { Output::new(0, how) })
 }

@@ -21,6 +21,13 @@ pub struct Source {
     alpha_map: Option<Map>,
 }
 
+impl Source {
+    /// Its textures that are there.
+    pub fn files(&self) -> impl Iterator<Item = PathBuf> {
+        [&self.color_map, &self.alpha_map].into_iter().flatten().filter_map(|m| files::find(&self.dir, &m.file, true))
+    }
+}
+
 /// A texture statement.
 #[derive(Debug, Clone, PartialEq)]
 struct Map {

@@ -4,7 +4,7 @@
 //! because a damaged file has to end in a line that says where.
 
 use std::collections::{BTreeMap, HashMap};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use super::mtl;
 use super::polygon::Cutter;
@@ -56,6 +56,40 @@ fn logical_lines(text: &str) -> impl Iterator<Item = (usize, std::borrow::Cow<'_
         }
         Some((number + 1, whole))
     })
+}
+
+/// The material files that `rest` of a statement names in the file `path`: one name with spaces, or several; a space
+/// within a name may have a backslash before it. Names of files that are not there are errors.
+fn libraries(path: &Path, rest: &str) -> Vec<Result<PathBuf, String>> {
+    const SPACE: &str = "\u{1}";
+    let dir = path.parent().unwrap_or(Path::new(""));
+    if let Some(path) = files::find(dir, rest, true) {
+        return vec![Ok(path)];
+    }
+    let escaped = rest.replace("\\ ", SPACE);
+    let names = escaped.split_whitespace().map(|name| name.replace(SPACE, " "));
+    names.map(|name| files::find(dir, &name, true).ok_or(name)).collect()
+}
+
+/// The files that an OBJ names, as reading it would find them: material files, each with its textures.
+pub fn named_files(path: &Path) -> Vec<PathBuf> {
+    let text = std::fs::read(path).unwrap_or_default();
+    let text = String::from_utf8_lossy(&text);
+    let mut out = Vec::new();
+    for (_, line) in logical_lines(&text) {
+        let Some(rest) = without_comment(&line).trim().strip_prefix("mtllib").filter(|r| r.starts_with([' ', '\t']))
+        else {
+            continue;
+        };
+        for library in libraries(path, rest.trim()).into_iter().flatten() {
+            let materials = std::fs::read(&library).unwrap_or_default();
+            let dir = library.parent().unwrap_or(Path::new("")).to_path_buf();
+            out.push(library);
+            let materials = mtl::parse(&String::from_utf8_lossy(&materials), &dir, &mut Warnings::default());
+            out.extend(materials.iter().flat_map(mtl::Source::files));
+        }
+    }
+    out
 }
 
 /// Where the text has led so far.
@@ -192,18 +226,11 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// One name with spaces, or several; a space within a name may have a backslash before it.
     fn library(&mut self, rest: &str) {
-        let dir = self.path.parent().unwrap_or(Path::new(""));
-        if let Some(path) = files::find(dir, rest, true) {
-            return self.load(&path);
-        }
-        const SPACE: &str = "\u{1}";
-        for name in rest.replace("\\ ", SPACE).split_whitespace() {
-            let name = name.replace(SPACE, " ");
-            match files::find(dir, &name, true) {
-                Some(path) => self.load(&path),
-                None => self.warnings.add(format!("material file {name} is missing; its colours are not known")),
+        for library in libraries(self.path, rest) {
+            match library {
+                Ok(path) => self.load(&path),
+                Err(name) => self.warnings.add(format!("material file {name} is missing; its colours are not known")),
             }
         }
     }

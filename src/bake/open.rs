@@ -73,7 +73,6 @@ pub fn dependencies(path: &Path) -> Vec<PathBuf> {
         return stack::files(path);
     }
     let mut found = vec![path.to_path_buf()];
-    let dir = path.parent().unwrap_or(Path::new(""));
     let mut add = |file: PathBuf| {
         if file.is_file() && !found.contains(&file) {
             found.push(file);
@@ -81,29 +80,8 @@ pub fn dependencies(path: &Path) -> Vec<PathBuf> {
     };
     let text = || std::fs::read(path).map(|b| String::from_utf8_lossy(&b).into_owned()).unwrap_or_default();
     match extension(path).as_str() {
-        "gltf" => {
-            let json: serde_json::Value = serde_json::from_str(&text()).unwrap_or_default();
-            for list in ["buffers", "images"] {
-                for entry in json[list].as_array().into_iter().flatten() {
-                    let Some(uri) = entry["uri"].as_str().filter(|u| !u.starts_with("data:")) else { continue };
-                    add(dir.join(percent_decoded(uri)));
-                    add(dir.join(uri));
-                }
-            }
-        }
-        "obj" => {
-            for line in text().lines() {
-                let Some(library) = line.trim().strip_prefix("mtllib ") else { continue };
-                let library = dir.join(library.trim().replace('\\', "/"));
-                let materials = std::fs::read(&library).unwrap_or_default();
-                add(library);
-                for line in String::from_utf8_lossy(&materials).lines() {
-                    if let Some(map) = line.trim().strip_prefix("map_") {
-                        add(dir.join(map.split_whitespace().last().unwrap_or_default().replace('\\', "/")));
-                    }
-                }
-            }
-        }
+        "gltf" | "glb" => gltf::named_files(path).into_iter().for_each(&mut add),
+        "obj" => super::obj::named_files(path).into_iter().for_each(&mut add),
         "lsys" | "ls" => {
             // Surfaces are meshes; a grammar that names itself is an error when it is opened.
             let meshes = lsystem::surfaces(path, &text());
@@ -120,26 +98,6 @@ pub fn dependencies(path: &Path) -> Vec<PathBuf> {
     found
 }
 
-fn percent_decoded(uri: &str) -> String {
-    let bytes = uri.as_bytes();
-    let mut out = Vec::with_capacity(bytes.len());
-    let mut i = 0;
-    while i < bytes.len() {
-        let hex = bytes.get(i + 1..i + 3).and_then(|h| std::str::from_utf8(h).ok());
-        match hex.and_then(|h| u8::from_str_radix(h, 16).ok()) {
-            Some(byte) if bytes[i] == b'%' => {
-                out.push(byte);
-                i += 3;
-            }
-            _ => {
-                out.push(bytes[i]);
-                i += 1;
-            }
-        }
-    }
-    String::from_utf8_lossy(&out).into_owned()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -148,10 +106,5 @@ mod tests {
     fn unknown_extensions_are_told_the_known() {
         let error = open(Path::new("a.xyz"), &OpenOptions::default()).err().unwrap();
         assert!(error.to_string().contains(".gltf"), "{error}");
-    }
-
-    #[test]
-    fn uris_are_decoded() {
-        assert_eq!(percent_decoded("a%20b%C3%A9%"), "a bé%");
     }
 }

@@ -217,15 +217,7 @@ mod tests {
     use super::*;
 
     fn skin(wrap: [CellWrap; 3], discrete: Option<Discrete>) -> Skin {
-        let layer = Layer {
-            texel: 0,
-            wrap,
-            offset: [0.0; 3],
-            scale: [1.0; 3],
-            opacity_scale: 1.0,
-            diffuse: [1.0; 3],
-            discrete,
-        };
+        let layer = Layer { wrap, discrete, ..Layer::default() };
         let content = Aabb::new(DVec3::new(0.3, 0.2, 0.0), DVec3::new(0.6, 0.9, 0.8));
         Skin { layer, choice: vec![Choice { texel: 0, below: 1.0, content }] }
     }

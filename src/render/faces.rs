@@ -6,9 +6,19 @@ use crate::geom::{DAffine3, DVec3};
 use crate::scene::Part;
 use crate::scene::shell::ShellMaterial;
 
-/// The boxes over the faces of a part. `place` takes part space to the renderer's space.
-pub fn boxes(part: &Part, material: &ShellMaterial, place: DAffine3, warnings: &mut Warnings) -> Vec<ShellBox> {
-    let Some(corners) = corners(part, material, place, warnings) else { return Vec::new() };
+/// The boxes over the faces of a part, between `from` and `to` of the height vectors. `place` takes part space to the
+/// renderer's space.
+pub fn boxes(
+    part: &Part,
+    material: &ShellMaterial,
+    [from, to]: [f64; 2],
+    place: DAffine3,
+    warnings: &mut Warnings,
+) -> Vec<ShellBox> {
+    let Some(mut corners) = corners(part, material, place, warnings) else { return Vec::new() };
+    if [from, to] != [0.0, 1.0] {
+        corners.iter_mut().for_each(|c| (c.p, c.h) = (c.p + from * c.h, (to - from) * c.h));
+    }
     let groups = by_position(part);
     let faces: Vec<Option<[Corner; 3]>> = part
         .triangles
@@ -234,10 +244,10 @@ mod tests {
     #[test]
     fn flat_tiles_become_one_box_each() {
         let mut warnings = Warnings::default();
-        let made = boxes(&ground(4, 0.0), &shell(), DAffine3::IDENTITY, &mut warnings);
+        let made = boxes(&ground(4, 0.0), &shell(), [0.0, 1.0], DAffine3::IDENTITY, &mut warnings);
         assert_eq!(made.len(), 16);
         assert!(warnings.is_empty());
-        let made = boxes(&ground(4, 0.3), &shell(), DAffine3::IDENTITY, &mut warnings);
+        let made = boxes(&ground(4, 0.3), &shell(), [0.0, 1.0], DAffine3::IDENTITY, &mut warnings);
         assert_eq!(made.len(), 32);
         assert!(made.iter().all(|b| matches!(b, ShellBox::Twisted(_))));
     }
@@ -261,7 +271,7 @@ mod tests {
     fn without_coordinates_there_is_a_word() {
         let part = Part { uvs: vec![], ..ground(1, 0.0) };
         let mut warnings = Warnings::default();
-        assert!(boxes(&part, &shell(), DAffine3::IDENTITY, &mut warnings).is_empty());
+        assert!(boxes(&part, &shell(), [0.0, 1.0], DAffine3::IDENTITY, &mut warnings).is_empty());
         assert_eq!(warnings.iter().count(), 1);
     }
 }

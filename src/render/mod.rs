@@ -152,16 +152,25 @@ fn check(options: &Options) -> Result<()> {
 /// The files of the texels that a scene's shells use.
 struct Opened {
     readers: Vec<Option<Arc<Reader>>>,
+    warnings: Warnings,
 }
 
 impl Opened {
     fn new(scene: &Scene) -> Result<Opened> {
         let used = prepare::used_texels(scene);
-        let open = |(texel, used): (&crate::scene::shell::TexelRef, bool)| match texel.frames.first() {
-            Some(path) if used => Reader::open(path, &Limits::default()).map(|r| Some(Arc::new(r))),
-            _ => Ok(None),
+        let mut warnings = Warnings::default();
+        let mut open = |(texel, used): (&crate::scene::shell::TexelRef, bool)| {
+            let Some(path) = texel.frames.first().filter(|_| used) else { return Ok(None) };
+            let reader = Reader::open(path, &Limits::default())?;
+            if texel.content_id.is_some_and(|id| id != reader.head().content_id()) {
+                let path = path.display();
+                warnings.add(format!("{path}: is not the texel that the landscape was made for (contentId)"));
+            }
+            warnings.merge(reader.warnings());
+            Ok(Some(Arc::new(reader)))
         };
-        Ok(Opened { readers: scene.texels.iter().zip(used).map(open).collect::<Result<_>>()? })
+        let readers = scene.texels.iter().zip(used).map(&mut open).collect::<Result<_>>()?;
+        Ok(Opened { readers, warnings })
     }
 
     fn trees(&self) -> Result<Vec<Option<Octree>>> {
@@ -173,8 +182,8 @@ impl Opened {
         for reader in self.readers.iter().flatten() {
             stats.bytes_read += reader.bytes_read();
             stats.bytes_in_files += reader.file_bytes();
-            warnings.merge(reader.warnings());
         }
+        warnings.merge(self.warnings.clone());
     }
 }
 

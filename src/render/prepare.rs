@@ -49,7 +49,7 @@ pub struct World<'a> {
     /// For each box, its index into `skins`.
     pub box_skin: Vec<u32>,
     pub shells: Bvh,
-    /// The layers of each material that has some.
+    /// The layers of each material that has some; those that fill one range of the skin together.
     pub skins: Vec<Vec<Skin>>,
     /// As the scene's texels; `None` for those that nothing uses.
     pub texels: Vec<Option<Texel>>,
@@ -149,18 +149,26 @@ impl<'a> World<'a> {
             let placed = relative(instance.transform, self.view.eye, self.unit);
             let shell = shell_of(self.scene, instance.part).map(|s| s.1);
             if let Some(shell) = shell {
-                let skin = match skin_of[part.material] {
-                    Some(skin) => skin,
+                let ranges = skin_ranges(shell);
+                let first = match skin_of[part.material] {
+                    Some(first) => first,
                     None => {
-                        let skin = self.skins.len() as u32;
-                        self.skins.push(skins(shell, &self.texels)?);
-                        skin_of[part.material] = Some(skin);
-                        skin
+                        let first = self.skins.len() as u32;
+                        for &range in &ranges {
+                            self.skins.push(skins(shell, range, &self.texels)?);
+                        }
+                        skin_of[part.material] = Some(first);
+                        first
                     }
                 };
                 let before = self.boxes.len();
-                self.boxes.extend(faces::boxes(part, shell, placed, warnings));
-                self.box_skin.resize(self.boxes.len(), skin);
+                for (skin, &range) in (first..).zip(&ranges) {
+                    // What is wrong with a shell is said once, not for each of its ranges.
+                    let mut again = Warnings::default();
+                    let warnings = if skin == first { &mut *warnings } else { &mut again };
+                    self.boxes.extend(faces::boxes(part, shell, range, placed, warnings));
+                    self.box_skin.resize(self.boxes.len(), skin);
+                }
                 lost += self.boxes[before..].iter().filter(|b| !finite(&b.bounds())).count();
             }
             if shell.is_none_or(|s| s.surface_visible) && !part.triangles.is_empty() {
@@ -270,10 +278,23 @@ fn lamps(scene: &Scene, eye: DVec3, unit: f64, notes: &mut Vec<String>) -> Vec<L
     scene.model.lights.iter().filter_map(|l| Lamp::new(l, eye, unit)).collect()
 }
 
-fn skins(shell: &ShellMaterial, texels: &[Option<Texel>]) -> Result<Vec<Skin>> {
+/// The parts of the height vectors that a shell's layers fill, each once.
+fn skin_ranges(shell: &ShellMaterial) -> Vec<[f64; 2]> {
+    let mut ranges = Vec::new();
+    for layer in &shell.layers {
+        if !ranges.contains(&layer.skin_range) {
+            ranges.push(layer.skin_range);
+        }
+    }
+    ranges
+}
+
+/// The layers of `shell` that fill `range`.
+fn skins(shell: &ShellMaterial, range: [f64; 2], texels: &[Option<Texel>]) -> Result<Vec<Skin>> {
     shell
         .layers
         .iter()
+        .filter(|layer| layer.skin_range == range)
         .map(|layer| {
             let variants = layer.discrete.iter().flat_map(|d| d.variants.iter().copied());
             let mut choice: Vec<(usize, f64)> = variants.filter(|v| v.1 > 0.0).collect();

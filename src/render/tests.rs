@@ -76,7 +76,8 @@ fn scene(parts: Vec<Part>, materials: Vec<Material>, at: Vec<DAffine3>) -> Scene
     let instances =
         at.into_iter().enumerate().map(|(part, transform)| Instance { part, transform, node: String::new() }).collect();
     let model = Model { parts, materials, instances, metres_per_unit: 1.0, ..Default::default() };
-    let texel = TexelRef { name: "t".into(), frames: vec!["t.vtex".into()], geometry: None, max_depth: None };
+    let texel =
+        TexelRef { name: "t".into(), frames: vec!["t.vtex".into()], geometry: None, max_depth: None, content_id: None };
     let environment = Environment { sky: Some([0.0; 3]), background: Some([0.0; 3]) };
     Scene { model, texels: vec![texel], environment }
 }
@@ -218,6 +219,39 @@ fn overlapping_boxes_interleave() {
     assert!((r + b - albedo * a).abs() < 1e-5, "{r} {b}");
     // Each voxel has its twin in the very same place.
     assert!((r / (r + b) - 0.5).abs() < 1e-5, "{r} {b}");
+}
+
+/// A layer fills its part of the skin: what is above hides what is below, and a part is a thinner shell that starts higher.
+#[test]
+fn layers_are_stacked_by_their_skin_ranges() {
+    let tree = || vec![Some(texel(5, grey(0.0625), |_| true))];
+    let ranged = |layers: Vec<([f64; 2], [f64; 3])>, thickness: f64| {
+        let mut material = shell(thickness, false);
+        let layer = |(skin_range, diffuse)| Layer { skin_range, diffuse, ..Layer::default() };
+        let own =
+            ShellMaterial { layers: layers.into_iter().map(layer).collect(), ..(*material.shell.unwrap()).clone() };
+        material.shell = Some(Arc::new(own));
+        material
+    };
+    let place = |material, height: f64| {
+        let at = DAffine3::from_translation(DVec3::new(0.0, height, 0.0));
+        dark(scene(vec![square(9.0, 9.0, 0)], vec![material], vec![at]))
+    };
+    let down = Options { sky: Some([1.0; 3]), ..looking(DVec3::new(0.1, 5.0, 0.1), DVec3::new(0.1, 0.0, 0.11), 1) };
+    let (red, blue) = (([0.0, 0.5], [1.0, 0.0, 0.0]), ([0.5, 1.0], [0.0, 0.0, 1.0]));
+    let [r, _, b, a] = shot(&place(ranged(vec![red, blue], 1.0), 0.0), tree(), &down).pixels[0];
+    // Each half is the texel from floor to top, and opacity does not change as it is pressed together.
+    let through = (-0.0625 * 32.0f32).exp();
+    assert!((a - (1.0 - through * through)).abs() < 1e-4, "{a}");
+    assert!((r / b - through).abs() < 1e-4, "{r} {b}");
+    let side = looking(DVec3::new(0.5, 0.9, 8.0), DVec3::new(0.0, 0.4, 0.0), 16);
+    let side = Options { sky: Some([1.0; 3]), ..side };
+    let part = shot(&place(ranged(vec![([0.25, 0.75], [1.0; 3])], 1.0), 0.0), tree(), &side);
+    let thin = shot(&place(ranged(vec![([0.0, 1.0], [1.0; 3])], 0.5), 0.25), tree(), &side);
+    let apart = part.pixels.iter().flatten().zip(thin.pixels.iter().flatten()).map(|(a, b)| (a - b).abs());
+    // The same boxes but for the rounding of where they are.
+    assert!(apart.fold(0.0, f32::max) < 1e-5);
+    assert!(part.pixels.iter().any(|p| p[3] > 0.5));
 }
 
 /// The picture is the same far from the origin, and at any scale.

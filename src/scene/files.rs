@@ -86,6 +86,11 @@ pub fn find(dir: &Path, name: &str, anywhere: bool) -> Option<PathBuf> {
         .find(|p| p.is_file())
 }
 
+/// The file that `uri`, whose path is `name`, stands for beside `dir`; see [`find`]. It may not be there.
+pub fn locate(dir: &Path, uri: &str, name: &str, anywhere: bool) -> PathBuf {
+    find(dir, uri, anywhere).or_else(|| find(dir, name, anywhere)).unwrap_or_else(|| dir.join(name))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

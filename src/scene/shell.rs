@@ -10,6 +10,8 @@ pub struct TexelRef {
     pub geometry: Option<std::path::PathBuf>,
     /// Deepest depth to be used.
     pub max_depth: Option<u8>,
+    /// What the first frame's file says of its content, if the landscape was made for that alone.
+    pub content_id: Option<[u8; 16]>,
 }
 
 /// `environment` of the root.
@@ -53,6 +55,8 @@ pub struct Layer {
     /// Texel coordinate = uvw · scale + offset.
     pub offset: [f64; 3],
     pub scale: [f64; 3],
+    /// The part of the height vectors that the layer fills, from less to more in [0, 1]: w at the one end, w + dw at the other.
+    pub skin_range: [f64; 2],
     /// Multiplies the rates, ≥ 0.
     pub opacity_scale: f64,
     /// Multiplies the texel's albedo.
@@ -68,6 +72,7 @@ impl Default for Layer {
             wrap: [CellWrap::Repeat, CellWrap::Repeat, CellWrap::Empty],
             offset: [0.0; 3],
             scale: [1.0; 3],
+            skin_range: [0.0, 1.0],
             opacity_scale: 1.0,
             diffuse: [1.0; 3],
             discrete: None,

@@ -51,7 +51,9 @@ pub struct Reference {
 /// `Options` where `samples` is empty or a texel that is used names no geometry; else as [`super::render`].
 pub fn reference(scene: &Scene, options: &Options, samples: Range<u32>, progress: &dyn Progress) -> Result<Reference> {
     let mut warnings = Warnings::default();
-    let trees = super::Opened::new(scene)?.trees()?;
+    let opened = super::Opened::new(scene)?;
+    warnings.merge(opened.warnings.clone());
+    let trees = opened.trees()?;
     let open = |(tree, said): (&Option<Octree>, &TexelRef)| {
         let Some(tree) = tree else { return Ok(None) };
         let Some(path) = &said.geometry else {

@@ -100,7 +100,8 @@ fn landscape(random: &mut Random, place: DAffine3) -> Scene {
         metres_per_unit: 1.0,
         ..Model::default()
     };
-    let texel = TexelRef { name: "t".into(), frames: vec!["t.vtex".into()], geometry: None, max_depth: None };
+    let texel =
+        TexelRef { name: "t".into(), frames: vec!["t.vtex".into()], geometry: None, max_depth: None, content_id: None };
     let environment = Environment { sky: Some([0.2, 0.3, 0.4]), background: Some([0.0; 3]) };
     Scene { model, texels: vec![texel], environment }
 }

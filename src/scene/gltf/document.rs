@@ -2,6 +2,7 @@
 
 use std::cell::{Cell, OnceCell};
 use std::collections::BTreeMap;
+use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use gltf::json::{self, Root};
@@ -146,7 +147,10 @@ impl Document {
         if let Some(bytes) = cell.get() {
             return Ok(bytes);
         }
-        let bytes = self.fetch(buffer.uri.as_deref().unwrap_or_default(), &at, false)?;
+        let bytes = self.fetch(buffer.uri.as_deref().unwrap_or_default(), &at, false).map_err(|e| match e {
+            Error::Io { .. } => self.error(&*at, e.to_string()),
+            other => other,
+        })?;
         Ok(cell.get_or_init(|| bytes))
     }
 
@@ -155,10 +159,7 @@ impl Document {
         let bytes = match files::target(uri).map_err(|what| self.error(at, what))? {
             files::Target::Data(bytes) => bytes,
             files::Target::File(name) => {
-                let path = files::find(self.dir(), uri, anywhere)
-                    .or_else(|| files::find(self.dir(), &name, anywhere))
-                    .unwrap_or_else(|| self.dir().join(&*name));
-                files::read(&path, self.left.get())?
+                files::read(&files::locate(self.dir(), uri, &name, anywhere), self.left.get())?
             }
         };
         self.charge(bytes.len() as u64, at)?;
@@ -199,6 +200,49 @@ impl Document {
 
 fn meshopt_extension(others: &Map<String, Value>) -> Option<&Value> {
     others.get("KHR_meshopt_compression").or_else(|| others.get("EXT_meshopt_compression"))
+}
+
+/// The JSON of a file, without the rest of a GLB.
+fn json_of(path: &Path) -> std::io::Result<Vec<u8>> {
+    let mut file = std::fs::File::open(path)?;
+    let mut json = Vec::new();
+    (&mut file).take(20).read_to_end(&mut json)?;
+    if let (true, Some(length)) = (json.starts_with(b"glTF"), json.get(12..16)) {
+        let length = length.try_into().map_or(0, u32::from_le_bytes);
+        json.clear();
+        file.take(length.into()).read_to_end(&mut json)?;
+    } else {
+        file.read_to_end(&mut json)?;
+    }
+    Ok(json)
+}
+
+/// The files that a `.gltf` or `.glb` names, its buffers and then its images, as reading it would find them.
+pub fn named_files(path: &Path) -> Vec<PathBuf> {
+    #[derive(Default, serde::Deserialize)]
+    struct Named {
+        uri: Option<String>,
+    }
+    #[derive(Default, serde::Deserialize)]
+    #[serde(default)]
+    struct Lists {
+        buffers: Vec<Named>,
+        images: Vec<Named>,
+    }
+    let json = json_of(path).unwrap_or_default();
+    let json = json.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(&json);
+    let lists: Lists = serde_json::from_slice(json).unwrap_or_default();
+    let dir = path.parent().unwrap_or(Path::new(""));
+    let buffers = lists.buffers.into_iter().map(|named| (named, false));
+    let all = buffers.chain(lists.images.into_iter().map(|named| (named, true)));
+    all.filter_map(|(named, anywhere)| {
+        let uri = named.uri?;
+        match files::target(&uri) {
+            Ok(files::Target::File(name)) => Some(files::locate(dir, &uri, &name, anywhere)),
+            _ => None,
+        }
+    })
+    .collect()
 }
 
 pub fn is_glb(path: &Path) -> bool {

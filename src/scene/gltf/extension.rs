@@ -41,14 +41,10 @@ fn texel(json: &Object, warnings: &mut Warnings) -> Result<TexelRef> {
     json.known(&["name", "frames", "geometry", "maxDepth"], &[], warnings);
     let frames = json.list("frames", 1, 1024)?.ok_or_else(|| json.error("frames", "is needed"))?;
     let mut paths = Vec::with_capacity(frames.len());
+    let mut content_ids = Vec::with_capacity(frames.len());
     for frame in &frames {
         frame.known(&["uri", "contentId"], &["bufferView"], warnings);
-        if let Some(id) = frame.text("contentId")? {
-            if id.len() != 32 || !id.bytes().all(|b| matches!(b, b'0'..=b'9' | b'a'..=b'f')) {
-                return Err(frame.error("contentId", "is not 32 hexadecimal digits"));
-            }
-            warnings.add(format!("{NAME}: contentId is not compared"));
-        }
+        content_ids.push(frame.content_id()?);
         if frame.json.contains_key("bufferView") && !frame.json.contains_key("uri") {
             return Err(Error::unsupported(
                 &json.document.path,
@@ -70,6 +66,7 @@ fn texel(json: &Object, warnings: &mut Warnings) -> Result<TexelRef> {
         frames: paths,
         geometry,
         max_depth: json.integer("maxDepth", 16)?.map(|d| d as u8),
+        content_id: content_ids.first().copied().flatten(),
     })
 }
 
@@ -105,13 +102,9 @@ fn layer(json: &Object, texels: usize, warnings: &mut Warnings) -> Result<Layer>
         warnings,
     );
     let texel = json.texel(texels)?.ok_or_else(|| json.error("texel", "is needed"))?;
-    if let Some([from, to]) = json.numbers::<2>("skinRange", 0.0..=1.0)? {
-        if from >= to {
-            return Err(json.error("skinRange", "must be from less to more"));
-        }
-        if [from, to] != [0.0, 1.0] {
-            json.ignored("skinRange", warnings);
-        }
+    let skin_range = json.numbers::<2>("skinRange", 0.0..=1.0)?.unwrap_or([0.0, 1.0]);
+    if skin_range[0] >= skin_range[1] {
+        return Err(json.error("skinRange", "must be from less to more"));
     }
     if json.choice("combine", &[("union", false), ("over", true)])? == Some(true) {
         json.ignored("combine \"over\"", warnings);
@@ -144,6 +137,7 @@ fn layer(json: &Object, texels: usize, warnings: &mut Warnings) -> Result<Layer>
         wrap: json.wrap()?,
         offset: json.vec3("offset", ANY)?.unwrap_or([0.0; 3]),
         scale,
+        skin_range,
         opacity_scale: json.number("opacityScale", 0.0..=f64::MAX)?.unwrap_or(1.0),
         diffuse,
         discrete,
@@ -278,6 +272,15 @@ impl<'a> Object<'a> {
     fn text(&self, key: &str) -> Result<Option<&'a str>> {
         let Some(json) = self.json.get(key) else { return Ok(None) };
         json.as_str().ok_or_else(|| self.error(key, "is not a text")).map(Some)
+    }
+
+    /// 32 hexadecimal digits, in small letters.
+    fn content_id(&self) -> Result<Option<[u8; 16]>> {
+        let Some(text) = self.text("contentId")? else { return Ok(None) };
+        let digits = text.len() == 32 && text.bytes().all(|b| matches!(b, b'0'..=b'9' | b'a'..=b'f'));
+        let id = u128::from_str_radix(text, 16).ok().filter(|_| digits);
+        let id = id.ok_or_else(|| self.error("contentId", "is not 32 hexadecimal digits"))?;
+        Ok(Some(id.to_be_bytes()))
     }
 
     fn choice<T: Copy>(&self, key: &str, of: &[(&str, T)]) -> Result<Option<T>> {

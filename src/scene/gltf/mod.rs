@@ -23,6 +23,7 @@ use super::{Instance, Model, Scene};
 use crate::scene::select::Selection;
 use crate::{Error, Result, Warnings};
 use document::Document;
+pub use document::named_files;
 
 pub use super::ReadOptions;
 

@@ -510,6 +510,7 @@ fn shells_are_read_with_their_defaults() {
     let l = &m.layers[0];
     assert_eq!(l.wrap, [CellWrap::Repeat, CellWrap::Repeat, CellWrap::Empty]);
     assert_eq!((l.scale, l.offset, l.opacity_scale, l.diffuse), ([1.0; 3], [0.0; 3], 1.0, [1.0; 3]));
+    assert_eq!((l.skin_range, s.texels[0].content_id), ([0.0, 1.0], None));
     assert!(l.discrete.is_none());
     assert_eq!(s.model.parts[0].uvs.len(), 1, "the shell asks for texture coordinates");
 }
@@ -561,7 +562,14 @@ fn shells_out_of_range_are_refused_with_their_place() {
     {
         assert!(shell().set(&format!("{material}/{key}"), value).error().contains(key));
     }
-    let uri = "/extensions/VTEX_volumetric_texture/texels/0/frames/0/uri";
+    let frame = "/extensions/VTEX_volumetric_texture/texels/0/frames/0";
+    for bad in ["0123", "0123456789ABCDEF0123456789ABCDEF", "+123456789abcdef0123456789abcdef"] {
+        let error = shell().set(&format!("{frame}/contentId"), bad.into()).error();
+        assert!(error.contains("contentId: is not 32 hexadecimal digits"), "{error}");
+    }
+    let named = shell().set(&format!("{frame}/contentId"), "000102030405060708090a0b0c0d0eff".into()).scene();
+    assert_eq!(named.texels[0].content_id.map(|id| (id[1], id[15])), Some((1, 255)));
+    let uri = &format!("{frame}/uri");
     for bad in [
         "",
         "/etc/x.vtex",
