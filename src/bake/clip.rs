@@ -161,6 +161,9 @@ impl Polygon {
         if least.cmpge(lo).all() && most.cmplt(hi).all() {
             return Some(*self);
         }
+        if least.cmpge(hi).any() || most.cmplt(lo).any() {
+            return None;
+        }
         let mut piece = *self;
         for axis in 0..3 {
             piece = piece.split(axis, lo[axis]).1?;
@@ -194,7 +197,7 @@ impl Polygon {
             Err(cell) => each(self, cell),
             Ok((axis, plane)) => {
                 let (below, above) = self.split(axis, plane);
-                for piece in [below, above].iter().flatten() {
+                for piece in [&below, &above].into_iter().flatten() {
                     piece.split_voxels(each);
                 }
             }

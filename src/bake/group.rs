@@ -6,6 +6,7 @@
 
 use super::alpha::Presence;
 use super::clip::{Polygon, ROOM};
+use super::kept::{Kept, List};
 use super::medium::Medium;
 use super::mixture::mix;
 use super::patch::weighted_median;
@@ -40,6 +41,8 @@ const FEW: usize = 4;
 const FINER: f64 = 2.0;
 /// Largest depth of a source's own grid.
 const MAX_DEPTH: usize = 12;
+/// Bytes of facets that are kept between the copies that ask for them.
+const KEPT: usize = 32 << 20;
 /// Copies times the regions of one, summed up, up to which a group is laid out.
 const MAX_ENTRIES: u64 = 1 << 28;
 
@@ -121,6 +124,7 @@ impl Source for GroupSource {
             regions: Vec::new(),
             starts: Vec::new(),
             entries: Vec::new(),
+            kept: Kept::new(KEPT),
             levels: place.region_log2(),
             last: f64::from((place.side() >> place.region_log2()) - 1),
         };
@@ -245,6 +249,17 @@ impl<'a> Piece<'a> {
         }
     }
 
+    /// Give what lies in the region `own` of its own grid: a facet in several regions is to be given once, so each gives its
+    /// part.
+    fn emit(&self, own: usize, each: &mut dyn FnMut(&Polygon)) {
+        let bounds = cube(self.staged.regions()[own], self.levels);
+        self.staged.emit(own, &mut |p| {
+            if let Some(p) = p.clip(bounds.min, bounds.max) {
+                each(&p);
+            }
+        });
+    }
+
     /// Regions of its own grid that may reach into the box `target` of the group's.
     fn reaching(&self, copy: &Copy, target: Aabb, each: &mut dyn FnMut(usize)) {
         let width = f64::from(1u32 << self.levels);
@@ -294,6 +309,7 @@ struct StagedGroup<'a> {
     starts: Vec<usize>,
     /// Piece, and its copy or its own index of the region.
     entries: Vec<(u32, u32)>,
+    kept: Kept,
     levels: usize,
     /// Highest coordinate of a region.
     last: f64,
@@ -422,8 +438,8 @@ impl Staged for StagedGroup<'_> {
 
     fn emit(&self, region: usize, each: &mut dyn FnMut(&Polygon)) {
         let target = cube(self.regions[region], self.levels);
-        for &(piece, at) in self.entries(region) {
-            let piece = &self.pieces[piece as usize];
+        for &(index, at) in self.entries(region) {
+            let piece = &self.pieces[index as usize];
             let Some(copy) = piece.copies.get(at as usize) else {
                 piece.staged.emit(at as usize, &mut |p| {
                     let mut numbered = *p;
@@ -434,12 +450,16 @@ impl Staged for StagedGroup<'_> {
             };
             let first = piece.first + at * piece.facets;
             piece.reaching(copy, target, &mut |own| {
-                // A facet in several regions of the own grid is to be given once, so each gives what is in it.
-                let bounds = cube(piece.staged.regions()[own], piece.levels);
-                piece.staged.emit(own, &mut |p| {
-                    let Some(p) = p.clip(bounds.min, bounds.max) else { return };
-                    carry(&p, copy, first + p.facet, each);
+                if piece.staged.weight(own) > 0 {
+                    return piece.emit(own, &mut |p| carry(p.corners(), copy, first + p.facet, each));
+                }
+                // Facets that are not in memory already take work: the copies share it.
+                let list = self.kept.get((index, own as u32), || {
+                    let mut list = List::default();
+                    piece.emit(own, &mut |p| list.push(p));
+                    list
                 });
+                list.iter().for_each(|(corners, facet)| carry(corners, copy, first + facet, each));
             });
         }
     }
@@ -532,8 +552,7 @@ impl Staged for StagedGroup<'_> {
 }
 
 /// Give the polygon of a copy in the group's grid; clipped ones may have more corners than a facet has, and go in two.
-fn carry(p: &Polygon, copy: &Copy, facet: u32, each: &mut dyn FnMut(&Polygon)) {
-    let corners = p.corners();
+fn carry(corners: &[DVec3], copy: &Copy, facet: u32, each: &mut dyn FnMut(&Polygon)) {
     let mut placed = [DVec3::ZERO; ROOM];
     for (to, from) in placed.iter_mut().zip(corners) {
         *to = copy.map.transform_point3(*from);

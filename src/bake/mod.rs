@@ -18,6 +18,7 @@ mod fit;
 pub mod group;
 pub mod hypertexture;
 mod interior;
+mod kept;
 pub mod layers;
 mod lines;
 pub mod lsystem;
