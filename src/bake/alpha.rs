@@ -51,7 +51,7 @@ impl AlphaSums {
         // A bilinear lookup takes the texels whose middles are around it.
         let spans = [0, 1].map(|k| {
             let size = f64::from(self.size[k]);
-            self.spans(k, (lo[k] * size - 0.5).floor(), (hi[k] * size - 0.5).floor() + 2.0)
+            self.spans(k, whole((lo[k] * size - 0.5).floor()), whole((hi[k] * size - 0.5).floor() + 2.0))
         });
         if !lo.iter().chain(&hi).all(|v| v.is_finite()) {
             return Presence::Part;
@@ -67,39 +67,51 @@ impl AlphaSums {
     }
 
     /// Mean share, in [0, 1], of the box of `width` texels (1 or more) around `uv`.
+    #[inline]
     pub fn mean(&self, uv: [f64; 2], width: f64) -> f32 {
-        let spans = [0, 1].map(|k| {
+        let ends = [0, 1].map(|k| {
             let at = uv[k] * f64::from(self.size[k]);
-            let (from, to) = ((at - 0.5 * width).round(), (at + 0.5 * width).round());
-            self.spans(k, from, to.max(from + 1.0))
+            let (from, to) = (rounded(at - 0.5 * width), rounded(at + 0.5 * width));
+            (from, to.max(from + 1))
         });
-        self.sum(spans).map_or(0.0, |(sum, count)| (f64::from(sum) / (255.0 * count.max(1) as f64)) as f32)
+        // Mostly within the image, where all ways to wrap are one.
+        let within = |k: usize| ends[k].0 >= 0 && ends[k].1 <= i64::from(self.size[k]);
+        let found = if within(0) && within(1) {
+            let [(x0, x1), (y0, y1)] = ends.map(|(from, to)| (from as u32, to as u32));
+            let count = u64::from(x1 - x0) * u64::from(y1 - y0);
+            (count <= MOST).then(|| (self.box_sum([x0, x1], [y0, y1]), count))
+        } else {
+            self.sum([0, 1].map(|k| self.spans(k, ends[k].0, ends[k].1)))
+        };
+        found.map_or(0.0, |(sum, count)| (f64::from(sum) / (255.0 * count.max(1) as f64)) as f32)
+    }
+
+    /// Sum over the texels from x[0] to before x[1], the same of y.
+    #[inline]
+    fn box_sum(&self, x: [u32; 2], y: [u32; 2]) -> u32 {
+        let stride = self.size[0] as usize + 1;
+        let at = |x: u32, y: u32| self.sums[y as usize * stride + x as usize];
+        at(x[1], y[1]).wrapping_sub(at(x[0], y[1])).wrapping_sub(at(x[1], y[0])).wrapping_add(at(x[0], y[0]))
     }
 
     /// Sum and number of texels; `None` of too many.
     fn sum(&self, spans: [Spans; 2]) -> Option<(u32, u64)> {
-        let stride = self.size[0] as usize + 1;
         let (mut sum, mut count) = (0u32, 0u64);
         for (y0, y1) in spans[1] {
             for (x0, x1) in spans[0] {
-                let at = |x: u32, y: u32| self.sums[y as usize * stride + x as usize];
                 count += u64::from(x1 - x0) * u64::from(y1 - y0);
-                sum = sum.wrapping_add(
-                    at(x1, y1).wrapping_sub(at(x0, y1)).wrapping_sub(at(x1, y0)).wrapping_add(at(x0, y0)),
-                );
+                sum = sum.wrapping_add(self.box_sum([x0, x1], [y0, y1]));
             }
         }
         (count <= MOST).then_some((sum, count))
     }
 
     /// The texels that cells `from..to` of axis `k` show, at least one.
-    fn spans(&self, k: usize, from: f64, to: f64) -> Spans {
+    fn spans(&self, k: usize, from: i64, to: i64) -> Spans {
         const NONE: (u32, u32) = (0, 0);
         let n = i64::from(self.size[k]);
         let whole = [(0, self.size[k]), NONE];
-        let bound = |v: f64| v.clamp(-1e15, 1e15) as i64;
-        let from = bound(from);
-        let to = bound(to).max(from + 1);
+        let to = to.max(from + 1);
         let pair = |a: (i64, i64), b: (i64, i64)| [a, b].map(|(from, to)| (from as u32, to as u32));
         match self.wrap[k] {
             _ if n == 0 => [NONE; 2],
@@ -126,6 +138,20 @@ impl AlphaSums {
             }
         }
     }
+}
+
+/// Of a whole number, or of one so far off that it does not matter.
+fn whole(v: f64) -> i64 {
+    v.clamp(-1e15, 1e15) as i64
+}
+
+/// The nearest whole number, as `f64::round` has it, which is a call where no instruction for it may be taken for granted.
+#[inline]
+fn rounded(v: f64) -> i64 {
+    let v = v.clamp(-1e15, 1e15);
+    let toward_zero = v as i64;
+    let rest = v - toward_zero as f64;
+    toward_zero + i64::from(rest >= 0.5) - i64::from(rest <= -0.5)
 }
 
 #[cfg(test)]
@@ -155,6 +181,13 @@ mod tests {
         let none = AlphaSums::new(&Texture::default(), |a| a);
         assert_eq!(none.presence([0.0, 0.0], [1.0, 1.0]), Presence::Nothing);
         assert_eq!(none.mean([0.3, 0.3], 2.0), 0.0);
+    }
+
+    #[test]
+    fn halves_are_rounded_away_from_zero() {
+        for v in [0.0, 0.5, 0.499_999_999_999_999_94, -0.5, -0.6, 1.5, -2.5, 7.3, -7.7, 1e15, 1e30, -1e30] {
+            assert_eq!(rounded(v), whole(f64::round(v)), "{v}");
+        }
     }
 
     proptest! {

@@ -49,7 +49,7 @@ fn split_cut(cut: &dyn Cut, piece: &Polygon, each: &mut impl FnMut(&Polygon, DVe
             Err(at) => each(piece, at, Some(cut)),
             Ok((axis, plane)) => {
                 let (below, above) = piece.split(axis, plane);
-                for piece in [below, above].iter().flatten() {
+                for piece in [&below, &above].into_iter().flatten() {
                     split_cut(cut, piece, each);
                 }
             }
@@ -145,7 +145,8 @@ impl CutOut {
                 let share = f64::from(alpha).clamp(0.0, 1.0);
                 let x = lo[a] + (i as f64 + 0.5) * step[0];
                 // The plastic number's recurrence: an even dither for what is there in part.
-                let threshold = (seed + 0.754_877_666 * i as f64 + 0.569_840_291 * j as f64).fract();
+                let sum = seed + 0.754_877_666 * i as f64 + 0.569_840_291 * j as f64;
+                let threshold = sum - f64::from(sum as u32);
                 *bits |= u32::from(share > threshold) << i;
                 if x >= from && x < to {
                     inside += 1;
@@ -201,23 +202,39 @@ impl CutOut {
     ) -> DVec3 {
         let look = |p: DVec3| DVec3::from(staged.surface(polygon.facet, origin + p, width).albedo.map(f64::from));
         let corners = polygon.corners();
-        let mut centres = [DVec3::ZERO; CELLS * CELLS];
+        let place = |i: usize, j: usize| {
+            let along = |cell: usize, axis: usize| self.min[axis] + (cell as f64 + 0.5) / self.scale[axis];
+            [along(i, 0), along(j, 1)]
+        };
+        // What is there and within the polygon, row by row.
+        let mut inner = [0u32; CELLS];
         let mut count = 0;
-        for (j, bits) in self.cells.iter().enumerate().take(self.size[1]) {
-            let y = self.min[1] + (j as f64 + 0.5) / self.scale[1];
-            let (from, to) = span(corners, self.axes[0], self.axes[1], y);
+        for (j, (bits, inner)) in self.cells.iter().zip(&mut inner).enumerate().take(self.size[1]) {
+            let (from, to) = span(corners, self.axes[0], self.axes[1], place(0, j)[1]);
             for i in (0..self.size[0]).filter(|i| bits >> i & 1 != 0) {
-                let x = self.min[0] + (i as f64 + 0.5) / self.scale[0];
-                if x >= from && x < to {
-                    centres[count] = at(x, y);
-                    count += 1;
-                }
+                let x = place(i, j)[0];
+                *inner |= u32::from(x >= from && x < to) << i;
             }
+            count += inner.count_ones() as usize;
         }
         if count == 0 {
             return look(polygon.middle());
         }
-        let sum: DVec3 = (0..COLOURS).map(|n| look(centres[count * (2 * n + 1) / (2 * COLOURS)])).sum();
+        let mut wanted = (0..COLOURS).map(|n| count * (2 * n + 1) / (2 * COLOURS)).peekable();
+        let mut sum = DVec3::ZERO;
+        let mut before = 0;
+        for (j, mut bits) in inner.into_iter().enumerate() {
+            let end = before + bits.count_ones() as usize;
+            while let Some(n) = wanted.next_if(|&n| n < end) {
+                while before < n {
+                    bits &= bits - 1;
+                    before += 1;
+                }
+                let [x, y] = place(bits.trailing_zeros() as usize, j);
+                sum += look(at(x, y));
+            }
+            before = end;
+        }
         sum / COLOURS as f64
     }
 
