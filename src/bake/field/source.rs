@@ -117,6 +117,17 @@ pub struct Laid<'a> {
     shifts: Vec<DVec3>,
 }
 
+/// A field at a point of the grid.
+pub struct Met {
+    /// The point in source space.
+    pub at: DVec3,
+    /// The field's own value, and the one that the window leaves of it.
+    pub own: f64,
+    pub value: f64,
+    /// Along the grid's axes.
+    pub gradient: DVec3,
+}
+
 impl<'a> Laid<'a> {
     /// # Errors
     /// [`Error::Options`] where `place` flattens the source.
@@ -210,18 +221,23 @@ impl<'a> Laid<'a> {
         self.source(p, self.nearest(p))
     }
 
-    /// The gradient at `p` along the grid's axes.
-    pub fn gradient_at(&self, p: DVec3) -> DVec3 {
-        let q = self.source_of(p);
-        let mut g = self.field.gradient(q);
-        let beyond = self.beyond(q);
-        if beyond > self.field.value(q) {
+    /// What is met at `p`, in cells.
+    pub fn meet(&self, p: DVec3) -> Met {
+        let at = self.source_of(p);
+        let (value, mut g) = self.field.value_and_gradient(at);
+        let beyond = self.beyond(at);
+        if beyond > value {
             // The window's own face.
-            let (low, high) = (self.window.min - q, q - self.window.max);
+            let (low, high) = (self.window.min - at, at - self.window.max);
             let face = |a: usize| f64::from(u8::from(high[a] == beyond)) - f64::from(u8::from(low[a] == beyond));
             g = DVec3::new(face(0), face(1), face(2));
         }
-        self.to_source.matrix3.transpose() * g
+        Met { at, own: value, value: value.max(beyond), gradient: self.to_source.matrix3.transpose() * g }
+    }
+
+    /// The gradient at `p` along the grid's axes.
+    pub fn gradient_at(&self, p: DVec3) -> DVec3 {
+        self.meet(p).gradient
     }
 
     /// Bounds of the value over the box `lo .. hi` of cells, which crosses no border of a cyclic axis.

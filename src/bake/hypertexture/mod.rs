@@ -9,7 +9,7 @@ pub use soft::HypertextureSource;
 pub use spec::{Bounds, ColourBy, HypertextureSpec, Mode, NoiseKind, Preset};
 
 use super::field::{Field, build, central_difference};
-use super::noise::{Noise, bias, gain};
+use super::noise::Noise;
 use super::source::Source;
 use crate::Result;
 use crate::geom::{Aabb, DVec3};
@@ -51,14 +51,19 @@ impl Hypertexture {
     fn shaped(&self, p: DVec3) -> (f64, DVec3) {
         let (n, slope) = self.noise.at(p);
         let (n, d) = self.unit(n);
-        let (b, db) = bias(self.set.bias, n);
-        let (g, dg) = gain(self.set.gain, b);
+        let (b, db) = self.set.bias.at(n);
+        let (g, dg) = self.set.gain.at(b);
         (g, dg * db * d * slope)
     }
 
-    /// The shaped noise alone.
+    /// The shaped noise alone, the same to the bit.
     fn formed(&self, p: DVec3) -> f64 {
-        gain(self.set.gain, bias(self.set.bias, self.unit(self.noise.value(p)).0).0).0
+        self.shape(self.noise.value(p))
+    }
+
+    /// Noise brought to [0, 1] and shaped.
+    fn shape(&self, n: f64) -> f64 {
+        self.set.gain.at(self.set.bias.at(self.unit(n).0).0).0
     }
 
     /// Noise in [0, 1], and what its derivative is multiplied by.
@@ -70,8 +75,7 @@ impl Hypertexture {
     /// Bounds of the shaped noise in a box; bias and gain never fall.
     fn shaped_range(&self, b: &Aabb) -> (f64, f64) {
         let (low, high) = self.noise.range(b.centre(), 0.5 * b.size().length());
-        let shape = |n: f64| gain(self.set.gain, bias(self.set.bias, self.unit(n).0).0).0;
-        (shape(low), shape(high))
+        (self.shape(low), self.shape(high))
     }
 
     /// The point of the base's surface below `p`, and how far above it `p` is.
@@ -91,11 +95,11 @@ impl Hypertexture {
         t * t * (3.0 - 2.0 * t)
     }
 
-    /// What decides the colour, in [0, 1].
-    fn tone(&self, p: DVec3) -> f64 {
+    /// What decides the colour, in [0, 1]; `value` gives the value at `p`.
+    fn tone(&self, p: DVec3, value: impl FnOnce() -> f64) -> f64 {
         match self.set.colour_by {
             ColourBy::Noise => self.formed(p),
-            ColourBy::Depth => self.share(self.value(p)),
+            ColourBy::Depth => self.share(value()),
             ColourBy::Height => {
                 let (_, height) = self.foot(p);
                 if self.set.amplitude > 0.0 { (height / self.set.amplitude).clamp(0.0, 1.0) } else { 0.0 }
@@ -106,6 +110,17 @@ impl Hypertexture {
                 0.5 + 0.5 * libm::sin(std::f64::consts::TAU * phase)
             }
         }
+    }
+
+    /// The colour at `p`, where `value` gives the value.
+    fn colour_by(&self, p: DVec3, value: impl FnOnce() -> f64) -> Option<[f32; 3]> {
+        let colours = &self.set.colours;
+        let last = colours.len().checked_sub(1)?;
+        let at = self.tone(p, value) * last as f64;
+        let low = (at as usize).min(last);
+        let share = (at - low as f64) as f32;
+        let (u, v) = (colours[low], colours[(low + 1).min(last)]);
+        Some(std::array::from_fn(|c| u[c] + share * (v[c] - u[c])))
     }
 }
 
@@ -133,22 +148,46 @@ impl Field for Hypertexture {
     }
 
     fn gradient(&self, p: DVec3) -> DVec3 {
+        self.value_and_gradient(p).1
+    }
+
+    fn value_and_gradient(&self, p: DVec3) -> (f64, DVec3) {
         let a = self.set.amplitude;
         match self.set.mode {
-            Mode::Paint => self.base.gradient(p),
-            // As far as the noise is asked for.
-            Mode::Displace if self.base.value(p) > a + self.margin() => self.base.gradient(p),
-            Mode::Displace => self.base.gradient(p) - a * self.shaped(p).1,
-            Mode::Erode if self.base.value(p) > self.margin() => self.base.gradient(p),
-            Mode::Erode => self.base.gradient(p) + a * self.shaped(p).1,
+            Mode::Paint => self.base.value_and_gradient(p),
+            Mode::Displace => {
+                let (v, g) = self.base.value_and_gradient(p);
+                // As far as the noise is asked for.
+                if v > a + self.margin() {
+                    return (v - a, g);
+                }
+                let (s, slope) = self.shaped(p);
+                (v - a * s, g - a * slope)
+            }
+            Mode::Erode => {
+                let (v, g) = self.base.value_and_gradient(p);
+                if v > self.margin() {
+                    return (v, g);
+                }
+                let (s, slope) = self.shaped(p);
+                (v + a * s, g + a * slope)
+            }
             Mode::Melt => {
                 let (s, slope) = self.shaped(p);
-                let g = self.base.gradient(p - DOWN * (a * s));
-                g - DOWN.dot(g) * a * slope
+                let (v, g) = self.base.value_and_gradient(p - DOWN * (a * s));
+                (v, g - DOWN.dot(g) * a * slope)
             }
             Mode::Fur => {
+                let (foot, height) = self.foot(p);
+                let g = self.base.gradient(p);
+                if !(0.0..=a + self.margin()).contains(&height) {
+                    return (height - a, g);
+                }
+                let (s, slope) = self.shaped(foot);
+                // The noise is asked for once; how its place moves with p is the base's alone, and cheap.
                 let h = 1e-3 / self.noise.frequency.max_element();
-                central_difference(|p| self.value(p), p, h)
+                let slope = central_difference(|p| self.foot(p).0.dot(slope), p, h);
+                (height - a * s, g - a * slope)
             }
         }
     }
@@ -203,13 +242,7 @@ impl Field for Hypertexture {
     }
 
     fn colour(&self, p: DVec3) -> Option<[f32; 3]> {
-        let colours = &self.set.colours;
-        let last = colours.len().checked_sub(1)?;
-        let at = self.tone(p) * last as f64;
-        let low = (at as usize).min(last);
-        let share = (at - low as f64) as f32;
-        let (u, v) = (colours[low], colours[(low + 1).min(last)]);
-        Some(std::array::from_fn(|c| u[c] + share * (v[c] - u[c])))
+        self.colour_by(p, || self.value(p))
     }
 
     fn has_colour(&self) -> bool {

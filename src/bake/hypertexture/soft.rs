@@ -2,7 +2,7 @@
 
 use super::Hypertexture;
 use crate::bake::clip::Polygon;
-use crate::bake::field::{Field, Laid};
+use crate::bake::field::{Field, Laid, Met};
 use crate::bake::medium::Medium;
 use crate::bake::source::{Placement, Source, Staged, Surface};
 use crate::geom::{Aabb, DVec3};
@@ -19,9 +19,11 @@ pub struct HypertextureSource {
 
 /// Difference of optical depth within a cube from which on it is cut further.
 const EVEN: f64 = 0.04;
-/// Where a voxel is looked at: its middle, and every other corner of the cube around it with half its edge.
-const PLACES: [DVec3; 5] = [
-    DVec3::splat(0.5),
+/// Cubes of up to so many levels are looked at where bounds leave it open whether they are even: bounds of noise are some
+/// times wider than what it does in most places. Larger cubes may hold more than a few places tell.
+const LOOKED_AT: u32 = 1;
+/// Where a cube is looked at: every other corner of the cube around its middle with half its edge.
+const PLACES: [DVec3; 4] = [
     DVec3::new(0.25, 0.25, 0.25),
     DVec3::new(0.75, 0.75, 0.25),
     DVec3::new(0.75, 0.25, 0.75),
@@ -87,20 +89,27 @@ struct Soft<'a> {
 impl Soft<'_> {
     /// The matter in the cube of `2^levels` voxels at `at`.
     fn cube(&self, at: [u32; 3], levels: u32, each: &mut dyn FnMut(&Medium)) {
-        if levels == 0 {
-            return self.give(at, 0, &PLACES[1..], each);
-        }
         let edge = f64::from(1u32 << levels);
         let lo = DVec3::from(at.map(f64::from));
-        let (near, far) = self.laid.range(lo, lo + edge);
-        let most = self.density * self.texture.share(near);
-        if most < NOTHING {
-            return;
+        if levels > 0 {
+            let (near, far) = self.laid.range(lo, lo + edge);
+            let most = self.density * self.texture.share(near);
+            if most < NOTHING {
+                return;
+            }
+            let least = self.density * self.texture.share(far);
+            // Beyond an optical depth of some 12 nothing is seen of what is within.
+            if (most - least) * edge < EVEN || least * edge > 12.0 {
+                let met = self.laid.meet(lo + 0.5 * edge);
+                return self.give(at, levels, self.density * self.texture.share(met.value), Some(met), each);
+            }
         }
-        let least = self.density * self.texture.share(far);
-        // Beyond an optical depth of some 12 nothing is seen of what is within.
-        if (most - least) * edge < EVEN || least * edge > 12.0 {
-            return self.give(at, levels, &PLACES[..1], each);
+        if levels <= LOOKED_AT {
+            let found = PLACES.map(|p| self.density * self.texture.share(self.laid.value_at(lo + p * edge)));
+            let (least, most) = found.iter().fold((f64::INFINITY, 0.0f64), |(l, m), &v| (l.min(v), m.max(v)));
+            if levels == 0 || (most - least) * edge < 0.5 * EVEN {
+                return self.give(at, levels, found.iter().sum::<f64>() / found.len() as f64, None, each);
+            }
         }
         let half = 1 << (levels - 1);
         for j in 0..8 {
@@ -109,22 +118,19 @@ impl Soft<'_> {
         }
     }
 
-    /// One cube, of the mean density of `places` in it.
-    fn give(&self, at: [u32; 3], levels: u32, places: &[DVec3], each: &mut dyn FnMut(&Medium)) {
-        let edge = f64::from(1u32 << levels);
-        let lo = DVec3::from(at.map(f64::from));
-        let share: f64 = places.iter().map(|p| self.texture.share(self.laid.value_at(lo + *p * edge))).sum();
-        let extinction = self.density * share / places.len() as f64;
+    /// One cube, with what is met in its middle where that is known.
+    fn give(&self, at: [u32; 3], levels: u32, extinction: f64, met: Option<Met>, each: &mut dyn FnMut(&Medium)) {
         if extinction < NOTHING {
             return;
         }
-        let centre = lo + 0.5 * edge;
-        let mut medium = Medium::even(at, levels, extinction, self.colour(centre));
-        let gradient = self.laid.gradient_at(centre);
-        if let Some(normal) = gradient.try_normalize() {
+        let centre = DVec3::from(at.map(f64::from)) + 0.5 * f64::from(1u32 << levels);
+        let met = met.unwrap_or_else(|| self.laid.meet(centre));
+        let colour = self.texture.colour_by(met.at, || met.own).unwrap_or([1.0; 3]).map(|v| v.clamp(0.0, 1.0));
+        let mut medium = Medium::even(at, levels, extinction, colour);
+        if let Some(normal) = met.gradient.try_normalize() {
             // How much of the density comes or goes within the way that light gets through it.
-            let t = (0.5 - self.laid.value_at(centre) / self.texture.set.softness).clamp(0.0, 1.0);
-            let change = self.density * 6.0 * t * (1.0 - t) / self.texture.set.softness * gradient.length();
+            let t = (0.5 - met.value / self.texture.set.softness).clamp(0.0, 1.0);
+            let change = self.density * 6.0 * t * (1.0 - t) / self.texture.set.softness * met.gradient.length();
             let turned = change / (extinction * extinction);
             (medium.normal, medium.facing) = (normal, if turned.is_finite() { turned / (1.0 + turned) } else { 1.0 });
         }

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::bake::field::{Colour, FieldSpec};
-use crate::bake::noise::Noise;
+use crate::bake::noise::{Bias, Gain, Noise};
 use crate::geom::{Aabb, DVec3};
 use crate::{Error, Result};
 
@@ -116,8 +116,8 @@ pub enum ColourBy {
 pub struct Resolved {
     pub mode: Mode,
     pub amplitude: f64,
-    pub bias: f64,
-    pub gain: f64,
+    pub bias: Bias,
+    pub gain: Gain,
     pub density: f64,
     pub softness: f64,
     pub colours: Vec<[f32; 3]>,
@@ -277,8 +277,8 @@ impl HypertextureSpec {
         let set = Resolved {
             mode: self.mode.unwrap_or(d.mode),
             amplitude: within("amplitude", self.amplitude, d.amplitude * size, 0.0, 100.0 * size)?,
-            bias: within("bias", self.bias, d.bias, 0.001, 0.999)?,
-            gain: within("gain", self.gain, d.gain, 0.001, 0.999)?,
+            bias: Bias::new(within("bias", self.bias, d.bias, 0.001, 0.999)?),
+            gain: Gain::new(within("gain", self.gain, d.gain, 0.001, 0.999)?),
             density: within("density", self.density, d.density / size, 0.0, 1e9 / size)?,
             softness: within("softness", self.softness, d.softness * size, 1e-9 * size, 100.0 * size)?,
             colours,
