@@ -279,40 +279,53 @@ impl Beams {
     pub fn unite(children: &[Option<&Beams>; 8], depth: usize) -> Union {
         let mut all =
             Union { beams: Beams::default(), lines: [0; 13], parts: [0; 13], children: [[Seen::default(); 13]; 8] };
-        let phase = depth & 1;
         for (k, p) in PROJECTIONS.iter().enumerate() {
-            let mut thinned = [[0u32; 32]; 8];
-            let mut lines = [0u32; 8];
-            for (j, child) in children.iter().enumerate() {
-                let Some(child) = child else { continue };
-                let (oa, ob) = p.child_offset(j);
-                for (n, row) in child.axis(k).iter().skip(phase).step_by(2).enumerate() {
-                    let bits = even_bits(row >> ((n + phase) & 1)) << (8 * oa);
-                    thinned[j][n + 8 * ob] = bits;
-                    lines[j] += bits.count_ones();
-                }
-                all.children[j][k].lines = lines[j];
-                all.parts[k] += lines[j];
+            match p.rows {
+                16 => all.unite_axis::<8>(k, children, depth & 1),
+                _ => all.unite_axis::<16>(k, children, depth & 1),
             }
-            let mut united = [0u32; 32];
-            for way in [1i32, -1] {
-                united = [0; 32];
-                for &j in order(k, way) {
-                    if lines[j] == 0 {
-                        continue;
-                    }
-                    let mut first = 0;
-                    for (u, t) in united.iter_mut().zip(&thinned[j]) {
-                        first += (t & !*u).count_ones();
-                        *u |= t;
-                    }
-                    all.children[j][k].first += first;
-                }
-            }
-            all.lines[k] = united.iter().map(|r| r.count_ones()).sum();
-            all.beams.rows[p.first..p.first + p.rows].copy_from_slice(&united[..p.rows]);
         }
         all
+    }
+}
+
+impl Union {
+    /// Unite the axis `k`, of which each child gives every other row, `HALF` in all, from the row `phase` on.
+    fn unite_axis<const HALF: usize>(&mut self, k: usize, children: &[Option<&Beams>; 8], phase: usize) {
+        let p = &PROJECTIONS[k];
+        let count = |rows: &[u32; HALF]| rows.iter().map(|r| r.count_ones()).sum::<u32>();
+        // By child: its rows as the parent has them, the first of those, and its lines.
+        let mut thinned = [([0u32; HALF], 0, 0); 8];
+        for (j, (child, (rows, first, lines))) in children.iter().zip(&mut thinned).enumerate() {
+            let Some(child) = child else { continue };
+            let (oa, ob) = p.child_offset(j);
+            *first = 8 * ob;
+            let own = child.axis(k).iter().skip(phase).step_by(2);
+            for (n, (to, row)) in rows.iter_mut().zip(own).enumerate() {
+                *to = even_bits(row >> ((n + phase) & 1)) << (8 * oa);
+            }
+            *lines = count(rows);
+            self.children[j][k].lines = *lines;
+            self.parts[k] += *lines;
+        }
+        let mut united = [0u32; 32];
+        for way in [1i32, -1] {
+            united = [0; 32];
+            for &j in order(k, way) {
+                let (rows, first, lines) = &thinned[j];
+                if *lines == 0 {
+                    continue;
+                }
+                let mut new = [0; HALF];
+                for ((u, t), new) in united[*first..].iter_mut().zip(rows).zip(&mut new) {
+                    *new = t & !*u;
+                    *u |= t;
+                }
+                self.children[j][k].first += count(&new);
+            }
+        }
+        self.lines[k] = united.iter().map(|r| r.count_ones()).sum();
+        self.beams.rows[p.first..p.first + p.rows].copy_from_slice(&united[..p.rows]);
     }
 }
 
@@ -525,73 +538,4 @@ pub fn oblique_area(k: usize, area: DVec3) -> f64 {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// Plane coordinates of `q`, in voxel edges from the lowest that the voxel has.
-    fn project(p: &Projection, q: DVec3) -> (f64, f64) {
-        let along = |i: usize, s: i32| q[i] - f64::from(s) * q[p.drop] - Projection::base(s);
-        (along(p.a, p.sa), along(p.b, p.sb))
-    }
-
-    #[test]
-    fn a_full_voxel_blocks_its_box_area() {
-        let full = Beams::full();
-        for k in 0..13 {
-            let area = f64::from(full.count(k)) / (LINES * LINES) as f64;
-            // Lines on the silhouette's edge: an edge of 16 lines is off by half a line at most.
-            assert!((area - box_area(k, DVec3::ONE)).abs() < 0.1, "{k} {area}");
-        }
-    }
-
-    #[test]
-    fn eight_full_children_make_a_full_parent() {
-        let full = Beams::full();
-        let union = Beams::unite(&[Some(full); 8], 3);
-        for k in 0..13 {
-            let want = box_area(k, DVec3::ONE) * (LINES * LINES) as f64;
-            assert!((f64::from(union.lines[k]) / want - 1.0).abs() < 0.06, "{k} {}", union.lines[k]);
-            // Every line is blocked first by one child, each way.
-            let first: u32 = (0..8).map(|j| union.children[j][k].first).sum();
-            assert_eq!(first, 2 * union.lines[k]);
-        }
-    }
-
-    #[test]
-    fn lines_of_a_facet_measure_its_area() {
-        let c = [
-            DVec3::new(0.1, 0.2, 0.3),
-            DVec3::new(0.9, 0.4, 0.2),
-            DVec3::new(0.5, 0.8, 0.9),
-            DVec3::new(0.2, 0.7, 0.8),
-        ];
-        let p = Polygon::new(&c[..3], 0);
-        let (mut beams, mut parts) = (Beams::default(), [0; 13]);
-        beams.add(&p, &mut parts, None);
-        for (k, parts) in parts.into_iter().enumerate() {
-            let area = f64::from(beams.count(k)) / (LINES * LINES) as f64;
-            assert_eq!(beams.count(k), parts);
-            // The boundary is some 3 edges of at most 16·sqrt(2) lines: off by a few lines of 256.
-            assert!((area - oblique_area(k, p.area_vector())).abs() < 0.03, "{k} {area}");
-        }
-    }
-
-    #[test]
-    fn neighbours_share_their_lines() {
-        // A wall across two voxels, seen obliquely: each line is in one of both.
-        for p in &PROJECTIONS {
-            for j in 0..8 {
-                let (oa, ob) = p.child_offset(j);
-                let (wa, wb) = p.extent();
-                assert!(oa <= wa && ob <= wb);
-                let centre = DVec3::new((j & 1) as f64, (j >> 1 & 1) as f64, (j >> 2) as f64) + 0.4;
-                let (x, y) = project(p, centre);
-                let local = project(p, DVec3::splat(0.4));
-                // The parent's plane starts at −2 child edges where sheared upward, the child's at −1.
-                let base = |s: i32| if s > 0 { 1.0 } else { 0.0 };
-                assert!((x + base(p.sa) - oa as f64 - local.0).abs() < 1e-12);
-                assert!((y + base(p.sb) - ob as f64 - local.1).abs() < 1e-12);
-            }
-        }
-    }
-}
+mod tests;

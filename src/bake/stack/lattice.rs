@@ -250,13 +250,15 @@ impl Lattice {
             first[a] = x.floor() as i64 - r as i64;
         }
         let mut sum = 0.0;
-        let mut one = [0.0f32];
+        // The samples of a row at once: those beyond its ends are the last ones there.
+        let mut row = [0.0f32; 64];
+        let ends = [0, width - 1].map(|x| self.axes[0].clamp(first[0] + x as i64));
         for (z, wz) in weight[2][..width].iter().enumerate().filter(|w| *w.1 > 0.0) {
             for (y, wy) in weight[1][..width].iter().enumerate().filter(|w| *w.1 > 0.0) {
+                let index = |a: usize, n: usize| self.axes[a].clamp(first[a] + n as i64);
+                samples.row(ends[0], index(1, y), index(2, z), &mut row[..=ends[1] - ends[0]]);
                 for (x, wx) in weight[0][..width].iter().enumerate().filter(|w| *w.1 > 0.0) {
-                    let index = |a: usize, n: usize| self.axes[a].clamp(first[a] + n as i64);
-                    samples.row(index(0, x), index(1, y), index(2, z), &mut one);
-                    sum += wx * wy * wz * one[0];
+                    sum += wx * wy * wz * row[index(0, x) - ends[0]];
                 }
             }
         }
