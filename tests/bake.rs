@@ -163,6 +163,37 @@ fn a_masked_card_covers_what_its_texture_leaves() {
     }
 }
 
+/// A unit card with `alpha` of 256 × 256 texels.
+fn card(alpha: impl Fn(f64, f64) -> u8, mode: Alpha) -> Model {
+    let middle = |i: usize| (i as f64 + 0.5) / 256.0;
+    let texels = (0..1 << 16).map(|i| [60, 120, 60, alpha(middle(i % 256), middle(i / 256))]).collect();
+    let texture = Arc::new(Texture::new("card", 256, 256, texels));
+    let texture = TextureRef { texture, tex_coord: 0, transform: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]] };
+    let material = Material { texture: Some(texture), alpha: mode, ..Material::default() };
+    model(quad([[0.0, 0.0, 0.5], [1.0, 0.0, 0.5], [1.0, 1.0, 0.5], [0.0, 1.0, 0.5]]), material)
+}
+
+#[test]
+fn cut_out_and_blended_cards_cover_their_alphas_area_at_every_depth() {
+    let place = Options { cube: Some(Aabb::UNIT), ..at(64) };
+    let bake = |model: Model| Octree::new(baked(model, &hollow(), &place)).unwrap();
+    let masked = bake(card(|x, y| if (x - 0.5).hypot(y - 0.5) < 0.4 { 255 } else { 0 }, Alpha::Mask(0.5)));
+    let veil = bake(card(|_, _| 128, Alpha::Blend));
+    let mut found = Vec::new();
+    // Face on, and from 45° where all is narrower.
+    for (dir, narrow) in [(DVec3::Y, 1.0), (DVec3::new(1.0, 1.0, 0.0).normalize(), 0.5f64.sqrt())] {
+        for depth in 3..=6 {
+            let [masked, veil] = [&masked, &veil].map(|tree| area(tree, dir, depth, 256) / narrow);
+            found.push([masked / (std::f64::consts::PI * 0.16), veil * 255.0 / 128.0]);
+        }
+    }
+    // A sheet lets some 2 % through between blocks, and a disc's rim spreads over the supports of its voxels: measured .968
+    // to .995 of the disc, .977 to .984 of the veil. Rays are 1/142 apart: .5 % of the disc.
+    for (name, k, lo, hi) in [("disc", 0, 0.95, 1.01), ("veil", 1, 0.965, 1.01)] {
+        assert!(found.iter().all(|f| (lo..hi).contains(&f[k])), "{name} {found:.4?}");
+    }
+}
+
 #[test]
 fn what_reaches_beyond_a_cyclic_cube_comes_in_again() {
     // A sheet two cubes long covers a cube of one twice, along x.
