@@ -58,7 +58,7 @@ pub fn write(volume: &Volume, path: impl AsRef<Path>, options: &WriteOptions) ->
         return Err(Error::Options(format!("compression level {} is not in 1..=19", options.level)));
     }
     let internal = check(volume)?;
-    let quantiser = Quantiser::new(&volume.info.channels, options.quality);
+    let quantiser = Quantiser::fitting(volume, options.quality);
     let constants = quantiser.constants(volume);
     let streams: Vec<StreamEntry> = quantiser.entries(&constants);
     let header = blank_header(volume, streams.len());

@@ -10,7 +10,7 @@
 
 use std::ops::AddAssign;
 
-use super::march::{DepthChoice, MarchStats, Stretch, march, transmittance};
+use super::march::{DepthChoice, MarchStats, Stretch, leaving, march};
 use super::shade::{Group, Shader};
 use crate::geom::{Aabb, Vec3};
 use crate::volume::level::Level;
@@ -143,7 +143,7 @@ fn lit(tree: &Octree, deepest: usize) -> Vec<Lit> {
                 let lamp = ray.lamps[group.light];
                 let origin = group.position + group.start(facet, lamp);
                 let shadow = Stretch { origin, dir: lamp, ..stretch };
-                let open = transmittance(tree, &shadow, choice, 1.0 / 256.0, &mut stats);
+                let open = leaving(tree, &shadow, choice, 1.0 / 256.0, &mut stats);
                 let light = ray.weight * f64::from(group.energy.dot(LUMINANCE) * open);
                 let h = hats(f64::from(-stretch.dir.dot(lamp)));
                 for j in 0..3 {

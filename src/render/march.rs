@@ -125,11 +125,29 @@ pub fn transmittance(
     stop_below: f32,
     stats: &mut MarchStats,
 ) -> f32 {
-    struct Nothing;
-    impl Sink for Nothing {
-        fn voxel(&mut self, _: &Hit<'_>) {}
-    }
     run(tree, stretch, choice, 1.0, stop_below, &mut Nothing, stats)
+}
+
+/// [`transmittance`] of a stretch that starts on the texel's own matter.
+///
+/// The law's c is the share of matter that no ray meets after other matter of the same block. So what a ray that starts on
+/// matter meets of its block is less: dT/ds = −(1 − c) r T. Else a leaf, or a hair, would stand in its own light.
+pub fn leaving(tree: &Octree, stretch: &Stretch, choice: DepthChoice, stop_below: f32, stats: &mut MarchStats) -> f32 {
+    through(tree, stretch, choice, [1.0, stop_below], Own::Ahead, &mut Nothing, stats)
+}
+
+struct Nothing;
+
+impl Sink for Nothing {
+    fn voxel(&mut self, _: &Hit<'_>) {}
+}
+
+/// Where a ray is that starts on matter: its own block is that of the first voxel, if that is within a voxel's width.
+#[derive(Clone, Copy, PartialEq)]
+enum Own {
+    Ahead,
+    Inside,
+    Past,
 }
 
 /// [`march`] that ends where the transmittance falls below `stop_below`.
@@ -139,6 +157,18 @@ pub(super) fn run(
     choice: DepthChoice,
     t_in: f32,
     stop_below: f32,
+    sink: &mut impl Sink,
+    stats: &mut MarchStats,
+) -> f32 {
+    through(tree, stretch, choice, [t_in, stop_below], Own::Past, sink, stats)
+}
+
+fn through(
+    tree: &Octree,
+    stretch: &Stretch,
+    choice: DepthChoice,
+    [t_in, stop_below]: [f32; 2],
+    own: Own,
     sink: &mut impl Sink,
     stats: &mut MarchStats,
 ) -> f32 {
@@ -165,6 +195,7 @@ pub(super) fn run(
         behind: t_in,
         block: 1.0,
         stop_below,
+        own,
         sink,
         stats,
     };
@@ -200,6 +231,8 @@ struct Law<'a, S> {
     /// Transmittance within the current block.
     block: f32,
     stop_below: f32,
+    /// Whether the current block is the one that the ray starts in.
+    own: Own,
     sink: &'a mut S,
     stats: &'a mut MarchStats,
 }
@@ -222,7 +255,13 @@ impl<S: Sink> Visit for Law<'_, S> {
         let edges = length * (1u32 << depth) as f32;
         let tau = RATE[usize::from(voxel.rate)] * self.scale * sigma * edges;
         let before = self.block;
-        self.block = advance(before, tau, voxel.c());
+        if self.own == Own::Ahead {
+            let near = piece.enter * (1u32 << depth) as f32 <= 1.0;
+            self.own = if near { Own::Inside } else { Own::Past };
+        }
+        let c = voxel.c();
+        let own = self.own == Own::Inside && !voxel.is_inside();
+        self.block = if own { advance(before, (1.0 - c) * tau, 0.0) } else { advance(before, tau, c) };
         let stopped = self.behind * self.block < self.stop_below;
         if stopped {
             self.block = 0.0;
@@ -240,6 +279,9 @@ impl<S: Sink> Visit for Law<'_, S> {
     fn block_end(&mut self) {
         self.behind *= self.block;
         self.block = 1.0;
+        if self.own == Own::Inside {
+            self.own = Own::Past;
+        }
     }
 
     #[inline]

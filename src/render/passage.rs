@@ -2,7 +2,7 @@
 //! let through.
 
 use super::cells::Visit;
-use super::march::{DepthChoice, Stretch, transmittance};
+use super::march::{DepthChoice, Stretch, leaving, transmittance};
 use super::prepare::World;
 use super::shell::Piece;
 use super::stats::Counts;
@@ -29,6 +29,11 @@ impl Start {
     /// The triangle, if it is of the source of this copy.
     pub fn within(start: Option<Start>, visit: &Visit) -> Option<u32> {
         start.filter(|s| s.copy == Some((visit.texel, visit.cell))).map(|s| s.triangle)
+    }
+
+    /// Whether the ray starts on matter of this copy.
+    pub fn is_on(start: Option<Start>, visit: &Visit) -> bool {
+        start.is_some_and(|s| s.copy == Some((visit.texel, visit.cell)))
     }
 
     /// The triangle, if it is of the scene's meshes.
@@ -125,9 +130,10 @@ pub fn visibility(
             open = open
                 && passage(world, ray, index, None, (a, b), &width_at, &mut |step| {
                     let Some(Some(texel)) = world.texels.get(step.visit.texel) else { return true };
+                    let visit = &step.visit;
                     if let Some(source) = texel.near(step.stretch.footprint, choice.threshold) {
                         counts.near_copies += 1;
-                        let (visit, width) = (&step.visit, f64::from(step.stretch.footprint));
+                        let width = f64::from(step.stretch.footprint);
                         let inside = Ray { origin: visit.origin, dir: visit.dir };
                         let skip = Start::within(start, visit);
                         let t1 = visit.t1 - visit.t0;
@@ -135,7 +141,14 @@ pub fn visibility(
                         return through >= stop;
                     }
                     let choice = DepthChoice { finest: texel.finest, ..choice };
-                    through *= transmittance(&texel.tree, &step.stretch, choice, stop / through, &mut counts.march);
+                    let stop_below = stop / through;
+                    let own = visit.t0 <= 0.0 && Start::is_on(start, visit);
+                    let (tree, stretch, march) = (&texel.tree, &step.stretch, &mut counts.march);
+                    through *= if own {
+                        leaving(tree, stretch, choice, stop_below, march)
+                    } else {
+                        transmittance(tree, stretch, choice, stop_below, march)
+                    };
                     through >= stop
                 });
         });

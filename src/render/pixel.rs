@@ -359,6 +359,7 @@ impl<'w> Tracer<'w> {
         shader.finish();
         let albedo = shader.albedo;
         let (t0, scale, texel) = (frame.t0, frame.scale, frame.texel);
+        let on = Start { triangle: u32::MAX, copy: Some((texel, frame.cell)) };
         let facet = world.texels[texel].as_ref().map_or(0.0, |t| t.tree.info().facet_size as f32);
         let open = match self.options.ambient {
             Ambient::Constant => 1.0,
@@ -372,7 +373,7 @@ impl<'w> Tracer<'w> {
             let light = group.energy * sight.irradiance * FRAC_1_PI;
             let start = back(group.start(facet, lights[group.light])) / scale;
             let from = Ray { origin: x + start, dir: sight.dir };
-            self.add(light, &from, sight.distance - start.dot(sight.dir), None, cone.width_at(t), threshold, sum);
+            self.add(light, &from, sight.distance - start.dot(sight.dir), Some(on), cone.width_at(t), threshold, sum);
         }
         self.groups = groups;
         self.lights = lights;

@@ -5,7 +5,7 @@ use crate::volume::octree::Octree;
 use crate::{Error, Result, par};
 
 use super::image_io::srgb8;
-use super::march::{DepthChoice, MarchStats, Stretch, march, transmittance};
+use super::march::{DepthChoice, MarchStats, Stretch, leaving, march};
 use super::shade::Shader;
 
 /// An 8-bit sRGB picture, rows from the top.
@@ -100,7 +100,7 @@ fn shade(tree: &Octree, view: &View, at: Vec2, pixel: f32) -> Vec3 {
     for group in &groups {
         let origin = group.position + group.start(tree.info().facet_size as f32, to_sun[0]);
         let shadow = Stretch { origin, dir: to_sun[0], length: 2.0, ..stretch };
-        radiance += group.energy * (SUN * transmittance(tree, &shadow, choice, 1.0 / 256.0, &mut stats));
+        radiance += group.energy * (SUN * leaving(tree, &shadow, choice, 1.0 / 256.0, &mut stats));
     }
     radiance
 }

@@ -3,7 +3,7 @@
 use super::truth::{Layer, Truth};
 use super::{Options, SUN};
 use crate::geom::{Aabb, DVec3, Ray, Vec3};
-use crate::render::march::{DepthChoice, Hit, MarchStats, Sink, Stretch, march, transmittance};
+use crate::render::march::{DepthChoice, Hit, MarchStats, Sink, Stretch, leaving, march, transmittance};
 use crate::render::reference::sampling::{hash, point};
 use crate::render::shade::{Group, Shader};
 use crate::volume::{Octree, Voxel};
@@ -170,7 +170,7 @@ impl Batch<'_> {
         for group in &scratch.groups {
             let origin = group.position + group.start(facet, lights[0]);
             let shadow = Stretch { origin, dir: lights[0], length: 2.0, ..stretch };
-            let open = transmittance(self.tree, &shadow, DepthChoice::default(), 1.0 / 256.0, &mut stats);
+            let open = leaving(self.tree, &shadow, DepthChoice::default(), 1.0 / 256.0, &mut stats);
             sum.lit += f64::from(group.energy.x);
             sum.open += f64::from(group.energy.x * open);
             sum.light += f64::from(group.energy.x * open * factor);

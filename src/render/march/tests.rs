@@ -97,6 +97,31 @@ fn a_slab_is_exact() {
 }
 
 #[test]
+fn a_ray_that_starts_on_matter_meets_less_of_its_own_block() {
+    // Depth 3: two blocks of 4 voxels along x. A tau of .1 a voxel, and all that c says of it.
+    let leave = |tree: &Octree, s: &Stretch| leaving(tree, s, DepthChoice::default(), 0.0, &mut MarchStats::default());
+    let rho = f64::from(voxel::rate_table()[voxel::encode_rate(0.1) as usize]);
+    for correlation in [0, 5, 15] {
+        let tree = tree(full(3, isotropic(rho, correlation)));
+        let s = stretch(Vec3::new(0.125, 0.3, 0.3), Vec3::new(1.2, 0.3, 0.3));
+        let c = f64::from(correlation) / 15.0;
+        // Three voxels of the block that it starts in, then a whole one, where the law is as ever.
+        let want = libm::exp(-3.0 * (1.0 - c) * rho) * crate::volume::opacity::advance_f64(1.0, 4.0 * rho, c);
+        let got = f64::from(leave(&tree, &s));
+        // f32: lengths of 7 pieces and exponentials, each to 1e-7.
+        assert!((got - want).abs() < 2e-6, "{c}: {got} {want}");
+    }
+    // Matter that is met further on is not the ray's own.
+    let code = morton::encode([6, 2, 2]);
+    let lone = tree(sparse(3, &[code], &[isotropic(rho, 15)], Voxel::default()));
+    let s = stretch(Vec3::new(0.51, 0.3, 0.3), Vec3::new(1.2, 0.3, 0.3));
+    assert_eq!(leave(&lone, &s), through(&lone, &s));
+    // A solid's inside is in the way wherever a ray starts.
+    let solid = tree(full(3, Voxel { rate: voxel::RATE_MAX, correlation: 15, ..Voxel::default() }));
+    assert_eq!(leave(&solid, &s), 0.0);
+}
+
+#[test]
 fn a_slab_does_not_depend_on_how_it_is_cut() {
     let tree = tree(full(4, isotropic(0.05, 0)));
     let (a, b) = (Vec3::new(0.0, 0.2, 0.9), Vec3::new(1.0, 0.7, 0.0));
