@@ -81,3 +81,25 @@ fn a_damaged_file_is_one_line_that_names_file_rule_and_place() {
     assert!(text.contains("diagonal é.vtex") && text.contains("[page-crc, byte "), "{text}");
     vtex().args(["inspect", "no-such.vtex"]).assert().code(1);
 }
+
+/// `vtex inspect … | head`: what nobody reads is dropped. What cannot be written is an error.
+#[cfg(target_os = "linux")]
+#[test]
+fn results_go_where_they_can() {
+    use std::process::Stdio;
+    let dir = tempfile::tempdir().unwrap();
+    let path = diagonal(dir.path());
+    let inspect = |stdout: Stdio| {
+        let mut command = std::process::Command::new(assert_cmd::cargo::cargo_bin("vtex"));
+        command.arg("inspect").arg(&path).arg("--json").stdout(stdout).stderr(Stdio::piped());
+        command.output().unwrap()
+    };
+    let (reader, writer) = std::io::pipe().unwrap();
+    drop(reader);
+    let gone = inspect(writer.into());
+    assert!(gone.status.success() && gone.stderr.is_empty(), "{gone:?}");
+    let full = inspect(std::fs::File::create("/dev/full").unwrap().into());
+    assert_eq!(full.status.code(), Some(1));
+    let said = String::from_utf8(full.stderr).unwrap();
+    assert!(said.starts_with("error: standard output: ") && said.lines().count() == 1, "{said}");
+}

@@ -206,7 +206,7 @@ fn bake_file(args: &Args, ui: &Ui) -> Result<()> {
         save(path, &format!("{full:#}\n"))?;
     }
     if args.json {
-        println!("{summary:#}");
+        outln!("{summary:#}")?;
     } else {
         ui.say(&format!(
             "{}: {} voxels at {}^3, {}, {bits:.1} bits a voxel, {seconds:.1} s",

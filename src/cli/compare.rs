@@ -76,13 +76,13 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
             found["reference_noise"] =
                 serde_json::json!({ "rmse": 0.5 * noise.all.rmse, "flip_of_halves": noise.all.flip });
         }
-        println!("{found:#}");
+        outln!("{found:#}")?;
     } else {
-        println!("{} against {}, {}×{}", args.a.display(), args.b.display(), a.width, a.height);
-        print!("{}", table(&comparison));
+        outln!("{} against {}, {}×{}", args.a.display(), args.b.display(), a.width, a.height)?;
+        out!("{}", table(&comparison))?;
         if let Some(noise) = &noise {
             let (rmse, flip) = (0.5 * noise.all.rmse, noise.all.flip);
-            println!("noise of B        RMSE {rmse:.6}, FLIP {flip:.5} between its halves");
+            outln!("noise of B        RMSE {rmse:.6}, FLIP {flip:.5} between its halves")?;
         }
     }
     ui.warn(&warnings)

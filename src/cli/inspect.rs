@@ -35,9 +35,9 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
     if args.json {
         let text = serde_json::to_string_pretty(&describe(&reader))
             .map_err(|e| Error::input(&args.file, "", e.to_string()))?;
-        println!("{text}");
+        outln!("{text}")?;
     } else {
-        print!("{}", tables(&reader));
+        out!("{}", tables(&reader))?;
     }
     #[cfg(feature = "render")]
     if let Some(png) = &args.preview {

@@ -2,6 +2,15 @@
 //!
 //! Exit codes: 0 done, 1 failed, 2 the command line was wrong.
 
+/// `print!` that gives what [`ui::put`] gives.
+macro_rules! out {
+    ($($arg:tt)*) => { $crate::cli::ui::put(format_args!($($arg)*)) };
+}
+/// `println!` that gives what [`ui::put`] gives.
+macro_rules! outln {
+    ($($arg:tt)*) => { $crate::cli::ui::put(format_args!("{}\n", format_args!($($arg)*))) };
+}
+
 #[cfg(feature = "bake")]
 mod bake;
 #[cfg(all(feature = "bake", feature = "render", feature = "plot"))]
@@ -159,8 +168,9 @@ fn run(command: Command, ui: &Ui) -> crate::Result<()> {
         #[cfg(all(feature = "bake", feature = "render"))]
         Command::Demo(args) => demo::run(&args, ui),
         Command::Completions { shell } => {
-            clap_complete::generate(shell, &mut Vtex::command(), "vtex", &mut std::io::stdout());
-            Ok(())
+            let mut script = Vec::new();
+            clap_complete::generate(shell, &mut Vtex::command(), "vtex", &mut script);
+            out!("{}", String::from_utf8_lossy(&script))
         }
     }
 }

@@ -20,7 +20,7 @@ pub struct Args {
 
 pub fn run(args: &Args, ui: &Ui) -> Result<()> {
     if args.schema {
-        print!("{}", recipe::SCHEMA);
+        out!("{}", recipe::SCHEMA)?;
     }
     if let Some(path) = &args.check {
         let nodes = recipe::check(path, &OpenOptions::default())?;

@@ -181,9 +181,9 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
         let job = reference::Job { landscape, scene: &scene, scene_name, options: &options, samples, output };
         let (done, noise) = job.run(args.resume, ui)?;
         if args.stats {
-            print_stats(&done.stats, args.json);
+            print_stats(&done.stats, args.json)?;
         } else if args.json {
-            println!("{noise:#}");
+            outln!("{noise:#}")?;
         }
         return Ok(());
     }
@@ -198,7 +198,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
     done.stats.times.insert(0, ("read", reading));
     done.stats.times.push(("save", saving.elapsed()));
     if args.stats {
-        print_stats(&done.stats, args.json);
+        print_stats(&done.stats, args.json)?;
     }
     let total: f64 = done.stats.times.iter().map(|t| t.1.as_secs_f64()).sum();
     let [width, height] = options.size;
@@ -206,7 +206,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
     Ok(())
 }
 
-fn print_stats(stats: &Stats, json: bool) {
+fn print_stats(stats: &Stats, json: bool) -> Result<()> {
     let c = &stats.counts;
     let share = 100.0 * stats.bytes_read as f64 / (stats.bytes_in_files.max(1)) as f64;
     if json {
@@ -230,58 +230,58 @@ fn print_stats(stats: &Stats, json: bool) {
             "seconds": times,
             "peak_bytes": stats.peak_bytes,
         });
-        println!("{all:#}");
-        return;
+        return outln!("{all:#}");
     }
-    let row = |name: &str, value: String| println!("{name:<16} {value}");
-    row("bytes read", format!("{} of {} in the texels' files ({share:.1} %)", stats.bytes_read, stats.bytes_in_files));
-    row("bricks decoded", format!("{}, {} voxels, down to depth {}", stats.bricks, stats.voxels, stats.deepest));
-    row("boxes entered", format!("{} of {} in the scene", c.boxes, stats.shell_boxes));
+    let row = |name: &str, value: String| outln!("{name:<16} {value}");
+    row("bytes read", format!("{} of {} in the texels' files ({share:.1} %)", stats.bytes_read, stats.bytes_in_files))?;
+    row("bricks decoded", format!("{}, {} voxels, down to depth {}", stats.bricks, stats.voxels, stats.deepest))?;
+    row("boxes entered", format!("{} of {} in the scene", c.boxes, stats.shell_boxes))?;
     row(
         "cells marched",
         format!("{} in {} copies of texels, {} voxels met", c.march.cells, c.march.stretches, c.march.voxels),
-    );
+    )?;
     let (copies, triangles) = (c.near_copies, stats.near_triangles);
-    row("near", format!("{copies} copies traced as triangles of their source, of which {triangles} were read"));
-    row("cones", c.cones.to_string());
-    row("shadow rays", c.shadow_rays.to_string());
+    row("near", format!("{copies} copies traced as triangles of their source, of which {triangles} were read"))?;
+    row("cones", c.cones.to_string())?;
+    row("shadow rays", c.shadow_rays.to_string())?;
     let times: Vec<_> = stats.times.iter().map(|(name, t)| format!("{name} {:.2}", t.as_secs_f64())).collect();
-    row("seconds", times.join(", "));
+    row("seconds", times.join(", "))?;
     if let Some(peak) = stats.peak_bytes {
-        row("peak memory", format!("{:.1} MiB", peak as f64 / f64::from(1 << 20)));
+        row("peak memory", format!("{:.1} MiB", peak as f64 / f64::from(1 << 20)))?;
     }
+    Ok(())
 }
 
 fn print_trace(trace: &[Met], json: bool) -> Result<()> {
     if json {
         let text = serde_json::to_string_pretty(trace).map_err(|e| Error::Options(format!("--json: {e}")))?;
-        println!("{text}");
+        outln!("{text}")?;
         return Ok(());
     }
     for met in trace {
         match met {
             Met::Cone { direction: [x, y, z], width, growth } => {
-                println!("cone      along {x:.4} {y:.4} {z:.4}, {width:.3e} m wide, growing {growth:.3e} a metre");
+                outln!("cone      along {x:.4} {y:.4} {z:.4}, {width:.3e} m wide, growing {growth:.3e} a metre")?;
             }
             Met::Box { index, layer, metres: [a, b] } => {
-                println!("box       {index}, layer {layer}: {a:.4} … {b:.4} m")
+                outln!("box       {index}, layer {layer}: {a:.4} … {b:.4} m")?;
             }
             Met::Cell { texel, cell: [u, v, w], metres: [a, b], depth, voxels, before, after } => {
                 let depth = depth.map_or("nothing".into(), |d| format!("{voxels} voxels at depth {d}"));
-                println!(
+                outln!(
                     "  copy    {texel} in cell {u} {v} {w}: {a:.4} … {b:.4} m, {depth}, T {before:.4} → {after:.4}"
-                );
+                )?;
             }
-            Met::Near { texel, cell: [u, v, w], metres: [a, b], contacts, before, after } => println!(
+            Met::Near { texel, cell: [u, v, w], metres: [a, b], contacts, before, after } => outln!(
                 "  near    {texel} in cell {u} {v} {w}: {a:.4} … {b:.4} m, {contacts} triangles, T {before:.4} → {after:.4}"
-            ),
-            Met::Surface { metres, albedo: [r, g, b], normal: [x, y, z], through } => println!(
+            )?,
+            Met::Surface { metres, albedo: [r, g, b], normal: [x, y, z], through } => outln!(
                 "surface   at {metres:.4} m, albedo {r:.3} {g:.3} {b:.3}, normal {x:.3} {y:.3} {z:.3}, {through:.4} of the light"
-            ),
+            )?,
             Met::Shadow { origin: [x, y, z], light: [r, g, b], seen } => {
-                println!("  shadow  from {x:.3} {y:.3} {z:.3}: {seen:.4} of {r:.4} {g:.4} {b:.4}");
+                outln!("  shadow  from {x:.3} {y:.3} {z:.3}: {seen:.4} of {r:.4} {g:.4} {b:.4}")?;
             }
-            Met::Radiance { rgb: [r, g, b], alpha } => println!("radiance  {r:.5} {g:.5} {b:.5}, alpha {alpha:.4}"),
+            Met::Radiance { rgb: [r, g, b], alpha } => outln!("radiance  {r:.5} {g:.5} {b:.5}, alpha {alpha:.4}")?,
         }
     }
     Ok(())

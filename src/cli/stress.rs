@@ -40,10 +40,10 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
         };
         let suites: Vec<_> = found.iter().map(suite).collect();
         let all = serde_json::json!({ "rays": rays, "events": events, "seed": args.seed, "suites": suites });
-        println!("{all:#}");
+        outln!("{all:#}")?;
     } else {
-        print!("{}", table(&found));
-        println!("{rays} rays, {events} events");
+        out!("{}", table(&found))?;
+        outln!("{rays} rays, {events} events")?;
     }
     if events > 0 {
         return Err(Error::Failed(format!(

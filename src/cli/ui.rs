@@ -1,6 +1,7 @@
 //! What the user sees while work goes on: a progress bar on a terminal, lines to stderr, results to stdout.
 
-use std::io::IsTerminal;
+use std::fmt;
+use std::io::{ErrorKind, IsTerminal, Write};
 use std::sync::Mutex;
 
 use indicatif::{ProgressBar, ProgressStyle};
@@ -55,6 +56,18 @@ impl Ui {
 
     fn bar(&self) -> Option<ProgressBar> {
         self.bar.as_ref().and_then(|bar| bar.lock().ok().map(|bar| bar.clone()))
+    }
+}
+
+/// Write a result to stdout. A reader that has gone away (`| head`) is no error: what it does not read is dropped.
+///
+/// # Errors
+/// `Io` where it cannot be written, on a full disk for instance.
+pub fn put(text: fmt::Arguments) -> crate::Result<()> {
+    let mut out = std::io::stdout().lock();
+    match out.write_fmt(text).and_then(|()| out.flush()) {
+        Err(e) if e.kind() != ErrorKind::BrokenPipe => Err(crate::Error::io("standard output", e)),
+        _ => Ok(()),
     }
 }
 

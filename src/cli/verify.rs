@@ -19,7 +19,7 @@ pub fn run(args: &Args, _ui: &Ui) -> Result<()> {
         match format::verify(path) {
             Ok(r) => {
                 let path = path.display();
-                println!("{path}: ok, {} depths, {} voxels, {} pages, {} bytes", r.depths, r.nodes, r.pages, r.bytes);
+                outln!("{path}: ok, {} depths, {} voxels, {} pages, {} bytes", r.depths, r.nodes, r.pages, r.bytes)?;
             }
             Err(e) if args.files.len() == 1 => return Err(e),
             Err(e) => {

@@ -63,9 +63,9 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
     })??;
     report::write(&args.output, &found, &texels)?;
     if args.json {
-        println!("{:#}", serde_json::json!({ "size": size, "samples": samples, "points": found, "texels": texels }));
+        outln!("{:#}", serde_json::json!({ "size": size, "samples": samples, "points": found, "texels": texels }))?;
     } else {
-        print!("{}\n{}", report::table(&found), summary::markdown(&found, &texels));
+        out!("{}\n{}", report::table(&found), summary::markdown(&found, &texels))?;
     }
     ui.say(&format!("{}: bench.csv, bench.md, bench.svg, bench.png", args.output.display()));
     Ok(())

@@ -87,9 +87,9 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
         }
         ui.finish();
         if args.json {
-            println!("{:#}", described(args, &found));
+            outln!("{:#}", described(args, &found))?;
         } else {
-            print!("{}", table(args, &found));
+            out!("{}", table(args, &found))?;
         }
         args.plot.iter().try_for_each(|path| plot::write(path, &charts(&args.texel, &found), 2))
     })?
