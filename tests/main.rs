@@ -1,6 +1,7 @@
 //! The integration tests, one binary so that they link once. Tests over real assets run where `VTEX_ASSETS` names their folder.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
+mod analytic;
 mod assets;
 mod bake;
 mod bake_cli;

@@ -168,9 +168,19 @@ fn headers_place_stacks_in_millimetres() {
     let b = bounds("dicom-single/CT_small.dcm");
     assert!(near(b.size(), [84.668, 84.668, 5.0]), "{b:?}");
     assert!(near(b.min, [-158.135803 - 0.330734, -179.035797 - 0.330734, -75.699997 - 2.5]), "{b:?}");
-    // Distances 1, 3, 2 of 4 × 5 × 7 samples.
-    assert!(near(bounds("nifti/standard.nii.gz").size(), [4.0, 15.0, 14.0]));
-    assert!(near(bounds("nifti/anatomical.nii").size(), [66.0, 82.0, 50.0]));
+    // Corners of the outermost samples' cells, by the matrices in the files, worked out by hand.
+    for (name, min, max) in [
+        ("nifti/standard.nii.gz", [-0.5, -1.5, -1.0], [3.5, 13.5, 13.0]),
+        ("nifti/anatomical.nii", [-33.0, -41.0, -17.0], [33.0, 41.0, 33.0]),
+        ("nifti/minimal.nii.gz", [-1.5, -1.5, -1.5], [190.5, 190.5, 28.5]),
+        ("nifti/f32.nii.gz", [-0.5; 3], [10.5; 3]),
+        ("nifti/int16.nii", [-0.5; 3], [2.5; 3]),
+        ("nrrd/BallBinary30x30x30.nhdr", [-0.5; 3], [29.5; 3]),
+        ("headsq.nrrd", [-102.986, -2.186, -0.75], [176.771, 277.571, 138.75]),
+    ] {
+        let b = bounds(name);
+        assert!(near(b.min, min) && near(b.max, max), "{name} {b:?}");
+    }
     // 30 degrees about z: a square of 204.8 mm that is turned.
     let turned = 204.8 * (30f64.to_radians().cos() + 30f64.to_radians().sin());
     assert!(near(bounds("headsq.nrrd").size(), [turned, turned, 139.5]));

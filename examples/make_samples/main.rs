@@ -3,6 +3,7 @@
 #![allow(clippy::expect_used)] // A tool of the repository: what it expects cannot fail.
 
 mod card;
+mod dandelion;
 mod fern;
 mod glb;
 mod leaf;
@@ -22,6 +23,7 @@ fn main() -> std::io::Result<()> {
         ("spruce.glb", spruce::spruce()),
         ("fern.glb", fern::fern()),
         ("terrain.glb", terrain::valley()),
+        ("curves/dandelion.csv", dandelion::table().into_bytes()),
     ];
     let whole = samples.map(|(name, bytes)| (name.to_owned(), bytes));
     for (name, bytes) in whole.into_iter().chain(shell::slices()) {

@@ -15,6 +15,7 @@ use crate::{Error, Result};
 /// What is emitted and how it flies. Lengths are in source units, times in seconds; `±` parts are the most that a particle
 /// differs by, drawn evenly. One key name for each: the recipe's `[emitter]` table.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields, default)]
 pub struct EmitterSpec {
     pub shape: Shape,
@@ -89,6 +90,7 @@ impl Default for EmitterSpec {
 
 /// Where particles start.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema), schemars(rename = "EmitterShape"))]
 #[serde(tag = "kind", rename_all = "lowercase", deny_unknown_fields)]
 pub enum Shape {
     Point {
@@ -121,6 +123,7 @@ fn upward() -> [f64; 3] {
 
 /// A section's name.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(rename_all = "lowercase")]
 pub enum SectionKind {
     #[default]
@@ -184,7 +187,9 @@ pub fn strands(spec: &EmitterSpec) -> Result<Vec<Strand>> {
     Ok((0..spec.count).map(fly).collect())
 }
 
-fn check(spec: &EmitterSpec) -> Result<()> {
+/// # Errors
+/// [`Error::Options`] on a value that is not finite or out of range, or where there were too many points.
+pub fn check(spec: &EmitterSpec) -> Result<()> {
     let bad = |what: &str| Err(Error::Options(format!("emitter: {what}")));
     let numbers =
         [spec.chance, spec.spread, spec.speed, spec.speed_jitter, spec.drag, spec.lifetime, spec.lifetime_jitter];

@@ -27,28 +27,57 @@ pub struct OpenOptions {
     pub lsystem: LSystemOptions,
 }
 
+/// Kinds of sources, by how they are read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum FileKind {
+    Mesh,
+    LSystem,
+    Curves,
+    Stack,
+    Texel,
+    Recipe,
+    Other,
+}
+
+/// By the name, and where that says nothing by the first bytes.
+pub fn file_kind(path: &Path) -> FileKind {
+    match extension(path).as_str() {
+        "gltf" | "glb" | "obj" => FileKind::Mesh,
+        "lsys" | "ls" => FileKind::LSystem,
+        "vtex" => FileKind::Texel,
+        "toml" | "json" => FileKind::Recipe,
+        known if trajectory::KNOWN.contains(&known) => FileKind::Curves,
+        "bgeo" | "geo" | "pdb" => FileKind::Other,
+        _ if stack::is_stack(path) => FileKind::Stack,
+        _ => FileKind::Other,
+    }
+}
+
 /// Open the source `path`.
 ///
 /// # Errors
 /// [`Error::Input`] where the extension is not known, and all that reading gives.
 pub fn open(path: &Path, options: &OpenOptions) -> Result<Box<dyn Source>> {
-    let mut model = match extension(path).as_str() {
-        "gltf" | "glb" => gltf::read(path, &options.read)?.model,
-        "obj" => super::obj::read(path, &options.read)?,
-        "lsys" | "ls" => return lsystem::open(Some(path), &options.lsystem, &options.read, &options.mesh),
-        "vtex" => return Ok(Box::new(TexelSource::open(path, options.read.max_bytes)?)),
-        "toml" | "json" => return recipe::open(path, options),
-        known if trajectory::KNOWN.contains(&known) => {
+    let extension = extension(path);
+    let mut model = match file_kind(path) {
+        FileKind::Mesh if extension == "obj" => super::obj::read(path, &options.read)?,
+        FileKind::Mesh => gltf::read(path, &options.read)?.model,
+        FileKind::LSystem => return lsystem::open(Some(path), &options.lsystem, &options.read, &options.mesh),
+        FileKind::Texel => return Ok(Box::new(TexelSource::open(path, options.read.max_bytes)?)),
+        FileKind::Recipe => return recipe::open(path, options),
+        FileKind::Curves => {
             return Ok(Box::new(trajectory::read(path, options.read.max_bytes, &options.trajectory)?));
         }
-        "bgeo" | "geo" | "pdb" => {
-            return Err(Error::unsupported(path, "a Partio or Houdini file (export its points as .csv)"));
-        }
-        _ if stack::is_stack(path) => {
+        FileKind::Stack => {
             let stack = stack::read(path, &options.stack, options.read.max_bytes)?;
             return Ok(Box::new(StackSource::new(stack, &options.stack)?));
         }
-        _ => return Err(Error::input(path, "", format!("its extension is not known; what can be baked: {KNOWN}"))),
+        FileKind::Other if ["bgeo", "geo", "pdb"].contains(&extension.as_str()) => {
+            return Err(Error::unsupported(path, "a Partio or Houdini file (export its points as .csv)"));
+        }
+        FileKind::Other => {
+            return Err(Error::input(path, "", format!("its extension is not known; what can be baked: {KNOWN}")));
+        }
     };
     let curves = &options.trajectory;
     let strands =

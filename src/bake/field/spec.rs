@@ -15,6 +15,7 @@ type Point = [f64; 3];
 
 /// A shape, and what is done with it: grown or hollowed, coloured, then scaled, turned and moved.
 #[derive(Debug, Clone, PartialEq, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema), schemars(extend("unevaluatedProperties" = false)))]
 pub struct FieldSpec {
     #[serde(flatten)]
     pub shape: Shape,
@@ -24,6 +25,7 @@ pub struct FieldSpec {
 
 /// What may be said of every shape.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields, default)]
 pub struct Change {
     /// Matter is added all around, or with a number below 0 taken away, in source units.
@@ -47,6 +49,7 @@ pub struct Change {
 const CHANGES: [&str; 6] = ["grow", "skin", "colour", "scale", "rotate", "translate"];
 
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(untagged)]
 pub enum Scale {
     Even(f64),
@@ -55,6 +58,7 @@ pub enum Scale {
 
 /// A colour: "#rrggbb" in sRGB, or linear red, green and blue in [0, 1].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(untagged)]
 pub enum Colour {
     Linear([f32; 3]),
@@ -86,6 +90,7 @@ impl Colour {
 
 /// A shape by its kind. Lengths are in source units.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(tag = "kind", rename_all = "kebab-case", deny_unknown_fields)]
 pub enum Shape {
     Sphere {
@@ -186,6 +191,7 @@ fn one() -> f64 {
 
 /// A bone: one of point, segment and triangle.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct ElementSpec {
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -201,6 +207,7 @@ pub struct ElementSpec {
 }
 
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum KernelSpec {
     #[default]

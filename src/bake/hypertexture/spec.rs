@@ -9,6 +9,7 @@ use crate::{Error, Result};
 
 /// A hypertexture. What is not given comes from the preset; lengths there are shares of the base's longest edge.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct HypertextureSpec {
     pub base: FieldSpec,
@@ -55,6 +56,7 @@ pub struct HypertextureSpec {
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Bounds {
     pub min: [f64; 3],
@@ -63,6 +65,7 @@ pub struct Bounds {
 
 /// Where the values come from that are not given.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum Preset {
     /// A shape with a bumpy surface.
@@ -77,6 +80,7 @@ pub enum Preset {
 
 /// What the noise does.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum Mode {
     /// Moves the surface outward.
@@ -92,6 +96,7 @@ pub enum Mode {
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum NoiseKind {
     Noise,
@@ -100,6 +105,7 @@ pub enum NoiseKind {
 
 /// What chooses from the ramp of colours.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum ColourBy {
     Noise,

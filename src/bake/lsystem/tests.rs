@@ -368,3 +368,129 @@ proptest::proptest! {
         proptest::prop_assert_eq!(plant.limbs.len(), 1);
     }
 }
+
+// Figures of the book: counts, ends and extents in closed form.
+
+#[test]
+fn a_curve_fills_the_cube() {
+    // Fig. 1.19: Hilbert's curve in three dimensions, of order n: 8^n places, each once, by unit steps.
+    let text = "#angle 90
+        axiom: A
+        A -> B-F+CFC+F-D&F^D-F+&&CFC+F+B//
+        B -> A&F^CFB^F^D^^-F-D^|F^B|FC^F^A//
+        C -> |D^|F^B-F+C^F^A&&FA&F^C+F+B^F^D//
+        D -> |CFB-F+B|FA&F^A&&FB-F+B|FC//";
+    for n in 1..4u64 {
+        let (plant, points) = drawn(text, n);
+        assert_eq!(plant.counts.segments, 8u64.pow(n as u32) - 1);
+        let side = f64::from(1u32 << n) - 1.0;
+        let bounds = crate::geom::Aabb::around(points.iter().copied());
+        assert!((bounds.size() - side).abs().max_element() < 1e-9, "{n} {}", bounds.size());
+        let mut places: Vec<[i64; 3]> = points.iter().map(|p| (*p - bounds.min).round().as_i64vec3().into()).collect();
+        places.sort_unstable();
+        places.dedup();
+        assert_eq!(places.len(), 8usize.pow(n as u32));
+    }
+}
+
+#[test]
+fn curves_end_where_they_should() {
+    // Fig. 1.11 a: the hexagonal Gosper curve: 7 for 1, ends √7 times as far apart.
+    let text = "#angle 60\n#draw LR\naxiom: L\nL -> L+R++R-L--LL-R+\nR -> -L+RR++R+L--L-R";
+    for n in 0..5u64 {
+        let (plant, points) = drawn(text, n);
+        assert_eq!(plant.counts.segments, 7u64.pow(n as u32));
+        let distance = (*points.last().unwrap() - points[0]).length();
+        assert!((distance / 7f64.powf(0.5 * n as f64) - 1.0).abs() < 1e-9, "{n} {distance}");
+    }
+    // Fig. 1.8: islands and lakes: 18 lines for 1, and moves that leave gaps; it closes.
+    let text = "#angle 90\naxiom: F+F+F+F\nF -> F+f-FF+F+FF+Ff+FF-f+FF-F-FF-Ff-FFF\nf -> ffffff";
+    let (plant, points) = drawn(text, 2);
+    assert_eq!(plant.counts.segments, 4 * 18 * 18);
+    assert!((*points.last().unwrap() - points[0]).length() < 1e-9);
+    assert!(plant.limbs.len() > 4, "{}", plant.limbs.len());
+    // Fig. 1.10 b: the Sierpiński gasket: 3 for 1 over twice the distance.
+    let (plant, points) = drawn("#angle 60\n#draw LR\naxiom: R\nL -> R+L+R\nR -> L-R-L", 6);
+    assert_eq!(plant.counts.segments, 729);
+    assert!(((*points.last().unwrap() - points[0]).length() - 64.0).abs() < 1e-9);
+}
+
+#[test]
+fn the_bush() {
+    // Fig. 1.25: seven steps. F grows as Fibonacci's numbers, each with the leaves that its S became.
+    let text = "#angle 22.5
+        axiom: A
+        A -> [&FL!A]/////'[&FL!A]///////'[&FL!A]
+        F -> S/////F
+        S -> FL
+        L -> ['''^^{-f+f+f-|-f+f+f}]";
+    // Segments and leaves after n steps of A, F, S, L.
+    let mut counts = [[0u64, 0], [1, 0], [0, 0], [0, 0]];
+    for n in 1..=7 {
+        let [a, f, s, l] = counts;
+        let sum = |x: [u64; 2], y: [u64; 2]| [x[0] + y[0], x[1] + y[1]];
+        counts = [sum(sum(a, f), l).map(|v| 3 * v), sum(s, f), sum(f, l), [0, 1]];
+        let (plant, _) = drawn(text, n);
+        assert_eq!([plant.counts.segments, plant.counts.polygons], counts[0], "{n}");
+    }
+    assert_eq!(counts[0][0], 3891);
+}
+
+#[test]
+fn trees_with_one_axis() {
+    // Fig. 2.6 (Honda; Aono and Kunii): A sends out B, and B and C fork: 2^n − 1 segments.
+    let text = "#define r1 .9\n#define r2 .6\n#define a0 45\n#define a2 45\n#define d 137.5\n#define wr .707
+        axiom: A(1,10)
+        A(l,w) : * -> !(w)F(l)[&(a0)B(l*r2,w*wr)]/(d)A(l*r1,w*wr)
+        B(l,w) : * -> !(w)F(l)[-(a2)$C(l*r2,w*wr)]C(l*r1,w*wr)
+        C(l,w) : * -> !(w)F(l)[+(a2)$B(l*r2,w*wr)]B(l*r1,w*wr)";
+    let (plant, points) = drawn(text, 10);
+    assert_eq!(plant.counts.segments, 1023);
+    // The axis rises straight: 1 + r1 + r1² …; widths shrink by wr.
+    let height = points.iter().map(|p| p.y).fold(0.0, f64::max);
+    assert!((height - (1.0 - 0.9f64.powi(10)) / 0.1).abs() < 1e-9, "{height}");
+    let trunk = plant.limbs.iter().find(|l| l.points[0] == DVec3::ZERO).unwrap();
+    assert_eq!(trunk.points.len(), 11);
+    for (i, r) in trunk.radii.iter().take(10).enumerate() {
+        assert!((f64::from(*r) / (5.0 * 0.707f64.powi(i as i32)) - 1.0).abs() < 1e-6);
+    }
+    // Side branches leave at 45°, turned by 137.5° about the axis each: heading and roll of the first two.
+    let ends: Vec<DVec3> = (0..2)
+        .map(|i| {
+            let base = trunk.points[i + 1];
+            let limb = plant.limbs.iter().find(|l| l.points[0] == base && l.points.len() > 1).unwrap();
+            (limb.points[1] - base).normalize()
+        })
+        .collect();
+    assert!(ends.iter().all(|e| (e.y - 0.5f64.sqrt()).abs() < 1e-9), "{ends:?}");
+    let flat = |e: DVec3| DVec3::new(e.x, 0.0, e.z).normalize();
+    let turned = flat(ends[0]).dot(flat(ends[1])).acos().to_degrees();
+    assert!((turned - 137.5).abs() < 1e-6, "{turned}");
+}
+
+#[test]
+fn trees_that_fork() {
+    // Fig. 2.7 a (sympodial): both branches fork on; 2^n − 1 segments of length (r1 + r2)^k together.
+    let text = "#define r1 .9\n#define r2 .7\n#define a1 5\n#define a2 65\n#define wr .707
+        axiom: A(1,10)
+        A(l,w) : * -> !(w)F(l)[&(a1)B(l*r1,w*wr)]/(180)[&(a2)B(l*r2,w*wr)]
+        B(l,w) : * -> !(w)F(l)[+(a1)$B(l*r1,w*wr)][-(a2)$B(l*r2,w*wr)]";
+    let (plant, _) = drawn(text, 10);
+    assert_eq!(plant.counts.segments, 1023);
+    let want = (1.6f64.powi(10) - 1.0) / 0.6;
+    assert!((length(&plant) / want - 1.0).abs() < 1e-9);
+    // Fig. 2.8 a (ternary): three branches at each fork; what is there grows by lr a step, and widths by vr.
+    let text = "#define d1 94.74\n#define d2 132.63\n#define a 18.95\n#define lr 1.109\n#define vr 1.732
+        axiom: !(1)F(200)/(45)A
+        A : * -> !(vr)F(50)[&(a)F(50)A]/(d1)[&(a)F(50)A]/(d2)[&(a)F(50)A]
+        F(l) : * -> F(l*lr)
+        !(w) : * -> !(w*vr)";
+    let n = 6i32;
+    let (plant, _) = drawn(text, n as u64);
+    assert_eq!(plant.counts.segments, 1 + 2 * (3u64.pow(n as u32) - 1));
+    let added: f64 = (0..n).map(|k| 200.0 * 3f64.powi(k) * 1.109f64.powi(n - 1 - k)).sum();
+    let want = 200.0 * 1.109f64.powi(n) + added;
+    assert!((length(&plant) / want - 1.0).abs() < 1e-9, "{}", length(&plant));
+    let widest = plant.limbs.iter().flat_map(|l| &l.radii).fold(0f32, |a, b| a.max(*b));
+    assert!((2.0 * f64::from(widest) / 1.732f64.powi(n) - 1.0).abs() < 1e-6, "{widest}");
+}

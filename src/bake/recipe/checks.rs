@@ -6,9 +6,12 @@ use serde::de::value::{MapAccessDeserializer, SeqAccessDeserializer};
 use serde::de::{Deserialize, Deserializer, IntoDeserializer, MapAccess, SeqAccess, Visitor};
 
 use super::model::{
-    Box3, Colour, Direction, Either, Least0, Matrix, NameOrTable, Number, NumbersOrHex, OneOrThree, Point, Positive,
-    RawBox, Rotation, Scale, Size, SourceFile, Turn, Unit,
+    Albedo, Box3, Colour, Direction, Either, Least0, Matrix, Number, NumbersOrHex, OneOrThree, Point, Positive, RawBox,
+    Rotation, Scale, Size, Turn, Unit,
 };
+use crate::bake::emitter::{self, EmitterSpec};
+use crate::bake::field::{self, FieldSpec};
+use crate::bake::hypertexture::{Hypertexture, HypertextureSpec};
 use crate::geom::{DAffine3, DMat3, DVec3};
 use crate::scene::texture::srgb_to_linear;
 
@@ -50,6 +53,51 @@ impl<'de, S: Deserialize<'de>, T: Deserialize<'de>> Deserialize<'de> for Either<
         }
 
         deserializer.deserialize_any(Kinds(PhantomData))
+    }
+}
+
+/// What is checked as a whole once it is read, while an error still has a place.
+#[derive(Debug, Clone)]
+pub struct Checked<T>(pub T);
+
+pub trait Check {
+    /// What is wrong with it.
+    fn check(&self) -> Result<(), String>;
+}
+
+impl<'de, T: Deserialize<'de> + Check> Deserialize<'de> for Checked<T> {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let value = T::deserialize(deserializer)?;
+        value.check().map_err(serde::de::Error::custom)?;
+        Ok(Checked(value))
+    }
+}
+
+impl Check for EmitterSpec {
+    fn check(&self) -> Result<(), String> {
+        emitter::check(self).map_err(|e| e.to_string())
+    }
+}
+
+impl Check for FieldSpec {
+    fn check(&self) -> Result<(), String> {
+        field::build(self).map(|_| ()).map_err(|e| e.to_string())
+    }
+}
+
+impl Check for HypertextureSpec {
+    fn check(&self) -> Result<(), String> {
+        Hypertexture::new(self).map(|_| ()).map_err(|e| e.to_string())
+    }
+}
+
+impl Check for Albedo {
+    fn check(&self) -> Result<(), String> {
+        let Either::Table(v) = self else { return Ok(()) };
+        match (&v.image, &v.gradient, &v.noise, v.colours.is_empty()) {
+            (Some(_), None, None, _) | (None, Some(_), None, false) | (None, None, Some(_), false) => Ok(()),
+            _ => Err("an albedo is a colour, or has either an image, or noise or a gradient and its colours".into()),
+        }
     }
 }
 
@@ -213,23 +261,5 @@ impl TryFrom<RawBox> for Box3 {
             return Err("round is at most half the shortest edge, and not for a box by edges".into());
         }
         Ok(Box3 { map, round: raw.round.0 })
-    }
-}
-
-impl From<NameOrTable> for SourceFile {
-    fn from(v: NameOrTable) -> SourceFile {
-        match v {
-            NameOrTable::Plain(file) => {
-                SourceFile { file, scene: None, include: Vec::new(), exclude: Vec::new(), fill: None, line_width: None }
-            }
-            NameOrTable::Table(t) => SourceFile {
-                file: t.file,
-                scene: t.scene,
-                include: t.include,
-                exclude: t.exclude,
-                fill: t.fill,
-                line_width: t.line_width,
-            },
-        }
     }
 }

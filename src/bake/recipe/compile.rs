@@ -5,8 +5,8 @@ use std::path::Path;
 use std::sync::Arc;
 
 use super::model::{
-    Albedo, Blade, Box3, Either, FillName, Line, LineSection, Mode, Node, Plane, Projection, Recipe, Shape, SourceFile,
-    Varied, Widths,
+    Albedo, Blade, Box3, Either, Line, LineSection, Mode, Node, Plane, Projection, Recipe, Shape, SourceFile, Varied,
+    Widths,
 };
 use super::{model, place, scatter};
 use crate::bake::curve::{CurveOptions, CurveSource, Interpolation, Section, Strand};
@@ -15,15 +15,14 @@ use crate::bake::field::{self, FieldSource};
 use crate::bake::group::{GroupSource, Part};
 use crate::bake::hypertexture::Hypertexture;
 use crate::bake::layers::{self, LayersSource};
-use crate::bake::mesh::{Fill, MeshOptions, MeshSource};
+use crate::bake::mesh::{MeshOptions, MeshSource};
 use crate::bake::noise::Noise;
 use crate::bake::open::{OpenOptions, open};
 use crate::bake::paint::{self, Paint, PaintedSource};
 use crate::bake::source::Source;
-use crate::bake::trajectory::TrajectoryOptions;
 use crate::geom::{Aabb, DAffine3, DVec3};
 use crate::scene::model::{Instance, Material, Model};
-use crate::scene::{ReadOptions, files, image};
+use crate::scene::{files, image};
 use crate::{Error, Result, Warnings};
 
 /// Nodes, each time that one is drawn by a node that uses it, and copies of all.
@@ -75,6 +74,13 @@ impl<'a> Compiler<'a> {
     fn error(&self, word: &str, what: impl Into<String>) -> Error {
         let at = self.text.find(word).map_or(String::new(), |byte| place(self.text, byte));
         Error::input(self.path, at, what)
+    }
+
+    /// An error at the first place where `word` stands in the table that has `quoted`.
+    fn error_after(&self, quoted: &str, word: &str, what: impl Into<String>) -> Error {
+        let named = self.text.find(quoted).unwrap_or(0);
+        let within = self.text.get(named..).and_then(|rest| rest.find(word)).map_or(named, |byte| named + byte);
+        Error::input(self.path, place(self.text, within), what)
     }
 
     /// Nodes drawn one onto the other, in order. `window`: where shapes without an end are cut off.
@@ -267,33 +273,14 @@ impl<'a> Compiler<'a> {
     /// The file that stands beside the recipe.
     fn find(&self, name: &str) -> Result<std::path::PathBuf> {
         let quoted = format!("\"{name}\"");
-        files::find(super::folder(self.path), name, false)
-            .ok_or_else(|| self.error(&quoted, format!("the file '{name}' is not there")))
+        super::beside(self.path, name).ok_or_else(|| self.error(&quoted, format!("the file '{name}' is not there")))
     }
 
     fn file(&mut self, file: &SourceFile) -> Result<Box<dyn Source>> {
-        let path = self.find(&file.file)?;
-        let fill = match file.fill {
-            Some(FillName::Surface) => Fill::Surface,
-            Some(FillName::Solid) => Fill::Solid,
-            Some(FillName::Auto) => Fill::Auto,
-            None => self.options.mesh.fill,
-        };
-        let options = OpenOptions {
-            read: ReadOptions {
-                scene: file.scene.clone(),
-                include: file.include.clone(),
-                exclude: file.exclude.clone(),
-                ..self.options.read.clone()
-            },
-            mesh: MeshOptions { fill },
-            trajectory: TrajectoryOptions {
-                width: file.line_width.map(|w| w.0),
-                curve: CurveOptions { fill, ..self.options.trajectory.curve },
-                ..self.options.trajectory
-            },
-            ..self.options.clone()
-        };
+        let path = self.find(&file.0.file)?;
+        let quoted = format!("\"{}\"", file.0.file);
+        let options =
+            file.0.options(&path, self.options).map_err(|(key, what)| self.error_after(&quoted, key, what))?;
         open(&path, &options)
     }
 

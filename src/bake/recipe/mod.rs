@@ -5,6 +5,7 @@
 
 mod checks;
 mod compile;
+mod file;
 mod model;
 mod scatter;
 mod values;
@@ -50,7 +51,7 @@ pub fn files(path: &Path) -> Vec<PathBuf> {
     while let Some(path) = left.pop() {
         let Ok((recipe, _)) = read(&path) else { continue };
         for name in names(&recipe) {
-            let Some(file) = files::find(folder(&path), &name, false) else { continue };
+            let Some(file) = beside(&path, &name) else { continue };
             if found.contains(&file) {
                 continue;
             }
@@ -69,8 +70,11 @@ pub fn is_recipe(path: &Path) -> bool {
     ["toml", "json"].iter().any(|e| extension.eq_ignore_ascii_case(e))
 }
 
-fn folder(path: &Path) -> &Path {
-    path.parent().unwrap_or(Path::new(""))
+/// The file or the folder of slices that `name` stands for beside the recipe `path`.
+fn beside(path: &Path, name: &str) -> Option<PathBuf> {
+    let here = path.parent().unwrap_or(Path::new(""));
+    let folder = || Some(here.join(name)).filter(|f| !name.is_empty() && f.is_dir());
+    files::find(here, name, false).or_else(folder)
 }
 
 /// Names of files, in order.
@@ -79,7 +83,7 @@ fn names(recipe: &Recipe) -> Vec<String> {
     let mut left: Vec<&Node> = recipe.draw.iter().chain(recipe.define.values()).rev().collect();
     while let Some(node) = left.pop() {
         match &node.shape {
-            Shape::Source(source) => names.push(source.file.clone()),
+            Shape::Source(source) => names.push(source.0.file.clone()),
             Shape::Group(n) | Shape::Union(n) | Shape::Intersection(n) | Shape::Difference(n) => {
                 left.extend(n.iter().rev());
             }
@@ -120,9 +124,21 @@ fn read(path: &Path) -> Result<(Recipe, String)> {
 /// The error's place and text.
 fn from_toml(text: &str) -> Result<Recipe, (String, String)> {
     toml::from_str(text).map_err(|e| {
-        let at = e.span().map_or(String::new(), |span| place(text, span.start));
+        let at = e.span().map_or(String::new(), |span| place(text, drawn(text, span.start)));
         (at, one_line(e.message()))
     })
+}
+
+/// Where the node begins that an error is in: of what is wrong with a `[[draw]]` as a whole, the first one's start is told.
+fn drawn(text: &str, start: usize) -> usize {
+    const HEAD: &str = "[[draw]]";
+    if !text.get(start..).is_some_and(|rest| rest.starts_with(HEAD)) {
+        return start;
+    }
+    let table: toml::Table = toml::from_str(text).unwrap_or_default();
+    let nodes = table.get("draw").and_then(|draw| draw.as_array()).map_or(&[][..], Vec::as_slice);
+    let wrong = nodes.iter().position(|node| node.clone().try_into::<Node>().is_err());
+    wrong.and_then(|n| text.match_indices(HEAD).nth(n)).map_or(start, |(byte, _)| byte)
 }
 
 fn from_json(text: &str) -> Result<Recipe, (String, String)> {

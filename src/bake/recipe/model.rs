@@ -4,6 +4,8 @@ use std::collections::BTreeMap;
 
 use serde::Deserialize;
 
+use super::checks::Checked;
+pub use super::file::SourceFile;
 pub use super::values::{
     Colour, Direction, Either, Least0, Matrix, Number, NumbersOrHex, OneOrThree, Point, Positive, Rotation, Scale,
     Size, Span, Turn, Unit,
@@ -54,15 +56,15 @@ pub struct RawNode {
     /// A segment of grass: two sheets that meet in a V along a parabola.
     pub blade: Option<Blade>,
     /// Particles that fly from a shape: their paths are drawn. docs/curves.md says with which keys.
-    #[cfg_attr(test, schemars(with = "Option<BTreeMap<String, serde_json::Value>>"))]
-    pub emitter: Option<EmitterSpec>,
+    #[cfg_attr(test, schemars(with = "Option<EmitterSpec>"))]
+    pub emitter: Option<Checked<EmitterSpec>>,
     pub triangle: Option<Triangle>,
     /// An implicit function: a field by its kind, as docs/fields.md has it.
-    #[cfg_attr(test, schemars(with = "Option<serde_json::Map<String, serde_json::Value>>"))]
-    pub implicit: Option<FieldSpec>,
+    #[cfg_attr(test, schemars(with = "Option<FieldSpec>"))]
+    pub implicit: Option<Checked<FieldSpec>>,
     /// A shape formed by noise, as docs/fields.md has it.
-    #[cfg_attr(test, schemars(with = "Option<serde_json::Map<String, serde_json::Value>>"))]
-    pub hypertexture: Option<HypertextureSpec>,
+    #[cfg_attr(test, schemars(with = "Option<HypertextureSpec>"))]
+    pub hypertexture: Option<Checked<HypertextureSpec>>,
     /// Any other file that can be baked, beside the recipe.
     pub source: Option<SourceFile>,
     /// What the recipe defines under this name.
@@ -87,7 +89,8 @@ pub struct RawNode {
     pub scatter: Option<Scatter>,
     #[serde(default)]
     pub mode: Mode,
-    pub albedo: Option<Albedo>,
+    #[cfg_attr(test, schemars(with = "Option<Albedo>"))]
+    pub albedo: Option<Checked<Albedo>>,
     /// Share that is there, in [0, 1]; of the modes `opacity` and `threshold` the value that is set or asked for.
     pub opacity: Option<Unit>,
     /// Tilts the normals as if the surface were rough.
@@ -156,7 +159,7 @@ pub enum Shape {
     Triangle(Triangle),
     Implicit(Box<FieldSpec>),
     Hypertexture(Box<HypertextureSpec>),
-    Source(SourceFile),
+    Source(Box<SourceFile>),
     Use(String),
     Group(Vec<Node>),
     Union(Vec<Node>),
@@ -183,11 +186,11 @@ impl TryFrom<RawNode> for Node {
             raw.cone.map(Shape::Cone),
             raw.torus.map(Shape::Torus),
             raw.blade.map(Shape::Blade),
-            raw.emitter.map(|e| Shape::Emitter(Box::new(e))),
+            raw.emitter.map(|e| Shape::Emitter(Box::new(e.0))),
             raw.triangle.map(Shape::Triangle),
-            raw.implicit.map(|f| Shape::Implicit(Box::new(f))),
-            raw.hypertexture.map(|h| Shape::Hypertexture(Box::new(h))),
-            raw.source.map(Shape::Source),
+            raw.implicit.map(|f| Shape::Implicit(Box::new(f.0))),
+            raw.hypertexture.map(|h| Shape::Hypertexture(Box::new(h.0))),
+            raw.source.map(|f| Shape::Source(Box::new(f))),
             raw.reference.map(Shape::Use),
             raw.group.map(Shape::Group),
             raw.union.map(Shape::Union),
@@ -220,7 +223,7 @@ impl TryFrom<RawNode> for Node {
             transform,
             scatter: raw.scatter,
             mode: raw.mode,
-            albedo: raw.albedo,
+            albedo: raw.albedo.map(|a| a.0),
             opacity: raw.opacity,
             bump: raw.bump,
         })
@@ -383,46 +386,6 @@ pub struct Triangle {
     pub corners: [Point; 3],
 }
 
-/// A file's name, or the name with how it is read.
-#[derive(Debug, Clone, Deserialize)]
-#[cfg_attr(test, derive(schemars::JsonSchema))]
-#[serde(from = "NameOrTable")]
-#[cfg_attr(test, schemars(with = "NameOrTable"))]
-pub struct SourceFile {
-    pub file: String,
-    pub scene: Option<String>,
-    pub include: Vec<String>,
-    pub exclude: Vec<String>,
-    pub fill: Option<FillName>,
-    pub line_width: Option<Positive>,
-}
-
-/// What a source is given by.
-pub type NameOrTable = Either<String, SourceTable>;
-
-#[derive(Debug, Clone, Deserialize)]
-#[cfg_attr(test, derive(schemars::JsonSchema))]
-#[serde(deny_unknown_fields)]
-pub struct SourceTable {
-    pub file: String,
-    pub scene: Option<String>,
-    #[serde(default)]
-    pub include: Vec<String>,
-    #[serde(default)]
-    pub exclude: Vec<String>,
-    pub fill: Option<FillName>,
-    pub line_width: Option<Positive>,
-}
-
-#[derive(Debug, Clone, Copy, Deserialize)]
-#[cfg_attr(test, derive(schemars::JsonSchema))]
-#[serde(rename_all = "lowercase")]
-pub enum FillName {
-    Surface,
-    Solid,
-    Auto,
-}
-
 /// Copies at random, the same for the same seed.
 #[derive(Debug, Clone, Copy, Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
@@ -468,6 +431,7 @@ fn same_size() -> [Positive; 2] {
 /// A colour, or what it varies by. It replaces the colours that the shape has.
 pub type Albedo = Either<Colour, Varied>;
 
+/// Exactly one of `image`, `noise` and `gradient`, the last two with `colours`.
 #[derive(Debug, Clone, Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]

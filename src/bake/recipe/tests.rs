@@ -367,23 +367,8 @@ fn laughs_and_depths_are_bounded() {
     assert!(Folder::new("").open().unwrap().bounds().is_empty());
 }
 
-/// Names of properties, by definition.
-fn properties(schema: &serde_json::Value) -> Vec<(String, Vec<String>)> {
-    let names = |v: &serde_json::Value| {
-        let mut keys: Vec<String> = v["properties"].as_object().into_iter().flatten().map(|(k, _)| k.clone()).collect();
-        keys.sort_unstable();
-        keys
-    };
-    let mut all: Vec<(String, Vec<String>)> =
-        schema["$defs"].as_object().into_iter().flatten().map(|(name, v)| (name.clone(), names(v))).collect();
-    all.push(("Recipe".into(), names(schema)));
-    all.retain(|(_, keys)| !keys.is_empty());
-    all.sort_unstable();
-    all
-}
-
 #[test]
-fn the_published_schema_has_the_models_properties() {
+fn the_published_schema_is_the_models() {
     let schema = serde_json::to_value(schemars::schema_for!(Recipe)).unwrap();
     if std::env::var_os("VTEX_BLESS").is_some() {
         let text = format!("{}\n", serde_json::to_string_pretty(&schema).unwrap());
@@ -391,5 +376,102 @@ fn the_published_schema_has_the_models_properties() {
         return;
     }
     let published: serde_json::Value = serde_json::from_str(SCHEMA).unwrap();
-    assert_eq!(properties(&schema), properties(&published), "run this test with VTEX_BLESS=1");
+    assert!(schema == published, "run this test with VTEX_BLESS=1");
+}
+
+#[test]
+fn files_are_read_as_the_recipe_says() {
+    // A stack of 8³ values that rise by 10 along x, in distances of 1: from 40 on, it is solid from the middle on.
+    let ramp: String = (0..512).map(|i| format!("{} ", i % 8 * 10)).collect();
+    let nrrd =
+        format!("NRRD0004\ntype: uchar\ndimension: 3\nsizes: 8 8 8\nspacings: 1 1 1\nencoding: text\n\n{ramp}\n");
+    let with = |text: &str| {
+        let f = Folder::new(&format!("[[draw]]\n{text}"));
+        f.add("s.nrrd", &nrrd);
+        f.add("c.csv", "id,t,x,y,z,radius\n1,0,0,0,0,1\n1,1,0,9,0,1\n");
+        f.add("l.lsys", "#iterations 1\n#angle 90\naxiom: F\nF -> FF");
+        f.open().map(|s| s.bounds())
+    };
+    let size = |text: &str| with(text).unwrap_or_else(|e| panic!("{e}")).size();
+    // Samples are the middles of cells 0 … 8; the value 35 is half-way between two of them.
+    assert!((size("source = { file = \"s.nrrd\", iso = 35, sigma = 0 }").x - 4.0).abs() < 0.01);
+    assert!(
+        (size("source = { file = \"s.nrrd\", iso = 35, sigma = 0, spacing = [2, 1, 3] }") - DVec3::new(8.0, 8.0, 24.0))
+            .length()
+            < 0.02
+    );
+    assert!(size("source = { file = \"s.nrrd\", window = [60, 70], sigma = 0 }").x < 2.01);
+    let table = "transfer = { points = [{ value = 55, opacity = 0 }, { value = 65, opacity = 0.5, colour = [1, 0, 0] }], gradient = [{ magnitude = 0, opacity = 0 }, { magnitude = 5, opacity = 1 }] }";
+    let box_ = size(&format!("source = {{ file = \"s.nrrd\", sigma = 0, {table} }}"));
+    assert!(box_.x < 3.01 && box_.x > 1.9, "{box_}");
+    assert!((size("source = { file = \"c.csv\", width_scale = 3 }").x - 6.0).abs() < 0.2);
+    // A flat ribbon of width 2 has no thickness, but what its bounds are wide.
+    assert!(with("source = { file = \"c.csv\", section = \"flat\", curve = \"catmull-rom\" }").is_ok());
+    assert!((size("source = { file = \"l.lsys\", iterations = 3 }").y - 8.0).abs() < 0.2);
+    // A folder of slices.
+    let f = Folder::new("[[draw]]\nsource = { file = \"slices\", iso = 100, spacing = [1, 1, 2] }");
+    std::fs::create_dir(f.0.path().join("slices")).unwrap();
+    for i in 0..4 {
+        let side = if i == 0 { 0 } else { 255 };
+        image::GrayImage::from_pixel(4, 4, image::Luma([side]))
+            .save(f.0.path().join(format!("slices/{i}.png")))
+            .unwrap();
+    }
+    // From the middle of a slice's distance, 2, below the second to half of it above the last; the filter moves the lower end.
+    let height = f.open().unwrap().bounds().size().z;
+    assert!((5.5..6.6).contains(&height), "{height}");
+    assert_eq!(crate::bake::dependencies(&f.0.path().join("r.toml")).len(), 5);
+    for (text, want) in [
+        ("source = { file = \"s.nrrd\", window = [9, 3] }", "line 2, column 38: a window needs two values that ascend"),
+        (
+            "source = { file = \"s.nrrd\",\n transfer = { points = [{ value = 1, opacity = 2 }] } }",
+            "line 3, column 13: ",
+        ),
+        ("source = { file = \"s.nrrd\", transfer = { pionts = [] } }", "unknown field `pionts`"),
+        ("source = { file = \"s.nrrd\", window = [3, 9], transfer = { iso = 3 } }", "either a window or a transfer"),
+        (
+            "source = { file = \"c.csv\", iso = 3 }",
+            "line 2, column 28: iso says how image stacks are read; 'c.csv' is none",
+        ),
+        ("source = { file = \"s.nrrd\", angle = 3 }", "angle says how L-systems are read"),
+    ] {
+        let error = with(text).err().unwrap().to_string();
+        assert!(error.contains(want), "{text}: {error}");
+    }
+}
+
+#[test]
+fn errors_are_told_of_the_node_they_are_in() {
+    for (bad, what) in [
+        ("implicit = { kind = \"sphere\", radius = -1 }", "radius"),
+        ("hypertexture = { base = { kind = \"sphere\", radius = 1 }, gain = 1 }", "gain"),
+        ("emitter = { count = 3, drag = -1 }", "drag"),
+        ("sphere = { radius = 1 }\nalbedo = { noise = { scale = 1 } }", "albedo"),
+        ("sphere = { radius = 1 }\ncone = { from = [0, 0, 0], to = [0, 1, 0], radii = [1, 0] }", "one shape"),
+        ("union = []", "at least one"),
+    ] {
+        let good = "[[draw]]\nimplicit = { kind = \"sphere\", radius = 1 }\n[[draw]]\nemitter = { count = 1 }\n[[draw]]\nhypertexture = { base = { kind = \"sphere\", radius = 1 } }\nalbedo = \"#ffffff\"\n";
+        let error = Folder::new(&format!("{good}[[draw]]\n{bad}")).open().err().unwrap().to_string();
+        // The node's own lines, or its head.
+        let lines = (8..=9 + bad.matches('\n').count()).map(|n| format!("line {n}, "));
+        assert!(lines.clone().any(|l| error.contains(&l)) && error.contains(what), "{error}");
+    }
+}
+
+#[test]
+fn samples_are_right_and_say_the_same_in_json() {
+    let mut seen = 0;
+    for folder in ["recipes", "hypertextures"] {
+        let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("samples").join(folder);
+        for entry in std::fs::read_dir(folder).unwrap() {
+            let path = entry.unwrap().path();
+            assert!(check(&path, &OpenOptions::default()).unwrap() > 0, "{}", path.display());
+            let text = std::fs::read_to_string(&path).unwrap();
+            let value: serde_json::Value = toml::from_str(&text).unwrap();
+            let (toml, json) = (from_toml(&text).unwrap(), from_json(&value.to_string()).unwrap());
+            assert_eq!(format!("{toml:?}"), format!("{json:?}"), "{}", path.display());
+            seen += 1;
+        }
+    }
+    assert!(seen >= 12);
 }

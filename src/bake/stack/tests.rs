@@ -423,3 +423,79 @@ fn what_reaches_the_border_is_closed_there() {
     let (area, volume, sum) = facets(&source, 4);
     assert!((area - 52.0).abs() < 1e-6 && (volume - 24.0).abs() < 1e-6 && sum.length() < 1e-9, "{area} {volume} {sum}");
 }
+
+#[test]
+fn regions_are_made_where_there_is_matter_and_nowhere_else() {
+    // Two balls of radius 5 in opposite corners of 64³ samples.
+    let dir = Dir::new();
+    let n = 64usize;
+    let mut bytes =
+        format!("NRRD0004\ntype: uchar\ndimension: 3\nsizes: {n} {n} {n}\nspacings: 1 1 1\nencoding: raw\n\n")
+            .into_bytes();
+    bytes.extend((0..n * n * n).map(|i| {
+        let p = DVec3::new((i % n) as f64, (i / n % n) as f64, (i / n / n) as f64);
+        let away = (p - 6.0).length().min((p - 57.0).length());
+        (128.0 + 40.0 * (5.0 - away)).clamp(0.0, 255.0) as u8
+    }));
+    let path = dir.save("two.nrrd", &bytes);
+    let options = StackOptions { transfer: TransferSpec::hard(128.0), sigma: 0.0, ..StackOptions::default() };
+    let source = StackSource::new(open(&path).unwrap(), &options).unwrap();
+    let place = Placement {
+        bounds: source.bounds(),
+        transform: DAffine3::IDENTITY,
+        scale: 256.0 / source.bounds().size().x,
+        depth: 8,
+        up: 2,
+        cyclic: [false; 3],
+    };
+    // Of 512 regions of 32³ voxels a ball, 42 voxels wide, meets 2³; bricks of samples around it a few more.
+    let staged = source.stage(&place, &Quiet).unwrap();
+    assert!((16..=64).contains(&staged.regions().len()), "{}", staged.regions().len());
+}
+
+#[test]
+fn opacity_follows_value_and_gradient() {
+    // 32³ samples: 50 in one half, and from there on a ramp of 4 a sample along x.
+    let dir = Dir::new();
+    let n = 32usize;
+    let mut bytes =
+        format!("NRRD0004\ntype: uchar\ndimension: 3\nsizes: {n} {n} {n}\nspacings: 1 1 1\nencoding: raw\n\n")
+            .into_bytes();
+    bytes.extend((0..n * n * n).map(|i| 50 + 4 * (i % n).saturating_sub(15) as u8));
+    let path = dir.save("ramp.nrrd", &bytes);
+    // Opacity .1 a sample, all of it where values change by 4, none where they do not.
+    let table = r#"{"points": [{"value": 0, "opacity": 0.1}, {"value": 255, "opacity": 0.1}],
+        "gradient": [{"magnitude": 0, "opacity": 0}, {"magnitude": 4, "opacity": 1}]}"#;
+    let options =
+        StackOptions { transfer: serde_json::from_str(table).unwrap(), sigma: 0.0, ..StackOptions::default() };
+    let source = StackSource::new(open(&path).unwrap(), &options).unwrap();
+    let place = Placement {
+        bounds: Aabb::new(DVec3::splat(-0.5), DVec3::splat(31.5)),
+        transform: DAffine3::IDENTITY,
+        scale: 2.0,
+        depth: 6,
+        up: 2,
+        cyclic: [false; 3],
+    };
+    let staged = source.stage(&place, &Quiet).unwrap();
+    let mut halves = [0.0, 0.0];
+    for region in 0..staged.regions().len() {
+        staged.medium(region, &mut |m| {
+            let half = usize::from(m.at[0] >= 32);
+            halves[half] += m.extinction * f64::from(8u32.pow(m.levels));
+        });
+    }
+    // Optical depth along x, over 64² lines of voxels: -ln .9 a sample, 16 samples of it; the first is half flat.
+    let depth = halves.map(|h| h / 4096.0);
+    let want = -16.0 * 0.9f64.ln();
+    assert!((depth[1] / want - 1.0).abs() < 0.06 && depth[0] < 0.05 * want, "{depth:?} {want}");
+}
+
+#[test]
+fn what_is_larger_than_memory_is_the_same() {
+    let dir = Dir::new();
+    let packed = [format!("{NRRD}encoding: gzip\n\n").into_bytes(), gzip(&little())].concat();
+    let path = dir.save("z.nrrd", &packed);
+    let by = |memory: u64| values(&read(&path, &StackOptions::default(), memory).unwrap());
+    assert_eq!(by(0), by(1 << 20));
+}

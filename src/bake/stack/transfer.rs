@@ -16,6 +16,7 @@ const MAX_TABLE: u64 = 1 << 24;
 
 /// A transfer function. Where it is empty, values from Otsu's threshold on are opaque.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields, default)]
 pub struct TransferSpec {
     /// Values from here on are opaque, with a hard surface.
@@ -31,6 +32,7 @@ pub struct TransferSpec {
 
 /// What matter of a value is like.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct TransferPoint {
     pub value: f64,
@@ -43,6 +45,7 @@ pub struct TransferPoint {
 
 /// What a change of the value does to opacity.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct GradientPoint {
     pub magnitude: f64,
