@@ -158,7 +158,7 @@ fn crown(depth: usize, leaves: usize) -> Volume {
         }
     }
     let (codes, voxels): (Vec<u64>, Vec<Voxel>) = cells.into_iter().unzip();
-    let mut depths = vec![Depth { masks: vec![0; codes.len()], voxels }];
+    let mut depths = vec![Depth { masks: vec![0; codes.len()], voxels, mixes: Vec::new() }];
     let mut codes = codes;
     let rates = voxel::rate_table();
     for _ in 0..depth {
@@ -190,6 +190,7 @@ fn crown(depth: usize, leaves: usize) -> Volume {
         content: Aabb::UNIT,
         facet_size: 4.0 / side,
         channels: Channels { correlation: true, albedo: true, ..Channels::default() },
+        materials: Vec::new(),
         meta: Default::default(),
     };
     Volume { info, depths }

@@ -55,7 +55,7 @@ types:
       - {id: digest_sha256, size: 32}
   stream_entry:
     seq:
-      - {id: semantic, type: str, size: 4, encoding: ASCII}
+      - {id: semantic, type: str, size: 4, encoding: ASCII, doc: 'RATE NDFD NDFC CORR SUPP SIDE MEAN ALBD MATL; others are skipped unless critical'}
       - {id: num_components, type: u1, valid: {min: 1, max: 8}}
       - {id: len_component, type: u1, valid: 1}
       - {id: quant_max, type: u2, valid: {min: 1, max: 255}}

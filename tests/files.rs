@@ -11,6 +11,7 @@ use vtex::volume::{Channels, Depth, Info, Model, Volume, Voxel};
 fn diagonal(dir: &Path) -> PathBuf {
     let voxel = Voxel { rate: 150, ..Voxel::default() };
     let depths = (0..4usize).map(|d| Depth {
+        mixes: Vec::new(),
         masks: vec![if d < 3 { 0b1000_0001 } else { 0 }; 1 << d],
         voxels: (0..1 << d).map(|i| Voxel { rate: 100 + i, ..voxel }).collect(),
     });
@@ -23,6 +24,7 @@ fn diagonal(dir: &Path) -> PathBuf {
         content: Aabb::UNIT,
         facet_size: 0.0,
         channels: Channels { albedo: true, ..Channels::default() },
+        materials: Vec::new(),
         meta: Default::default(),
     };
     let path = dir.join("diagonal é.vtex");

@@ -8,9 +8,10 @@ use vtex::geom::{Aabb, DAffine3, DVec3};
 use vtex::morton;
 use vtex::progress::Quiet;
 use vtex::render::{Ambient, CameraChoice, Options, render_with};
-use vtex::scene::shell::{CellWrap, Discrete, Environment, Layer, Orientations, ShellMaterial, TexelRef};
+use vtex::scene::shell::{CellWrap, Discrete, Environment, Layer, Orientations, ShellMaterial, TexelRef, Variant};
 use vtex::scene::{Alpha, Instance, Light, LightKind, Material, Model, Part, Scene, Texture, TextureRef};
-use vtex::volume::{Channels, Depth, Info, Octree, Sggx, Volume, Voxel, voxel};
+use vtex::volume::palette::Restyled;
+use vtex::volume::{Channels, Depth, Info, Octree, Palette, Sggx, Style, Volume, Voxel, voxel};
 
 const SIDE: u32 = 64;
 
@@ -77,6 +78,7 @@ fn figure() -> Octree {
         content: Aabb::new(DVec3::new(0.25, 0.25, 0.0), DVec3::new(0.9375, 0.9375, 0.875)),
         facet_size: 0.05,
         channels: Channels::default(),
+        materials: Vec::new(),
         meta: Default::default(),
     };
     Octree::new(Volume { info, depths }).unwrap()
@@ -127,14 +129,32 @@ fn sun() -> Light {
 
 /// Render the parts, placed, and compare with the picture of that name.
 fn golden(name: &str, parts: Vec<(Part, DAffine3)>, materials: Vec<Material>, lights: Vec<Light>, options: Options) {
+    golden_of(figure(), name, parts, materials, lights, options);
+}
+
+/// [`golden`] with another texel.
+fn golden_of(
+    texel: Octree,
+    name: &str,
+    parts: Vec<(Part, DAffine3)>,
+    materials: Vec<Material>,
+    lights: Vec<Light>,
+    options: Options,
+) {
     let (parts, places): (Vec<_>, Vec<_>) = parts.into_iter().unzip();
     let place = |(part, transform)| Instance { part, transform, node: String::new() };
     let instances = places.into_iter().enumerate().map(place).collect();
     let model = Model { parts, materials, instances, lights, metres_per_unit: 1.0, ..Default::default() };
-    let texels =
-        vec![TexelRef { name: "figure".into(), frames: vec![], geometry: None, max_depth: None, content_id: None }];
+    let texels = vec![TexelRef {
+        name: "figure".into(),
+        frames: vec![],
+        geometry: None,
+        max_depth: None,
+        content_id: None,
+        palette: Default::default(),
+    }];
     let environment = Environment { sky: Some([0.3, 0.35, 0.4]), background: None };
-    let done = render_with(&Scene { model, texels, environment }, vec![Some(figure())], &options, &Quiet).unwrap();
+    let done = render_with(&Scene { model, texels, environment }, vec![Some(texel)], &options, &Quiet).unwrap();
     assert!(done.warnings.is_empty(), "{:?}", done.warnings);
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden").join(format!("{name}.png"));
     if std::env::var_os("VTEX_BLESS").is_some() {
@@ -278,4 +298,30 @@ fn the_sky_is_hidden_by_matter() {
 fn a_camera_stands_in_the_shell() {
     let options = looking([0.05, 0.35, 1.02], [-0.3, 0.45, -3.0]);
     golden("inside", vec![(square(4.0, 8.0, 0), up(0.0))], vec![shell(1.0, Layer::default())], vec![sun()], options);
+}
+
+/// The sample tree, its leaves red and its bark darker, in a row of variants of which each is tinted.
+#[test]
+fn restyled() {
+    let sample = concat!(env!("CARGO_MANIFEST_DIR"), "/samples/tree.glb");
+    let model = vtex::scene::gltf::read(Path::new(sample), &Default::default()).unwrap().model;
+    let source = vtex::bake::MeshSource::new(model, &Default::default());
+    let baking = vtex::bake::Options { resolution: 64, ..Default::default() };
+    let tree = vtex::bake::bake(&source, &baking, &Quiet, &mut |_| ()).unwrap().0;
+    let style = |name: &str, factor, keep| (name.to_owned(), Style { factor, keep });
+    let styles = [style("leaf", [0.7, 0.15, 0.03], false), style("bark", [0.4, 0.5, 0.8], true)].into();
+    let tree = Octree::new(Restyled::new(tree, &Palette { styles, ..Palette::default() })).unwrap();
+    let variant = |weight, diffuse| Variant { texel: 0, weight, diffuse };
+    let discrete = Discrete {
+        seed: 4,
+        orientations: Orientations::W8,
+        scale: [0.8, 1.0],
+        displace: [0.0; 3],
+        presence: 1.0,
+        variants: vec![variant(1.0, [1.0; 3]), variant(1.0, [1.0, 2.5, 1.0]), variant(1.0, [0.4, 2.0, 1.0])],
+    };
+    let layer = Layer { discrete: Some(discrete), ..Layer::default() };
+    let ground = vec![(square(1.0, 3.0, 0), DAffine3::IDENTITY)];
+    let options = looking([0.6, 1.0, 2.4], [0.0, 0.2, 0.1]);
+    golden_of(tree, "restyled", ground, vec![shell(0.66, layer)], vec![sun()], options);
 }

@@ -46,7 +46,14 @@ fn scene() -> Scene {
         metres_per_unit: 1.0,
         ..Model::default()
     };
-    let texel = TexelRef { name: "tree".into(), frames: vec![], geometry: None, max_depth: None, content_id: None };
+    let texel = TexelRef {
+        name: "tree".into(),
+        frames: vec![],
+        geometry: None,
+        max_depth: None,
+        content_id: None,
+        palette: Default::default(),
+    };
     let environment = Environment { sky: Some([0.35, 0.42, 0.52]), background: Some([0.0; 3]) };
     Scene { model, texels: vec![texel], environment }
 }

@@ -17,6 +17,7 @@ mod layers;
 mod levels;
 mod lsystem;
 mod map;
+mod materials;
 mod medium;
 mod near;
 mod reference;

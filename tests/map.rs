@@ -22,9 +22,10 @@ fn texel(path: &Path, size: f64, top: f64) {
         content: Aabb::new(DVec3::ZERO, DVec3::new(1.0, 1.0, top)),
         facet_size: 0.01,
         channels: Channels::default(),
+        materials: Vec::new(),
         meta: Default::default(),
     };
-    let depths = vec![Depth { masks: vec![0], voxels: vec![Voxel::default()] }];
+    let depths = vec![Depth { masks: vec![0], voxels: vec![Voxel::default()], mixes: Vec::new() }];
     format::write(&Volume { info, depths }, path, &Default::default()).unwrap();
 }
 

@@ -36,9 +36,10 @@ fn texel(mesh: &Path, path: &Path) {
         content: Aabb::UNIT,
         facet_size: 0.01,
         channels: Channels::default(),
+        materials: Vec::new(),
         meta: Default::default(),
     };
-    let depths = vec![Depth { masks: vec![0], voxels: vec![Voxel::default()] }];
+    let depths = vec![Depth { masks: vec![0], voxels: vec![Voxel::default()], mixes: Vec::new() }];
     format::write(&Volume { info, depths }, path, &Default::default()).unwrap();
 }
 

@@ -19,11 +19,14 @@ fn land() -> tempfile::TempDir {
         content: Aabb::new(DVec3::ZERO, DVec3::new(1.0, 1.0, 0.5)),
         facet_size: 0.01,
         channels: Channels::default(),
+        materials: Vec::new(),
         meta: Default::default(),
     };
     let voxel = Voxel { rate: 140, ..Voxel::default() };
-    let depths =
-        vec![Depth { masks: vec![15], voxels: vec![voxel] }, Depth { masks: vec![0; 4], voxels: vec![voxel; 4] }];
+    let depths = vec![
+        Depth { masks: vec![15], voxels: vec![voxel], mixes: Vec::new() },
+        Depth { masks: vec![0; 4], voxels: vec![voxel; 4], mixes: Vec::new() },
+    ];
     format::write(&Volume { info, depths }, folder.path().join("bush.vtex"), &Default::default()).unwrap();
     let terrain = Path::new(env!("CARGO_MANIFEST_DIR")).join("samples/terrain.glb");
     std::fs::copy(terrain, folder.path().join("terrain.glb")).unwrap();

@@ -391,7 +391,7 @@ mod tests {
                         found.error[0] += (share - truth).powi(2);
                         found.error[1] += (sampled(&*staged, p, 8) - truth).powi(2);
                     }
-                    let mut gather = Gather::new();
+                    let mut gather = Gather::new(false);
                     gather.add(&*staged, p, at, cut);
                     for k in 0..13 {
                         whole += f64::from(gather.lines(k)) / 256.0;

@@ -7,9 +7,9 @@ use crate::{morton, par};
 
 /// Regions that are looked at: of sources whose facets are at hand, and of those that have to make them.
 const SAMPLES: [usize; 2] = [128, 32];
-/// Bytes that a voxel takes while a bake runs (measured at 512^3 and 1024^3: 43 and 36) and in a file, and what a facet and
+/// Bytes that a voxel takes while a bake runs (measured at 512^3 and 1024^3: 43 and 36, and what it shows of materials) and in a file, and what a facet and
 /// a region take.
-pub const VOXEL_MEMORY: u64 = 44;
+pub const VOXEL_MEMORY: u64 = 44 + 8;
 const VOXEL_FILE: f64 = 6.0;
 const FACET_MEMORY: u64 = 48;
 const REGION_MEMORY: u64 = 4096;

@@ -7,6 +7,7 @@
 use super::alpha::Presence;
 use super::clip::{Polygon, ROOM};
 use super::kept::{Kept, List};
+use super::materials::{renamed, unite};
 use super::medium::Medium;
 use super::mixture::mix;
 use super::patch::weighted_median;
@@ -29,6 +30,9 @@ pub struct GroupSource {
     sources: Vec<Box<dyn Source>>,
     /// A list a source.
     places: Vec<Vec<DAffine3>>,
+    materials: Vec<String>,
+    /// A list a source: what its own ids of materials become.
+    ids: Vec<Vec<u16>>,
     bounds: Aabb,
     facet_size: f64,
     metres_per_unit: f64,
@@ -71,7 +75,9 @@ impl GroupSource {
             places[part.source].push(part.transform);
         }
         sizes.retain(|s| s.0 > 0.0);
-        GroupSource { sources, places, bounds, facet_size: weighted_median(sizes), metres_per_unit, warnings }
+        let (materials, ids) = unite(sources.iter().map(|s| &**s));
+        let facet_size = weighted_median(sizes);
+        GroupSource { sources, places, materials, ids, bounds, facet_size, metres_per_unit, warnings }
     }
 }
 
@@ -113,6 +119,10 @@ impl Source for GroupSource {
         self.sources.iter().zip(&self.places).any(|(s, p)| !p.is_empty() && s.has_colour())
     }
 
+    fn materials(&self) -> &[String] {
+        &self.materials
+    }
+
     fn warnings(&self) -> &Warnings {
         &self.warnings
     }
@@ -129,14 +139,15 @@ impl Source for GroupSource {
             last: f64::from((place.side() >> place.region_log2()) - 1),
         };
         let mut entries = Vec::new();
-        for (source, places) in self.sources.iter().zip(&self.places) {
+        for ((source, places), ids) in self.sources.iter().zip(&self.places).zip(&self.ids) {
             let often = if places.len() > FEW { Piece::often(&**source, places, place, progress)? } else { None };
             if let Some(piece) = often {
-                staged.add(piece, &mut entries)?;
+                staged.add(Piece { ids, ..piece }, &mut entries)?;
                 continue;
             }
             for transform in places {
-                staged.add(Piece::once(source.stage(&place.within(*transform), progress)?), &mut entries)?;
+                let piece = Piece::once(source.stage(&place.within(*transform), progress)?);
+                staged.add(Piece { ids, ..piece }, &mut entries)?;
             }
         }
         entries.sort_unstable();
@@ -160,6 +171,8 @@ struct Piece<'a> {
     facets: u32,
     /// Number of the first facet of its first copy.
     first: u32,
+    /// What its ids of materials become.
+    ids: &'a [u16],
     /// None where it is in the group's grid itself.
     copies: Vec<Copy>,
     /// log2 of the voxels a region of its own grid is wide.
@@ -179,7 +192,7 @@ struct Copy {
 
 impl<'a> Piece<'a> {
     fn once(staged: Box<dyn Staged + 'a>) -> Piece<'a> {
-        Piece { facets: staged.facets(), staged, first: 0, copies: Vec::new(), levels: 0 }
+        Piece { facets: staged.facets(), staged, first: 0, ids: &[], copies: Vec::new(), levels: 0 }
     }
 
     /// `None` for what has no matter, and for media: voxels are not carried from grid to grid.
@@ -237,7 +250,7 @@ impl<'a> Piece<'a> {
                 });
             }
         }
-        Ok(Some(Piece { facets: staged.facets(), staged, first: 0, copies, levels }))
+        Ok(Some(Piece { facets: staged.facets(), staged, first: 0, ids: &[], copies, levels }))
     }
 
     /// The copy of a facet, and its number in the piece.
@@ -484,6 +497,11 @@ impl Staged for StagedGroup<'_> {
         if given == inner { own } else { into(turn * given, &copy.back).unwrap_or(own) }
     }
 
+    fn material(&self, facet: u32) -> u16 {
+        let (piece, _, local) = self.find(facet);
+        piece.ids.get(usize::from(piece.staged.material(local))).copied().unwrap_or(0)
+    }
+
     fn cut_out(&self, facet: u32) -> bool {
         let (piece, _, local) = self.find(facet);
         piece.staged.cut_out(local)
@@ -513,7 +531,8 @@ impl Staged for StagedGroup<'_> {
         for &(piece, at) in self.entries(region) {
             let (piece, before) = (&self.pieces[piece as usize], media.len());
             if piece.copies.is_empty() {
-                piece.staged.medium(at as usize, &mut |m| media.push(*m));
+                let renamed = |m: &Medium| Medium { materials: renamed(&m.materials, piece.ids), ..*m };
+                piece.staged.medium(at as usize, &mut |m| media.push(renamed(m)));
             }
             let gave = media.len() > before;
             givers += usize::from(gave);

@@ -8,6 +8,7 @@
 //! voxels that it holds. A face stays where the result's matter is beneath it and not above it.
 
 use super::clip::Polygon;
+use super::materials::{renamed, unite};
 use super::medium::Medium;
 use super::mixture::mix;
 use super::source::{Cut, Placement, Source, Staged, Surface};
@@ -46,6 +47,9 @@ impl Mode {
 /// Sources and how each is drawn.
 pub struct LayersSource {
     layers: Vec<(Mode, Box<dyn Source>)>,
+    materials: Vec<String>,
+    /// A list a layer: what its own ids of materials become.
+    ids: Vec<Vec<u16>>,
     bounds: Aabb,
     metres_per_unit: f64,
     warnings: Warnings,
@@ -59,7 +63,12 @@ impl LayersSource {
             warnings.merge(source.warnings().clone());
         }
         let bounds = bounds(&layers, |s| s.bounds());
-        LayersSource { layers, bounds, metres_per_unit, warnings }
+        let drawn = layers.iter().filter(|(mode, _)| mode.draws()).map(|(_, s)| &**s);
+        let (materials, drawn) = unite(drawn);
+        let mut drawn = drawn.into_iter();
+        let own = |(mode, _): &(Mode, _)| if mode.draws() { drawn.next().unwrap_or_default() } else { Vec::new() };
+        let ids = layers.iter().map(own).collect();
+        LayersSource { layers, materials, ids, bounds, metres_per_unit, warnings }
     }
 }
 
@@ -93,6 +102,10 @@ impl Source for LayersSource {
         self.layers.iter().any(|(mode, s)| mode.draws() && s.has_colour())
     }
 
+    fn materials(&self) -> &[String] {
+        &self.materials
+    }
+
     fn warnings(&self) -> &Warnings {
         &self.warnings
     }
@@ -100,7 +113,7 @@ impl Source for LayersSource {
     fn stage<'a>(&'a self, place: &Placement, progress: &dyn Progress) -> Result<Box<dyn Staged + 'a>> {
         let mut layers = Vec::with_capacity(self.layers.len());
         let mut first = 0u64;
-        for (mode, source) in &self.layers {
+        for ((mode, source), ids) in self.layers.iter().zip(&self.ids) {
             let staged = source.stage(place, progress)?;
             let facets = staged.facets();
             let reach = source.bounds_in(place.grid_map());
@@ -108,7 +121,7 @@ impl Source for LayersSource {
             let reach =
                 if place.cyclic == [false; 3] { reach } else { Aabb::new(DVec3::NEG_INFINITY, DVec3::INFINITY) };
             let reach = Aabb::new(reach.min - MARGIN, reach.max + MARGIN);
-            layers.push(Layer { mode: *mode, staged, first: first as u32, reach });
+            layers.push(Layer { mode: *mode, staged, ids, first: first as u32, reach });
             first += u64::from(facets);
             if first > u64::from(u32::MAX) {
                 let what = "the number of facets of all layers".into();
@@ -130,6 +143,8 @@ impl Source for LayersSource {
 struct Layer<'a> {
     mode: Mode,
     staged: Box<dyn Staged + 'a>,
+    /// What its ids of materials become.
+    ids: &'a [u16],
     /// Number of its first facet.
     first: u32,
     /// Where its matter is.
@@ -429,6 +444,12 @@ impl Staged for StagedLayers<'_> {
         surface
     }
 
+    fn material(&self, facet: u32) -> u16 {
+        let (i, local) = self.find(facet);
+        let layer = &self.layers[i];
+        layer.ids.get(usize::from(layer.staged.material(local))).copied().unwrap_or(0)
+    }
+
     fn cut_out(&self, facet: u32) -> bool {
         let (i, local) = self.find(facet);
         let changed = |l: &Layer| matches!(l.mode, Mode::Opacity | Mode::Threshold);
@@ -480,7 +501,8 @@ impl Staged for StagedLayers<'_> {
             }
             if let Some(own) = own.filter(|_| layer.mode.draws()) {
                 let before = media.len();
-                layer.staged.medium(own, &mut |m| media.push(*m));
+                let renamed = |m: &Medium| Medium { materials: renamed(&m.materials, layer.ids), ..*m };
+                layer.staged.medium(own, &mut |m| media.push(renamed(m)));
                 givers += usize::from(media.len() > before);
             }
         }

@@ -4,7 +4,8 @@ use super::curve::{Section, Strand};
 use crate::geom::DVec3;
 use crate::scene::model::{Alpha, Instance, Model};
 
-/// Take the lines and points out of the model, as strands `width` wide (source units) in the model's space.
+/// Take the lines and points out of the model, as strands `width` wide (source units) in the model's space; their materials
+/// are the model's.
 pub fn take(model: &mut Model, width: f64, section: Section) -> Vec<Strand> {
     let mut strands = Vec::new();
     for instance in &model.instances {
@@ -55,6 +56,7 @@ fn strand(model: &Model, instance: &Instance, corners: &[u32], width: f64, secti
         radii: vec![0.5 * width as f32],
         colours: corners.iter().map(colour).collect(),
         section,
+        material: part.material.min(u16::MAX.into()) as u16,
         up: None,
     }
 }

@@ -6,7 +6,8 @@
 use super::beams::{Beams, Union, axis_length, box_area, oblique_area};
 use super::clip::Polygon;
 use super::cutout::CutOut;
-use super::medium::Share;
+use super::materials::Weights;
+use super::medium::{Medium, Share};
 use super::source::{Cut, Staged};
 use crate::geom::DVec3;
 
@@ -24,6 +25,8 @@ pub struct Measure {
     pub mean: DVec3,
     /// Mean linear colour of what is seen.
     pub albedo: DVec3,
+    /// Of which materials what is seen is; nothing where they are not told apart.
+    pub materials: Weights,
     /// Opaque throughout.
     pub solid: bool,
     /// Share of the voxel covered, averaged over directions and then over the children, level by level: the opacity of
@@ -40,6 +43,7 @@ impl Measure {
             total: 0.0,
             mean: DVec3::ZERO,
             albedo: DVec3::ZERO,
+            materials: Weights::default(),
             solid: false,
             averaged: 0.0,
         }
@@ -75,11 +79,13 @@ impl Measure {
                 // What is hidden on all 26 ways still has a colour.
                 let seen = seen.max(1e-9);
                 m.albedo += seen * child.albedo;
+                m.materials.add_all(&child.materials, seen);
                 weight += seen;
             }
         }
         if weight > 0.0 {
             m.albedo /= weight;
+            m.materials.divide(weight);
         }
         for k in 0..13 {
             let ratio = if union.parts[k] > 0 { f64::from(union.lines[k]) / f64::from(union.parts[k]) } else { 1.0 };
@@ -99,11 +105,14 @@ pub struct Gather {
     /// Of `areas` what belongs to closed things, and the sum of its area vectors.
     closed: [f64; 13],
     facing: DVec3,
+    /// Whether materials are told apart.
+    materials: bool,
 }
 
 impl Gather {
-    pub fn new() -> Gather {
+    pub fn new(materials: bool) -> Gather {
         Gather {
+            materials,
             measure: Measure::empty(),
             beams: Beams::default(),
             parts: [0; 13],
@@ -152,17 +161,24 @@ impl Gather {
             m.mean += share * area;
         }
         m.albedo += share * size * albedo;
+        if self.materials {
+            m.materials.add(staged.material(p.facet).min(254) as u8, share * size, albedo);
+        }
     }
 
     /// Add a share of a medium: it fills `lo..hi` of the voxel, and hides what is behind it as chance has it.
-    pub fn add_medium(&mut self, share: &Share, albedo: [f32; 3]) {
+    pub fn add_medium(&mut self, share: &Share, medium: &Medium) {
         let m = &mut self.measure;
         self.beams.merge(&share.beams, &mut self.parts);
         (m.lo, m.hi) = (m.lo.min(share.lo), m.hi.max(share.hi));
         self.areas.iter_mut().zip(&share.cover).for_each(|(sum, c)| *sum += c);
         m.total += share.area;
         m.mean += share.facing;
-        m.albedo += share.area * DVec3::from(albedo.map(f64::from));
+        let albedo = DVec3::from(medium.albedo.map(f64::from));
+        m.albedo += share.area * albedo;
+        if self.materials {
+            medium.materials.weights().for_each(|(id, part)| m.materials.add(id, share.area * part, albedo));
+        }
     }
 
     #[cfg(test)]
@@ -172,11 +188,12 @@ impl Gather {
 
     /// The voxel's measure and lines; `None` where its facets have no area.
     pub fn finish(self) -> Option<(Measure, Beams)> {
-        let Gather { measure: mut m, beams, parts, areas, closed, facing } = self;
+        let Gather { measure: mut m, beams, parts, areas, closed, facing, .. } = self;
         if m.total <= 0.0 {
             return None;
         }
         m.albedo /= m.total;
+        m.materials.divide(m.total);
         (m.lo, m.hi) = (m.lo.clamp(DVec3::ZERO, DVec3::ONE), m.hi.clamp(DVec3::ZERO, DVec3::ONE));
         for (k, &parts) in parts.iter().enumerate() {
             // One facet covers its area exactly; several share lines as the lattice finds it. Where they slip between its

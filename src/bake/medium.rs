@@ -13,6 +13,7 @@ use std::sync::LazyLock;
 use super::beams::{Beams, PROJECTIONS, axis_length, box_area, crossing};
 use super::chord::Chords;
 use crate::geom::{DVec3, directions13};
+use crate::volume::Mix;
 
 /// Matter that fills a cube of voxels evenly.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -34,6 +35,8 @@ pub struct Medium {
     pub facing: f64,
     /// Linear Rec. 709.
     pub albedo: [f32; 3],
+    /// Of which materials it is, among those of its source.
+    pub materials: Mix,
 }
 
 impl Medium {
@@ -49,6 +52,7 @@ impl Medium {
             normal: DVec3::ZERO,
             facing: 0.0,
             albedo,
+            materials: Mix::default(),
         }
     }
 

@@ -4,6 +4,7 @@
 use super::field::{Block, FieldSource};
 use super::group::{GroupSource, Part};
 use super::layers::{LayersSource, Mode};
+use super::materials::{UNNAMED, renamed};
 use super::source::Source;
 use super::texel::{TexelSource, codes, own_grid, snapped};
 use super::{Options, Report, bake};
@@ -102,6 +103,7 @@ pub fn merge(
         memory: options.memory,
         refine: 0,
         voxel_size: None,
+        ..Options::default()
     };
     let (mut volume, report) = bake(&*source, &bake_options, progress, &mut |_| {})?;
     if options.crop.is_none() {
@@ -134,6 +136,13 @@ fn grid(extent: Aabb, first: Aabb, voxel: f64) -> Result<(Aabb, u32)> {
 fn keep(volume: &mut Volume, inputs: &[Volume], parts: &[Part]) {
     let finest = volume.depths.len().saturating_sub(1);
     let nodes = codes(&volume.depths);
+    // What an input's ids of materials have become.
+    let id = |name: &str| volume.info.materials.iter().position(|m| m.name == name).unwrap_or(0) as u16;
+    let named = |v: &Volume| match &v.info.materials[..] {
+        [] => vec![id(UNNAMED)],
+        own => own.iter().map(|m| id(&m.name)).collect(),
+    };
+    let ids: Vec<Vec<u16>> = inputs.iter().map(named).collect();
     let sets: Vec<Vec<Vec<u64>>> = inputs.iter().map(|v| codes(&v.depths)).collect();
     for (depth, nodes) in nodes.iter().enumerate() {
         let grid = own_grid(&volume.info, depth).grid_map();
@@ -146,17 +155,22 @@ fn keep(volume: &mut Volume, inputs: &[Volume], parts: &[Part]) {
             (map.matrix3 == DMat3::IDENTITY && shift == shift.round()).then_some((part.source, own, shift))
         };
         let Some(placed) = parts.iter().map(place).collect::<Option<Vec<_>>>() else { continue };
-        for (code, voxel) in nodes.iter().zip(&mut volume.depths[depth].voxels) {
+        let level = &mut volume.depths[depth];
+        for (n, (code, voxel)) in nodes.iter().zip(&mut level.voxels).enumerate() {
             let at = DVec3::from(morton::decode(*code).map(f64::from));
             let mut found = placed.iter().filter_map(|&(input, own, shift)| {
                 let p = at - shift;
                 let inner = p.min_element() >= 0.0 && p.max_element() < f64::from(1u32 << own);
                 let code = morton::encode(p.max(DVec3::ZERO).as_uvec3().to_array());
                 let i = sets[input][own].binary_search(&code).ok().filter(|_| inner)?;
-                inputs[input].depths[own].voxels.get(i)
+                inputs[input].depths[own].voxels.get(i).map(|voxel| (input, own, i, voxel))
             });
-            if let (Some(own), None) = (found.next(), found.next()) {
-                *voxel = *own;
+            if let (Some((input, own, i, kept)), None) = (found.next(), found.next()) {
+                *voxel = *kept;
+                if let Some(mix) = level.mixes.get_mut(n) {
+                    let own = inputs[input].depths[own].mixes.get(i).copied().unwrap_or_default();
+                    *mix = renamed(&own, &ids[input]);
+                }
             }
         }
     }

@@ -3,6 +3,7 @@
 use super::alpha::{AlphaSums, Presence};
 use super::clip::Polygon;
 use super::interior::Interior;
+use super::materials::of_model;
 use super::patch::{self, Face};
 use super::source::{Cut, Placement, Source, Staged, Surface};
 use crate::geom::{Aabb, DAffine3, DVec3};
@@ -40,6 +41,9 @@ pub struct MeshSource {
     /// One a material: what there is of the texture, where it cuts.
     alphas: Vec<Option<AlphaSums>>,
     fill: Fill,
+    names: Vec<String>,
+    /// The id in `names` of each of the model's materials.
+    ids: Vec<u16>,
 }
 
 /// Triangles in a chunk of parallel work.
@@ -72,7 +76,10 @@ impl MeshSource {
             warnings.add_many("triangles of surfaces that do not close are left hollow by --fill solid", open as u64);
         }
         let alphas = par::map(model.materials.len(), |i| alpha_sums(&model.materials[i]));
+        let (names, ids) = of_model(&model, |part| !part.triangles.is_empty());
         MeshSource {
+            names,
+            ids,
             bounds,
             facet_size: patch::weighted_median(sizes),
             warnings,
@@ -147,6 +154,10 @@ impl Source for MeshSource {
         })
     }
 
+    fn materials(&self) -> &[String] {
+        &self.names
+    }
+
     fn warnings(&self) -> &Warnings {
         &self.warnings
     }
@@ -166,7 +177,8 @@ impl Source for MeshSource {
             let sums = self.alphas[part.material].as_ref();
             for shift in place.shifts(Aabb::around(corners.iter().copied())) {
                 let corners = corners.iter().map(|c| *c + shift).collect();
-                pieces.push(Piece { part, material, sums, corners, first: first as u32, mirrored, faces });
+                let id = self.ids[part.material];
+                pieces.push(Piece { part, material, id, sums, corners, first: first as u32, mirrored, faces });
                 first += part.triangles.len() as u64;
                 if first > u64::from(u32::MAX) {
                     return Err(Error::Limit {
@@ -191,6 +203,8 @@ impl Source for MeshSource {
 struct Piece<'a> {
     part: &'a Part,
     material: &'a Material,
+    /// Of the material's name.
+    id: u16,
     sums: Option<&'a AlphaSums>,
     corners: Vec<DVec3>,
     /// Number of its first facet.
@@ -352,6 +366,10 @@ impl Staged for StagedMesh<'_> {
             Alpha::Blend => rgba[3].clamp(0.0, 1.0),
         };
         Surface { albedo: [rgba[0], rgba[1], rgba[2]].map(|v| v.clamp(0.0, 1.0)), alpha }
+    }
+
+    fn material(&self, facet: u32) -> u16 {
+        self.find(facet).0.id
     }
 
     fn cut_out(&self, facet: u32) -> bool {

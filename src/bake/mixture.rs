@@ -3,6 +3,8 @@
 use super::medium::Medium;
 use crate::geom::DVec3;
 use crate::morton;
+use crate::volume::Mix;
+use crate::volume::material::FINE;
 
 /// The voxels of `medium`'s cube, each with its part of what is filled.
 pub fn voxels(medium: &Medium, each: &mut dyn FnMut(Medium)) {
@@ -62,7 +64,14 @@ fn sum(parts: &[Medium]) -> Option<Medium> {
     }
     let way = if normal.dot(facing) < 0.0 { -normal } else { normal };
     let way = way.try_normalize().or_else(|| facing.try_normalize()).unwrap_or(DVec3::ZERO);
+    let weights = parts.iter().flat_map(|p| {
+        let own = p.extinction * volume(p.lo, p.hi);
+        p.materials.weights().map(move |(id, share)| (id, own * share))
+    });
+    let mut materials: std::collections::BTreeMap<u8, f64> = std::collections::BTreeMap::new();
+    weights.for_each(|(id, weight)| *materials.entry(id).or_default() += weight);
     Some(Medium {
+        materials: Mix::new(materials, FINE),
         lo,
         hi,
         extinction: matter / volume(lo, hi),

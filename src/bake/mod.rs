@@ -22,6 +22,7 @@ mod kept;
 pub mod layers;
 mod lines;
 pub mod lsystem;
+pub mod materials;
 mod measure;
 mod medium;
 pub mod merge;
@@ -53,13 +54,14 @@ pub use lsystem::LSystemOptions;
 pub use medium::Medium;
 pub use mesh::{Fill, MeshOptions, MeshSource};
 pub use open::{OpenOptions, dependencies, open};
+pub use recipe::{Laid, laid_files, lay};
 pub use source::{Cut, Placement, Source, Staged, Surface};
 pub use stack::{StackOptions, StackSource};
 pub use trajectory::TrajectoryOptions;
 
 use crate::geom::{Aabb, DAffine3, DVec3};
 use crate::progress::Progress;
-use crate::volume::{Channels, Info, Model, Volume};
+use crate::volume::{Channels, Info, Material, Model, Volume};
 use crate::{Error, Result, Warnings, morton, par};
 use tree::{How, Joiner, Node, Output, Region};
 
@@ -90,6 +92,8 @@ pub struct Options {
     /// Levels of groups of blocks, each twice as wide as the last, in which rates are corrected with the renderer's own
     /// march; 0: none.
     pub refine: u8,
+    /// Whether the texel tells the source's materials apart.
+    pub materials: bool,
 }
 
 impl Default for Options {
@@ -103,6 +107,7 @@ impl Default for Options {
             memory: 0,
             cube: None,
             refine: REFINE,
+            materials: true,
         }
     }
 }
@@ -137,11 +142,17 @@ pub fn bake(
     foresee: &mut dyn FnMut(&Estimate),
 ) -> Result<(Volume, Report)> {
     let place = plan(source.bounds(), options)?;
+    let names = if options.materials { source.materials() } else { &[] };
+    materials::check(names)?;
     let staged = source.stage(&place, progress)?;
     let estimate = estimate::estimate(&*staged, &place);
     foresee(&estimate);
     within(options, &place, estimate.memory_bytes)?;
-    let output = build(&*staged, &place, options, progress)?;
+    let output = build(&*staged, &place, options, names.len() > 1, progress)?;
+    let materials = match names {
+        [one] => only(one, &output),
+        _ => output.materials.told(names),
+    };
     let depths = output.depths;
     // The root's support: rounded outward by more than any deeper voxel's, so no support reaches beyond it.
     let content = depths.first().and_then(|d| d.voxels.first()).map_or(Aabb::new(DVec3::ZERO, DVec3::ZERO), |root| {
@@ -175,9 +186,18 @@ pub fn bake(
             albedo: source.has_colour(),
             mean_normal: depths.iter().flat_map(|d| &d.voxels).any(|v| v.one_sidedness() > 0.0),
         },
+        materials,
         meta: meta(&report),
     };
     Ok((Volume { info, depths }, report))
+}
+
+/// A texel's one material.
+fn only(name: &str, output: &Output) -> Vec<Material> {
+    let root = output.depths.first().and_then(|d| d.voxels.first());
+    let mut weights = materials::Weights::default();
+    weights.add(0, 1.0, root.map_or(DVec3::ONE, |r| r.albedo().as_dvec3()));
+    weights.told(&[name.to_owned()])
 }
 
 /// What the file says of how it was made; who calls adds the sources.
@@ -258,12 +278,18 @@ fn within(options: &Options, place: &Placement, needed: u64) -> Result<()> {
 }
 
 /// All depths; none for a source without matter. Ends where it takes more memory than was foreseen and is allowed.
-fn build(staged: &dyn Staged, place: &Placement, options: &Options, progress: &dyn Progress) -> Result<Output> {
+fn build(
+    staged: &dyn Staged,
+    place: &Placement,
+    options: &Options,
+    materials: bool,
+    progress: &dyn Progress,
+) -> Result<Output> {
     let regions = staged.regions();
     let levels = place.region_log2();
     let top = place.depth - levels;
     let refine = if options.model == Model::Coverage { usize::from(options.refine) } else { 0 };
-    let how = How { model: options.model, refine };
+    let how = How { model: options.model, refine, materials };
     progress.stage("measure", regions.len() as u64);
     let mut output = Output::new(place.depth + 1, how);
     let mut joiner = Joiner::new(top);

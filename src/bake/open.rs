@@ -6,7 +6,7 @@ use super::lsystem::{self, LSystemOptions};
 use super::stack::{self, StackOptions, StackSource};
 use super::texel::TexelSource;
 use super::{CurveSource, GroupSource, MeshOptions, MeshSource, Source, TrajectoryOptions};
-use super::{group, lines, recipe, trajectory};
+use super::{group, lines, materials, recipe, trajectory};
 use crate::geom::DAffine3;
 use crate::scene::gltf::{self, ReadOptions};
 use crate::{Error, Result, Warnings};
@@ -80,14 +80,16 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Box<dyn Source>> {
         }
     };
     let curves = &options.trajectory;
-    let strands =
+    let (names, ids) = materials::of_model(&model, |p| !(p.lines.is_empty() && p.points.is_empty()));
+    let mut strands =
         curves.width.map_or_else(Vec::new, |w| lines::take(&mut model, w * curves.width_scale, curves.section));
     let units = model.metres_per_unit;
     let mesh = MeshSource::new(model, &options.mesh);
     if strands.is_empty() {
         return Ok(Box::new(mesh));
     }
-    let curves = CurveSource::new(strands, &curves.curve, units, Warnings::default());
+    strands.iter_mut().for_each(|s| s.material = ids.get(usize::from(s.material)).copied().unwrap_or(0));
+    let curves = CurveSource::new(strands, &curves.curve, units, Warnings::default()).with_materials(names);
     let part = |source| group::Part { source, transform: DAffine3::IDENTITY };
     Ok(Box::new(GroupSource::new(vec![Box::new(mesh), Box::new(curves)], &[part(0), part(1)], units)))
 }

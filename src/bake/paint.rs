@@ -11,6 +11,7 @@ use super::source::{Cut, Placement, Source, Staged, Surface};
 use crate::geom::{Aabb, DAffine3, DVec3};
 use crate::progress::Progress;
 use crate::scene::Texture;
+use crate::volume::Mix;
 use crate::{Result, Warnings};
 
 /// A value at every point of the source's own space.
@@ -24,12 +25,16 @@ pub type Colouring = Arc<dyn Fn(DVec3, f64) -> [f32; 4] + Send + Sync>;
 pub struct Paint {
     /// Linear Rec. 709, and the share that is there.
     pub colour: Option<Colouring>,
+    /// Whether the colour's share is below 1 anywhere.
+    pub cuts: bool,
     /// Multiply the source's own colours, and don't replace them.
     pub tint: bool,
     /// Share that is there, in [0, 1].
     pub opacity: Option<Varying<f64>>,
     /// The slope of a height above the surface.
     pub bump: Option<Varying<DVec3>>,
+    /// What all of it is called, whatever it was called before.
+    pub material: Option<String>,
 }
 
 /// How a picture is laid on.
@@ -134,8 +139,20 @@ impl Source for PaintedSource {
         self.paint.colour.is_some() || self.inner.has_colour()
     }
 
+    fn materials(&self) -> &[String] {
+        self.paint.material.as_ref().map_or(self.inner.materials(), std::slice::from_ref)
+    }
+
     fn warnings(&self) -> &Warnings {
         self.inner.warnings()
+    }
+
+    fn notes(&self) -> &[String] {
+        self.inner.notes()
+    }
+
+    fn up(&self) -> u8 {
+        self.inner.up()
     }
 
     fn stage<'a>(&'a self, place: &Placement, progress: &dyn Progress) -> Result<Box<dyn Staged + 'a>> {
@@ -193,12 +210,20 @@ impl Staged for StagedPaint<'_> {
         self.surface_of(self.inner.surface(facet, at, width), at, width)
     }
 
+    fn material(&self, facet: u32) -> u16 {
+        if self.paint.material.is_some() { 0 } else { self.inner.material(facet) }
+    }
+
+    fn closed(&self, facet: u32) -> bool {
+        self.inner.closed(facet)
+    }
+
     fn cut_out(&self, facet: u32) -> bool {
-        self.paint.opacity.is_some() || self.inner.cut_out(facet)
+        self.paint.opacity.is_some() || self.paint.cuts || self.inner.cut_out(facet)
     }
 
     fn cut(&self, facet: u32) -> Option<Box<dyn Cut + '_>> {
-        let own = self.paint.opacity.is_none() && self.paint.colour.is_none();
+        let own = self.paint.opacity.is_none() && !self.paint.cuts;
         if own { self.inner.cut(facet) } else { None }
     }
 
@@ -219,7 +244,8 @@ impl Staged for StagedPaint<'_> {
             let edge = f64::from(1u32 << m.levels);
             let at = DVec3::from(m.at.map(f64::from)) + 0.5 * edge;
             let s = self.surface_of(Surface { albedo: m.albedo, alpha: 1.0 }, at, edge);
-            each(&Medium { albedo: s.albedo, extinction: m.extinction * f64::from(s.alpha), ..*m });
+            let materials = if self.paint.material.is_some() { Mix::default() } else { m.materials };
+            each(&Medium { albedo: s.albedo, extinction: m.extinction * f64::from(s.alpha), materials, ..*m });
         });
     }
 

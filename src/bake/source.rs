@@ -123,6 +123,10 @@ pub trait Source: Sync {
     fn facet_size(&self) -> f64;
     /// Whether any facet's colour is anything but white.
     fn has_colour(&self) -> bool;
+    /// Names of the materials that its matter is of, by id, each once; none where it names none.
+    fn materials(&self) -> &[String] {
+        &[]
+    }
     /// What was mended or left out while the source was read.
     fn warnings(&self) -> &Warnings;
     /// What was chosen where nothing was asked for, a line each.
@@ -150,6 +154,10 @@ pub trait Staged: Sync {
     fn emit(&self, region: usize, each: &mut dyn FnMut(&Polygon));
     /// What the facet looks like at `at` (grid space), averaged over about `width` voxels; with 0, a point sample.
     fn surface(&self, facet: u32, at: DVec3, width: f64) -> Surface;
+    /// The id of the facet's material, among [`Source::materials`]; 0 where it names none.
+    fn material(&self, _facet: u32) -> u16 {
+        0
+    }
     /// Whether alpha cuts something out of the facet.
     fn cut_out(&self, facet: u32) -> bool;
     /// Quick answers about the alpha of a facet that is [`cut_out`](Staged::cut_out); without them it is point-sampled.

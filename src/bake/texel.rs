@@ -17,13 +17,14 @@ use crate::format::{Limits, Reader};
 use crate::geom::{Aabb, DAffine3, DMat3, DVec3, directions13};
 use crate::progress::Progress;
 use crate::volume::voxel::{RATE_MAX, rate_table};
-use crate::volume::{Depth, Info, Sggx, Volume, Voxel};
+use crate::volume::{Depth, Info, Mix, Sggx, Volume, Voxel};
 use crate::{Error, Result, Warnings, morton};
 
 /// A texel in memory.
 pub struct TexelSource {
     volume: Volume,
     bounds: Aabb,
+    materials: Vec<String>,
     warnings: Warnings,
 }
 
@@ -44,7 +45,8 @@ impl TexelSource {
     }
 
     pub fn new(volume: Volume, warnings: Warnings) -> TexelSource {
-        let mut source = TexelSource { volume, bounds: Aabb::EMPTY, warnings };
+        let materials = volume.info.materials.iter().map(|m| m.name.clone()).collect();
+        let mut source = TexelSource { volume, bounds: Aabb::EMPTY, materials, warnings };
         if !source.volume.depths.iter().all(|d| d.voxels.is_empty()) {
             let unit = own_grid(&source.volume.info, 0).grid_map().inverse();
             source.bounds = source.volume.info.content.transformed(unit);
@@ -58,9 +60,10 @@ impl TexelSource {
         for ((d, level), codes) in self.volume.depths.iter().enumerate().take(depth + 1).zip(codes(&self.volume.depths))
         {
             let levels = (depth - d) as u32;
-            for ((code, &mask), &voxel) in codes.into_iter().zip(&level.masks).zip(&level.voxels) {
+            for (i, ((code, &mask), &voxel)) in codes.into_iter().zip(&level.masks).zip(&level.voxels).enumerate() {
                 if d == depth || mask == 0 {
-                    leaves.push(Leaf { code: code << (3 * levels), levels, voxel });
+                    let materials = level.mixes.get(i).copied().unwrap_or_default();
+                    leaves.push(Leaf { code: code << (3 * levels), levels, voxel, materials });
                 }
             }
         }
@@ -116,6 +119,7 @@ struct Leaf {
     /// log2 of its edge, in voxels of that depth.
     levels: u32,
     voxel: Voxel,
+    materials: Mix,
 }
 
 impl Leaf {
@@ -147,6 +151,10 @@ impl Source for TexelSource {
 
     fn has_colour(&self) -> bool {
         self.volume.info.channels.albedo
+    }
+
+    fn materials(&self) -> &[String] {
+        &self.materials
     }
 
     fn warnings(&self) -> &Warnings {
@@ -268,6 +276,7 @@ impl StagedTexel {
                         flat,
                         normal,
                         facing,
+                        materials: leaf.materials,
                         ..Medium::even(at.as_uvec3().to_array(), 0, 1.0, albedo)
                     };
                     // Slivers of rounding.

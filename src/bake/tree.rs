@@ -4,12 +4,14 @@
 use super::beams::Beams;
 use super::cutout;
 use super::fit::{Cell, Certificate, fit_block};
+use super::materials::Weights;
 use super::measure::{Gather, Measure};
 use super::medium::{Medium, share};
 use super::refine::{self, Passed};
 use super::source::Staged;
 use crate::geom::DVec3;
 use crate::morton;
+use crate::volume::material::{COARSE, FINE};
 use crate::volume::{Depth, Model};
 
 /// A node whose voxel is not fitted yet, with its children, whose voxels are not either.
@@ -29,6 +31,8 @@ pub struct Output {
     pub depths: Vec<Depth>,
     /// A depth each.
     pub certificates: Vec<Certificate>,
+    /// Of the root.
+    pub materials: Weights,
     how: How,
 }
 
@@ -38,11 +42,14 @@ pub struct How {
     pub model: Model,
     /// How many levels of groups of blocks have their rates corrected.
     pub refine: usize,
+    /// Whether voxels tell materials apart.
+    pub materials: bool,
 }
 
 impl Output {
     pub fn new(depths: usize, how: How) -> Output {
-        Output { depths: vec![Depth::default(); depths], certificates: vec![Certificate::default(); depths], how }
+        let certificates = vec![Certificate::default(); depths];
+        Output { depths: vec![Depth::default(); depths], certificates, materials: Weights::default(), how }
     }
 
     /// Take over what follows in Morton order.
@@ -50,6 +57,7 @@ impl Output {
         for (mine, theirs) in self.depths.iter_mut().zip(&mut next.depths) {
             mine.masks.append(&mut theirs.masks);
             mine.voxels.append(&mut theirs.voxels);
+            mine.mixes.append(&mut theirs.mixes);
         }
         for (mine, theirs) in self.certificates.iter_mut().zip(&next.certificates) {
             mine.merge(theirs);
@@ -58,10 +66,14 @@ impl Output {
 
     /// Fit the block `cells`, of voxels at `depth` with masks, whose node is measured by `block`.
     fn fit(&mut self, depth: usize, cells: &[(Cell, u8)], block: &Measure, width: usize) -> Option<Passed> {
+        let step = if depth + 1 == self.depths.len() { COARSE } else { FINE };
         let out = &mut self.depths[depth];
         out.masks.extend(cells.iter().map(|c| c.1));
+        if self.how.materials {
+            out.mixes.extend(cells.iter().map(|(c, _)| c.measure.materials.mix(step)));
+        }
         let cells: Vec<Cell> = cells.iter().map(|(c, _)| Cell { at: c.at, measure: c.measure }).collect();
-        let How { model, refine } = self.how;
+        let How { model, refine, .. } = self.how;
         fit_block(&cells, block, (width, refine > 0), model, &mut out.voxels, &mut self.certificates[depth])
     }
 
@@ -102,6 +114,7 @@ impl Region<'_> {
     pub fn node(&mut self, index: usize, depth: usize) -> Option<Box<Node>> {
         let corner = DVec3::from(self.origin.map(f64::from));
         let width = f64::from(1u32 << self.levels);
+        let told = self.output.how.materials;
         // Voxels by code, as places in `voxels` from 1 on.
         let mut places = vec![0u32; 1 << (3 * self.levels)];
         let mut voxels: Vec<(u32, Box<Gather>)> = Vec::new();
@@ -110,7 +123,7 @@ impl Region<'_> {
                 let cell = (at - corner).clamp(DVec3::ZERO, DVec3::splat(width - 1.0)).as_uvec3();
                 let code = morton::encode(cell.to_array()) as usize;
                 if places[code] == 0 {
-                    voxels.push((code as u32, Box::new(Gather::new())));
+                    voxels.push((code as u32, Box::new(Gather::new(told))));
                     places[code] = voxels.len() as u32;
                 }
                 voxels[places[code] as usize - 1].1.add(self.staged, piece, at, cut);
@@ -154,7 +167,8 @@ impl Region<'_> {
         if let Some(medium) = within
             && let Some(share) = share(medium, self.lowest(code), levels as u32)
         {
-            gather.get_or_insert_with(|| Box::new(Gather::new())).add_medium(&share, medium.albedo);
+            let told = self.output.how.materials;
+            gather.get_or_insert_with(|| Box::new(Gather::new(told))).add_medium(&share, medium);
         }
         match gather.and_then(|g| g.finish()) {
             Some((measure, beams)) => {
@@ -237,6 +251,7 @@ pub fn join(depth: usize, children: [Option<Box<Node>>; 8], output: &mut Output)
         if child.measure.total == 0.0 {
             // Matter that no facet shows takes the colour around it.
             child.measure.albedo = measure.albedo;
+            child.measure.materials = measure.materials.clone();
         }
         (child.measure, child.mask)
     };
@@ -302,6 +317,7 @@ impl Joiner {
             output.fit(1, &cells, &root.measure, 2);
         }
         output.fit(0, &[(Cell { at: [0; 3], measure: &root.measure }, root.mask)], &root.measure, 1);
+        output.materials = root.measure.materials;
         true
     }
 }

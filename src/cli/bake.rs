@@ -11,7 +11,7 @@ use sha2::{Digest, Sha256};
 use super::Ui;
 use super::quantity::{bytes, count, size};
 use super::source::{SourceArgs, clap_name};
-use crate::bake::{self, DepthReport, Estimate, MAX_REFINE, MAX_RESOLUTION, Options, REFINE};
+use crate::bake::{self, DepthReport, Estimate, Laid, MAX_REFINE, MAX_RESOLUTION, Options, REFINE};
 use crate::format::{self, Quality, WriteOptions};
 use crate::progress::Progress;
 use crate::volume::{Model, Octree, Volume, level};
@@ -25,6 +25,16 @@ pub struct Args {
     input: Option<PathBuf>,
     #[command(flatten)]
     source: SourceArgs,
+    /// Lay a colour on all of it: '#rrggbb' or r,g,b (linear), a picture, a .toml file with the keys of a recipe's albedo, or
+    /// these in braces: '{ noise = { scale = 2 }, colours = ["#553311", "#998866"] }'
+    #[arg(long, value_name = "COLOUR|FILE|{TABLE}")]
+    albedo: Option<String>,
+    /// Multiply the source's own colours by --albedo, and don't replace them
+    #[arg(long)]
+    tint: bool,
+    /// Call all of its matter by this name, and not as the source does
+    #[arg(long, value_name = "NAME")]
+    material: Option<String>,
     /// The .vtex file to write [default: the input's name with .vtex, here]
     #[arg(short, long, value_name = "OUT.vtex")]
     output: Option<PathBuf>,
@@ -46,6 +56,9 @@ pub struct Args {
     /// Levels of groups of blocks whose rates are corrected with the renderer's own march: 0 none, each more costs less
     #[arg(long, default_value_t = REFINE, value_name = "N", value_parser = clap::value_parser!(u8).range(..=i64::from(MAX_REFINE)))]
     refine: u8,
+    /// Whether voxels tell the source's materials apart, so that a landscape can restyle them by name
+    #[arg(long, value_enum, default_value = "on")]
+    materials: Materials,
     /// How finely the channels are stored
     #[arg(long, value_enum, default_value = "full")]
     quality: QualityArg,
@@ -73,6 +86,12 @@ pub struct Args {
 enum ModelArg {
     Coverage,
     Neyret,
+}
+
+#[derive(Clone, Copy, PartialEq, clap::ValueEnum)]
+enum Materials {
+    On,
+    Off,
 }
 
 #[derive(Clone, Copy, clap::ValueEnum)]
@@ -107,6 +126,7 @@ impl Args {
             memory: self.memory.unwrap_or(0),
             cube: None,
             refine: self.refine,
+            materials: self.materials == Materials::On,
         }
     }
 
@@ -123,7 +143,19 @@ impl Args {
             out["cyclic"] = self.cyclic.clone().into();
         }
         self.source.provenance(&mut out);
+        self.albedo.iter().for_each(|v| out["albedo"] = v.as_str().into());
+        if self.tint {
+            out["tint"] = true.into();
+        }
+        self.material.iter().for_each(|v| out["material"] = v.as_str().into());
+        if self.materials == Materials::Off {
+            out["materials"] = "off".into();
+        }
         out
+    }
+
+    fn laid(&self) -> Laid {
+        Laid { albedo: self.albedo.clone(), tint: self.tint, material: self.material.clone() }
     }
 }
 
@@ -139,7 +171,9 @@ fn bake_file(args: &Args, ui: &Ui) -> Result<()> {
         .output
         .clone()
         .unwrap_or_else(|| PathBuf::from(input.file_name().unwrap_or_default()).with_extension("vtex"));
-    let files = args.input.as_deref().map(bake::dependencies).unwrap_or_default();
+    let laid = args.laid();
+    let mut files = args.input.as_deref().map(bake::dependencies).unwrap_or_default();
+    files.extend(bake::laid_files(&laid));
     check_outputs(args, &output, &files)?;
     if args.voxel_size.is_none() && !args.resolution.is_power_of_two() {
         ui.say(&format!("-r {} is rounded up to {}", args.resolution, args.resolution.next_power_of_two()));
@@ -150,6 +184,7 @@ fn bake_file(args: &Args, ui: &Ui) -> Result<()> {
         Some(path) => bake::open(path, &options)?,
         None => bake::lsystem::open(None, &options.lsystem, &options.read, &options.mesh)?,
     };
+    let source = bake::lay(source, &laid, &options.read)?;
     source.notes().iter().for_each(|note| ui.say(note));
     let read_time = start.elapsed();
     let mut foresee = |e: &Estimate| {

@@ -7,7 +7,8 @@ use serde_json::{Value, json};
 
 use super::Ui;
 use super::quantity::size;
-use crate::format::{Head, Limits, Reader};
+use crate::format::{Channel, Head, Limits, Reader, StreamEntry};
+use crate::volume::material::WHOLE;
 use crate::volume::octree::Pages;
 use crate::{Error, Result};
 
@@ -74,6 +75,11 @@ fn depth_error(head: &Head, d: usize) -> Option<&Value> {
     head.info.meta.get("error")?.get("depths")?.get(d)
 }
 
+/// Values that a code may have; of materials, those of a share.
+fn steps(stream: &StreamEntry) -> u16 {
+    if stream.channel() == Some(Channel::Material) { u16::from(WHOLE) + 1 } else { stream.quant_max + 1 }
+}
+
 fn describe(reader: &Reader) -> Value {
     let (head, finest) = (reader.head(), finest(reader.head()));
     let info = reader.info();
@@ -87,7 +93,7 @@ fn describe(reader: &Reader) -> Value {
     let streams = head
         .streams
         .iter()
-        .map(|s| json!({ "steps": s.quant_max + 1, "max_abs_error": s.max_abs_error, "constant": s.is_constant() }));
+        .map(|s| json!({ "steps": steps(s), "max_abs_error": s.max_abs_error, "constant": s.is_constant() }));
     let mut channels = vec![];
     let details = std::iter::once(json!({})).chain(streams);
     for ((name, bytes), mut detail) in head.channel_sizes().into_iter().zip(details) {
@@ -115,6 +121,7 @@ fn describe(reader: &Reader) -> Value {
         "content_id": hex(&head.content_id()),
         "depths": depths.collect::<Vec<_>>(),
         "channels": channels,
+        "materials": info.materials,
         "meta": info.meta,
     })
 }
@@ -142,6 +149,11 @@ fn tables(reader: &Reader) -> String {
     for (key, value) in info.meta.iter().filter(|(key, _)| *key != "error") {
         line(format!("  {key:<11} {}", brief(value)));
     }
+    for (i, m) in info.materials.iter().enumerate() {
+        let key = if i == 0 { "materials" } else { "" };
+        let [r, g, b] = m.albedo.map(number);
+        line(format!("  {key:<11} {:>5}%  {}, albedo {r} {g} {b}", number(100.0 * m.share), m.name));
+    }
     let with_error = (0..head.depths.len()).any(|d| depth_error(head, d).is_some());
     let heading = if with_error { "error" } else { "" };
     line(format!("\n  depth  voxels a side      voxels  occupancy       bytes  bytes so far  {heading}"));
@@ -158,7 +170,7 @@ fn tables(reader: &Reader) -> String {
         line(match stream {
             None => row,
             Some(s) if s.is_constant() => format!("{row}  constant"),
-            Some(s) => format!("{row}  {:>5}  {:>13}", s.quant_max + 1, number(f64::from(s.max_abs_error))),
+            Some(s) => format!("{row}  {:>5}  {:>13}", steps(s), number(f64::from(s.max_abs_error))),
         });
     }
     let all = bits_per(reader.file_bytes(), finest);

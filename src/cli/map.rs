@@ -9,7 +9,8 @@ use crate::format::{Limits, Reader};
 use crate::geom::DVec3;
 use crate::scene::gltf::map::{Cells, Chart, Heights, MapOptions, Mapped, map};
 use crate::scene::shell::Orientations;
-use crate::volume::Pages;
+use crate::scene::texture::srgb_to_linear;
+use crate::volume::{Pages, Style};
 use crate::{Error, Result};
 
 #[derive(clap::Args)]
@@ -70,6 +71,10 @@ pub struct Args {
     /// Seed of the random choices
     #[arg(long, default_value_t = 0)]
     seed: u32,
+    /// Show the texels' material NAME in this colour, #rrggbb or r,g,b (linear), or with a * before it, in its own colours times
+    /// this one; may be given again
+    #[arg(long, value_name = "NAME=[*]COLOUR", value_parser = restyled)]
+    palette: Vec<(String, Style)>,
     /// Whether the covered faces themselves are drawn
     #[arg(long, value_enum, default_value_t = Surface::Visible)]
     surface: Surface,
@@ -132,6 +137,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
         displace: args.displace,
         presence: args.presence,
         seed: args.seed,
+        palette: args.palette.iter().cloned().collect(),
         surface_visible: args.surface == Surface::Visible,
     };
     let mapped = map(&args.input, &options, &args.output)?;
@@ -168,6 +174,25 @@ fn pair(text: &str) -> Result<[f64; 2], String> {
         [a, b] => Ok([a, b]),
         _ => Err("one or two numbers are needed".into()),
     }
+}
+
+/// `NAME=#rrggbb`, `NAME=r,g,b`; with a `*` before the colour it multiplies.
+fn restyled(text: &str) -> Result<(String, Style), String> {
+    let (name, colour) = text.rsplit_once('=').filter(|(name, _)| !name.is_empty()).ok_or("NAME=COLOUR is needed")?;
+    let (keep, colour) = colour.strip_prefix('*').map_or((false, colour), |rest| (true, rest));
+    let factor = match colour.strip_prefix('#') {
+        Some(digits) => {
+            let code = u32::from_str_radix(digits, 16).ok().filter(|_| digits.len() == 6);
+            let code = code.ok_or_else(|| format!("{colour} is not a colour like #4c8a2e"))?;
+            [16, 8, 0].map(|shift| f64::from(srgb_to_linear((code >> shift & 255) as u8)))
+        }
+        None => <[f64; 3]>::try_from(numbers(colour)?).map_err(|_| "a colour is #rrggbb or three numbers")?,
+    };
+    let most = if keep { f64::MAX } else { 1.0 };
+    if factor.iter().any(|v| !(0.0..=most).contains(v)) {
+        return Err(if keep { "factors are at least 0" } else { "a colour's numbers are from 0 to 1" }.into());
+    }
+    Ok((name.to_owned(), Style { factor, keep }))
 }
 
 fn displacement(text: &str) -> Result<[f64; 3], String> {

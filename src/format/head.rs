@@ -322,13 +322,15 @@ impl StreamEntry {
         let shape = (1..=8).contains(&used)
             && self.component_bytes == 1
             && (1..=255).contains(&self.quant_max)
-            && known.is_none_or(|c| c.components() == used && c.allows(self.quant_max));
+            && known.is_none_or(|c| c.components(self.quant_max) == used && c.allows(self.quant_max));
+        let most = self.maxima();
+        let within = |k: usize, c: u8| most.get(k).is_some_and(|&most| c <= most);
         let error = self.max_abs_error.is_finite() && self.max_abs_error >= 0.0;
         let constant = self
             .constant
             .iter()
             .enumerate()
-            .all(|(k, &c)| if self.is_constant() && k < used { u16::from(c) <= self.quant_max } else { c == 0 });
+            .all(|(k, &c)| if self.is_constant() && k < used { within(k, c) } else { c == 0 });
         let single = earlier.iter().all(|e| e.semantic != self.semantic);
         require(shape && error && constant && single, codes::STREAM, at, || {
             format!("the entry of the stream {name:?} breaks its rules, or is there twice")

@@ -183,6 +183,22 @@ impl StreamEntry {
         Channel::from_semantic(self.semantic)
     }
 
+    /// The entry of a channel, not critical; `constant`: the codes of every voxel, where they are the same.
+    pub(super) fn of(channel: Channel, q_max: u8, constant: Option<&[u8]>) -> StreamEntry {
+        let mut codes = [0; 8];
+        codes.iter_mut().zip(constant.unwrap_or_default()).for_each(|(slot, &code)| *slot = code);
+        StreamEntry {
+            semantic: channel.semantic(),
+            components: channel.components(q_max.into()) as u8,
+            component_bytes: 1,
+            quant_max: q_max.into(),
+            flags: if constant.is_some() { Self::CONSTANT } else { 0 },
+            max_abs_error: channel.max_abs_error(q_max),
+            constant: codes,
+            ..StreamEntry::default()
+        }
+    }
+
     /// Largest code of each component.
     pub fn maxima(&self) -> Vec<u8> {
         let q_max = self.quant_max.min(255) as u8;

@@ -1,17 +1,20 @@
 //! META: what a file says of itself, as canonical JSON (RFC 8785), so that equal content is equal bytes.
 
+use std::collections::BTreeSet;
+
 use serde_json::{Map, Value};
 
 use super::layout::{Header, StreamEntry};
 use super::{Channel, head};
 use crate::geom::{Aabb, DVec3};
+use crate::volume::material::{MOST_MATERIALS, Material};
 use crate::volume::{Channels, Info, Model};
 use crate::{Error, Result};
 
 /// Deepest nesting.
 const MAX_NESTING: usize = 16;
 /// The keys that [`Info`] has fields for.
-const OWN: [&str; 3] = ["content", "facet_size", "model"];
+const OWN: [&str; 4] = ["content", "facet_size", "materials", "model"];
 
 /// META of `info`. Its `meta` must not use a key of its own, nor be longer or deeper than a reader takes.
 pub fn encode(info: &Info) -> Result<Vec<u8>> {
@@ -24,6 +27,10 @@ pub fn encode(info: &Info) -> Result<Vec<u8>> {
     all.insert("content".into(), serde_json::json!({ "max": numbers(content.max), "min": numbers(content.min) }));
     all.insert("facet_size".into(), info.facet_size.into());
     all.insert("model".into(), serde_json::to_value(info.model).unwrap_or_default());
+    if !info.materials.is_empty() {
+        check(&info.materials).map_err(|what| Error::Options(format!("META: {what}")))?;
+        all.insert("materials".into(), serde_json::to_value(&info.materials).unwrap_or_default());
+    }
     let all = Value::Object(all);
     if nesting(&all) > MAX_NESTING {
         return Err(Error::Options(format!("META is nested deeper than {MAX_NESTING}")));
@@ -61,6 +68,11 @@ pub fn parse(bytes: &[u8], header: &Header, streams: &[StreamEntry]) -> Result<I
     let facet_size = facet_size.ok_or("META's \"facet_size\" is not a number in [0, 2]")?;
     let model = meta.remove("model").unwrap_or_default();
     let model: Model = serde_json::from_value(model).map_err(|e| format!("META's \"model\": {e}"))?;
+    let materials = materials(meta.remove("materials"))?;
+    let told = streams.iter().find(|s| s.channel() == Some(Channel::Material));
+    if told.map_or(1, |s| usize::from(s.quant_max) + 1) != materials.len() && (told.is_some() || materials.len() > 1) {
+        return Err(format!("META names {} materials, which is not what the streams have", materials.len()));
+    }
     let has = |c: Channel| streams.iter().any(|s| s.channel() == Some(c));
     let b = &header.bounds;
     Ok(Info {
@@ -77,8 +89,33 @@ pub fn parse(bytes: &[u8], header: &Header, streams: &[StreamEntry]) -> Result<I
             albedo: has(Channel::Albedo),
             mean_normal: has(Channel::MeanNormal),
         },
+        materials,
         meta,
     })
+}
+
+/// META's materials.
+fn materials(value: Option<Value>) -> Result<Vec<Material>, String> {
+    let Some(value) = value else { return Ok(Vec::new()) };
+    let materials: Vec<Material> = serde_json::from_value(value).map_err(|e| format!("META's \"materials\": {e}"))?;
+    check(&materials).map(|()| materials)
+}
+
+/// That names are there once, and numbers are in range.
+fn check(materials: &[Material]) -> Result<(), String> {
+    if !(1..=MOST_MATERIALS).contains(&materials.len()) {
+        return Err(format!("{} materials, not 1 to {MOST_MATERIALS}", materials.len()));
+    }
+    let mut names = BTreeSet::new();
+    for m in materials {
+        if m.name.is_empty() || !names.insert(m.name.as_str()) {
+            return Err(format!("the material name {:?} is empty, or there twice", m.name));
+        }
+        if m.albedo.iter().chain([&m.share]).any(|v| !(0.0..=1.0).contains(v)) {
+            return Err(format!("albedo and share of the material {:?} are not in [0, 1]", m.name));
+        }
+    }
+    Ok(())
 }
 
 /// An [`Info`] before META was read.
@@ -92,6 +129,7 @@ pub fn blank_info() -> Info {
         content: Aabb::UNIT,
         facet_size: 0.0,
         channels: Channels::default(),
+        materials: Vec::new(),
         meta: Map::new(),
     }
 }

@@ -9,6 +9,7 @@ pub mod codes;
 mod filter;
 mod head;
 mod layout;
+mod material;
 mod meta;
 mod page;
 mod reader;

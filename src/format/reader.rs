@@ -10,15 +10,17 @@ use memmap2::Mmap;
 use super::codes::{self, Broken, require};
 use super::head::Head;
 use super::layout::{HEADER_LEN, NONE, SectionEntry, SectionKind};
+use super::material::Coding;
 use super::page::{self, PageRef};
 use super::stream::{Quantiser, canonical};
-use super::{Limits, filter};
+use super::{Channel, Limits, filter};
 use crate::volume::octree::{PAGE_LOG2, Pages};
-use crate::volume::{Depth, Info, Volume, Voxel};
+use crate::volume::{Depth, Info, Mix, Volume, Voxel};
 use crate::{Error, Result, Warnings, par};
 
-/// Decoded bytes of a node: its voxel and its child mask.
+/// Decoded bytes of a node: its voxel and its child mask; and of what it shows of materials.
 const NODE_BYTES: u64 = size_of::<Voxel>() as u64 + 1;
+const MIX_BYTES: u64 = size_of::<Mix>() as u64;
 
 /// The pages of a section.
 struct Index {
@@ -35,6 +37,8 @@ pub struct Reader {
     quantiser: Quantiser,
     /// Stream of the file behind each stream of the quantiser.
     known: Vec<usize>,
+    /// The file's stream of materials, and how it is coded.
+    material: Option<(usize, Coding)>,
     /// Depths that are opened: all, or those that the limit leaves.
     depths: usize,
     indices: Vec<OnceLock<Index>>,
@@ -84,9 +88,12 @@ impl Reader {
         })?;
         let head = Head::parse(&bytes).map_err(fail)?;
 
+        let material = head.streams.iter().position(|s| s.channel() == Some(Channel::Material));
+        let material = material.map(|s| (s, Coding::new(&head.info.materials)));
+        let node_bytes = NODE_BYTES + if material.is_some() { MIX_BYTES } else { 0 };
         let (mut depths, mut bytes) = (0, 0u64);
         for depth in &head.depths {
-            bytes += depth.nodes * NODE_BYTES;
+            bytes += depth.nodes * node_bytes;
             if bytes > limits.decoded_bytes || depth.block_end > map.len() as u64 {
                 break;
             }
@@ -99,7 +106,9 @@ impl Reader {
                 allowed: limits.decoded_bytes,
             });
         }
-        let known: Vec<usize> = (0..head.streams.len()).filter(|&s| head.streams[s].channel().is_some()).collect();
+        let known: Vec<usize> = (0..head.streams.len())
+            .filter(|&s| head.streams[s].channel().is_some_and(|c| c != Channel::Material))
+            .collect();
         let quantiser = Quantiser::of(known.iter().filter_map(|&s| {
             let stream = &head.streams[s];
             Some((stream.channel()?, stream.quant_max as u8))
@@ -110,6 +119,7 @@ impl Reader {
             bytes_read: AtomicU64::new(length as u64),
             quantiser,
             known,
+            material,
             depths,
             head,
             map,
@@ -163,12 +173,14 @@ impl Reader {
     pub fn read_all(&self) -> Result<Volume> {
         let mut depths = Vec::with_capacity(self.depths);
         for (d, n) in self.counts().into_iter().enumerate() {
-            let pages = par::map(n.div_ceil(1 << PAGE_LOG2), |page| self.voxels(d, page));
-            let mut voxels = Vec::new();
+            let pages = par::map(n.div_ceil(1 << PAGE_LOG2), |page| Ok((self.voxels(d, page)?, self.mixes(d, page)?)));
+            let (mut voxels, mut mixes) = (Vec::new(), Vec::new());
             for page in pages {
-                voxels.extend(page?);
+                let (page, mixed) = page?;
+                voxels.extend(page);
+                mixes.extend(mixed);
             }
-            depths.push(Depth { masks: self.masks(d)?, voxels });
+            depths.push(Depth { masks: self.masks(d)?, voxels, mixes });
         }
         Ok(Volume { info: self.head.info.clone(), depths })
     }
@@ -236,7 +248,26 @@ impl Reader {
         let page_log2 = self.head.header.page_log2;
         let index = self.index(number, section)?;
         let left = self.head.depths[depth].nodes.saturating_sub((page as u64) << page_log2);
-        self.page(section, index, page, left.min(1 << page_log2), &entry.maxima())
+        let codes = self.page(section, index, page, left.min(1 << page_log2), &entry.maxima())?;
+        if let Some((_, coding)) = self.material.as_ref().filter(|m| m.0 == stream) {
+            let whole = codes.chunks_exact(entry.components.into()).all(|c| coding.is_whole(c));
+            require(whole, codes::PAGE_VALUE, section.offset, || "shares of materials sum up to more than all".into())?;
+        }
+        Ok(codes)
+    }
+
+    /// What voxels `page << 12 ..` of `depth` show of materials.
+    fn read_mixes(&self, depth: usize, page: usize) -> Result<Vec<Mix>, Broken> {
+        let Some((stream, coding)) = &self.material else { return Ok(Vec::new()) };
+        // Colours tell which material is likely.
+        let mut voxels = vec![Voxel::default(); self.in_page(depth, page)];
+        let albedo = |&(_, &s): &(usize, &usize)| self.head.streams[s].channel() == Some(Channel::Albedo);
+        if let Some((slot, &stream)) = self.known.iter().enumerate().find(albedo) {
+            self.fill(depth, stream, page, |i, codes| self.quantiser.put(slot, &mut voxels[i], codes))?;
+        }
+        let mut mixes = vec![Mix::default(); voxels.len()];
+        self.fill(depth, *stream, page, |i, codes| mixes[i] = coding.mix(codes, voxels[i].albedo).unwrap_or_default())?;
+        Ok(mixes)
     }
 
     /// Page `page` of the child masks of the nodes at `depth` − 1.
@@ -284,34 +315,43 @@ impl Reader {
 
     /// Voxels `page << 12 ..` of `depth`, whatever the size of the file's pages.
     fn read_voxels(&self, depth: usize, page: usize) -> Result<Vec<Voxel>, Broken> {
-        let first = page << PAGE_LOG2;
-        let count = (self.head.depths[depth].nodes as usize).saturating_sub(first).min(1 << PAGE_LOG2);
-        let mut voxels = vec![Voxel::default(); count];
-        let page_log2 = self.head.header.page_log2;
+        let mut voxels = vec![Voxel::default(); self.in_page(depth, page)];
         for (slot, &stream) in self.known.iter().enumerate() {
-            let entry = &self.head.streams[stream];
-            let components = usize::from(entry.components);
-            if entry.is_constant() {
-                voxels.iter_mut().for_each(|v| self.quantiser.put(slot, v, &entry.constant[..components]));
-                continue;
-            }
-            let mut done = 0;
-            while done < count {
-                let (file_page, skip) = ((first + done) >> page_log2, (first + done) & ((1 << page_log2) - 1));
-                let codes = self.stream_page(depth, stream, file_page)?;
-                let codes = codes.get(skip * components..).unwrap_or_default().chunks_exact(components);
-                let before = done;
-                for (v, codes) in voxels[done..].iter_mut().zip(codes) {
-                    self.quantiser.put(slot, v, codes);
-                    done += 1;
-                }
-                if done == before {
-                    break;
-                }
-            }
+            self.fill(depth, stream, page, |i, codes| self.quantiser.put(slot, &mut voxels[i], codes))?;
         }
         voxels.iter_mut().for_each(|v| *v = canonical(v));
         Ok(voxels)
+    }
+
+    /// Nodes of page `page << 12 ..` of `depth`.
+    fn in_page(&self, depth: usize, page: usize) -> usize {
+        (self.head.depths[depth].nodes as usize).saturating_sub(page << PAGE_LOG2).min(1 << PAGE_LOG2)
+    }
+
+    /// Give the codes of each voxel of such a page, whatever the size of the file's pages.
+    fn fill(&self, depth: usize, stream: usize, page: usize, mut each: impl FnMut(usize, &[u8])) -> Result<(), Broken> {
+        let entry = &self.head.streams[stream];
+        let (components, page_log2) = (usize::from(entry.components), self.head.header.page_log2);
+        let (first, count) = (page << PAGE_LOG2, self.in_page(depth, page));
+        if entry.is_constant() {
+            (0..count).for_each(|i| each(i, &entry.constant[..components]));
+            return Ok(());
+        }
+        let mut done = 0;
+        while done < count {
+            let (file_page, skip) = ((first + done) >> page_log2, (first + done) & ((1 << page_log2) - 1));
+            let codes = self.stream_page(depth, stream, file_page)?;
+            let codes = codes.get(skip * components..).unwrap_or_default().chunks_exact(components);
+            let before = done;
+            for codes in codes.take(count - done) {
+                each(done, codes);
+                done += 1;
+            }
+            if done == before {
+                break;
+            }
+        }
+        Ok(())
     }
 }
 
@@ -336,5 +376,12 @@ impl Pages for Reader {
             return Ok(Vec::new());
         }
         self.read_voxels(depth, page).map_err(|b| b.at(&self.path))
+    }
+
+    fn mixes(&self, depth: usize, page: usize) -> Result<Vec<Mix>> {
+        if depth >= self.depths {
+            return Ok(Vec::new());
+        }
+        self.read_mixes(depth, page).map_err(|b| b.at(&self.path))
     }
 }

@@ -3,6 +3,8 @@
 //! A stream's code q in 0 ..= Q stands for one of the canonical codes of [`Voxel`]; `widen` is normative, `narrow` is this
 //! writer's choice of the nearest q.
 
+use super::layout::StreamEntry;
+use super::material;
 use crate::par;
 use crate::volume::{Channels, Depth, Sggx, Volume, Voxel};
 
@@ -35,14 +37,16 @@ pub enum Channel {
     MeanNormal,
     /// Square root of linear albedo.
     Albedo,
+    /// What is seen of each of the texel's materials; no field of a [`Voxel`].
+    Material,
 }
 
-/// Codes of the widest channel.
+/// Codes of a [`Voxel`]'s widest channel.
 pub(super) const MAX_COMPONENTS: usize = 3;
 
 impl Channel {
     /// Every channel, in the order of the file.
-    pub const ALL: [Channel; 8] = [
+    pub const ALL: [Channel; 9] = [
         Channel::Rate,
         Channel::NdfDiagonal,
         Channel::NdfCorrelation,
@@ -51,6 +55,7 @@ impl Channel {
         Channel::OneSidedness,
         Channel::MeanNormal,
         Channel::Albedo,
+        Channel::Material,
     ];
 
     /// The four characters of the stream table.
@@ -64,6 +69,7 @@ impl Channel {
             Channel::OneSidedness => b"SIDE",
             Channel::MeanNormal => b"MEAN",
             Channel::Albedo => b"ALBD",
+            Channel::Material => b"MATL",
         }
     }
 
@@ -82,12 +88,14 @@ impl Channel {
             Channel::OneSidedness => "one-sidedness",
             Channel::MeanNormal => "mean normal",
             Channel::Albedo => "albedo",
+            Channel::Material => "material",
         }
     }
 
-    /// Codes a voxel.
-    pub fn components(self) -> usize {
+    /// Codes a voxel, in a stream of the largest code `q_max` (of materials: one less than their number).
+    pub fn components(self, q_max: u16) -> usize {
         match self {
+            Channel::Material => material::components(usize::from(q_max) + 1),
             Channel::Rate | Channel::BlockCorrelation | Channel::OneSidedness => 1,
             Channel::MeanNormal => 2,
             Channel::NdfDiagonal | Channel::NdfCorrelation | Channel::Support | Channel::Albedo => 3,
@@ -105,6 +113,8 @@ impl Channel {
             Channel::OneSidedness => (15, 7),
             Channel::MeanNormal => (63, 31),
             Channel::Albedo => (63, 31),
+            // Not coarsened: it depends on how many there are.
+            Channel::Material => (1, 1),
         };
         if quality == Quality::Full { full } else { lean }
     }
@@ -117,12 +127,17 @@ impl Channel {
             Channel::Support => [3, 15, 63, 255].contains(&q_max),
             Channel::BlockCorrelation | Channel::OneSidedness => (1..=15).contains(&q_max),
             Channel::MeanNormal | Channel::Albedo => (1..=255).contains(&q_max),
+            Channel::Material => (1..=254).contains(&q_max),
         }
     }
 
     /// Largest code of component `k`.
     pub(super) fn component_max(self, k: usize, q_max: u8) -> u8 {
-        if self == Channel::NdfDiagonal && k == 0 { 2 } else { q_max }
+        match self {
+            Channel::NdfDiagonal if k == 0 => 2,
+            Channel::Material => material::most(usize::from(q_max) + 1, k),
+            _ => q_max,
+        }
     }
 
     /// The canonical code that `q` in 0 ..= `q_max` stands for, in component `k`.
@@ -143,6 +158,7 @@ impl Channel {
             Channel::BlockCorrelation | Channel::OneSidedness => scale(15, q, m),
             Channel::NdfDiagonal if k == 0 => q.min(2),
             Channel::NdfDiagonal | Channel::MeanNormal | Channel::Albedo => scale(255, q, m),
+            Channel::Material => q,
         };
         code as u8
     }
@@ -165,6 +181,9 @@ impl Channel {
     /// Largest difference between a value that is encoded and the one that is decoded, canonical rounding included. The unit
     /// is that of the decode equation: log2 of the rate, voxel edges of the support, linear albedo, else the number itself.
     pub(super) fn max_abs_error(self, q_max: u8) -> f32 {
+        if self == Channel::Material {
+            return 1.0 / f32::from(crate::volume::material::WHOLE);
+        }
         let value = |code: u8| match self {
             Channel::Rate => f64::from(code) / 16.0,
             Channel::NdfDiagonal => f64::from(code) / 255.0,
@@ -173,6 +192,7 @@ impl Channel {
             Channel::Support => f64::from(code & 15) / 16.0,
             Channel::MeanNormal => f64::from(code) / 127.5,
             Channel::Albedo => f64::from(code) / 255.0 * f64::from(code) / 255.0,
+            Channel::Material => f64::from(code),
         };
         let (first, last) = match self {
             Channel::Rate | Channel::NdfCorrelation => (1, 255),
@@ -199,6 +219,7 @@ impl Channel {
             Channel::OneSidedness => out[0] = v.correlation >> 4,
             Channel::MeanNormal => out[..2].copy_from_slice(&v.mean_normal),
             Channel::Albedo => out[..3].copy_from_slice(&v.albedo),
+            Channel::Material => {}
         }
     }
 
@@ -223,6 +244,7 @@ impl Channel {
             Channel::OneSidedness => v.correlation = v.correlation & 15 | codes[0] << 4,
             Channel::MeanNormal => v.mean_normal.copy_from_slice(&codes[..2]),
             Channel::Albedo => v.albedo.copy_from_slice(&codes[..3]),
+            Channel::Material => {}
         }
     }
 }
@@ -312,6 +334,7 @@ impl Quantiser {
             Channel::Support => channels.support,
             Channel::OneSidedness | Channel::MeanNormal => channels.mean_normal,
             Channel::Albedo => channels.albedo,
+            Channel::Material => false,
         };
         Quantiser::of(Channel::ALL.into_iter().filter(|&c| has(c)).map(|c| (c, c.quant_max(quality))))
     }
@@ -362,10 +385,32 @@ impl Quantiser {
         canonical(&out)
     }
 
+    /// The stream table; `constants` as [`Quantiser::constants`] gives them.
+    pub fn entries(&self, constants: &[Option<[u8; MAX_COMPONENTS]>]) -> Vec<StreamEntry> {
+        let entry = |(channel, constant): (Channel, &Option<[u8; MAX_COMPONENTS]>)| {
+            let mut entry = StreamEntry::of(channel, self.q_max(channel), constant.as_ref().map(|c| &c[..]));
+            entry.flags |= StreamEntry::CRITICAL;
+            entry
+        };
+        self.channels().zip(constants).map(entry).collect()
+    }
+
+    /// The albedo codes that a reader will see in place of those of `v`.
+    pub fn albedo(&self, v: &Voxel) -> [u8; 3] {
+        match self.streams.iter().find(|(c, ..)| *c == Channel::Albedo) {
+            Some((.., tables)) if v.rate > 0 => {
+                let mut codes = v.albedo;
+                coarsen(tables, &mut codes);
+                codes
+            }
+            _ => Voxel::default().albedo,
+        }
+    }
+
     /// Stream `s` of voxels that [`Quantiser::quantise`] made.
     pub fn codes(&self, s: usize, voxels: &[Voxel]) -> Vec<u8> {
-        let Some((channel, _, tables)) = self.streams.get(s) else { return Vec::new() };
-        let n = channel.components();
+        let Some((channel, q_max, tables)) = self.streams.get(s) else { return Vec::new() };
+        let n = channel.components((*q_max).into());
         let mut out = vec![0; voxels.len() * n];
         let mut codes = [0; MAX_COMPONENTS];
         for (v, slot) in voxels.iter().zip(out.chunks_exact_mut(n)) {
@@ -440,9 +485,9 @@ mod tests {
 
     #[test]
     fn what_was_widened_narrows_back() {
-        for channel in Channel::ALL {
+        for channel in Channel::ALL.into_iter().filter(|c| *c != Channel::Material) {
             for q_max in (1..=255u8).filter(|&q| channel.allows(q.into())) {
-                for k in 0..channel.components() {
+                for k in 0..channel.components(q_max.into()) {
                     for q in 0..=channel.component_max(k, q_max) {
                         assert_eq!(channel.narrow(k, channel.widen(k, q, q_max), q_max), q, "{channel:?} {k} {q_max}");
                     }

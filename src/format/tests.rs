@@ -48,6 +48,7 @@ pub fn info(channels: Channels) -> Info {
         content: Aabb::new(DVec3::splat(0.1), DVec3::splat(0.9)),
         facet_size: 0.02,
         channels,
+        materials: Vec::new(),
         meta,
     }
 }
@@ -69,7 +70,7 @@ pub fn volume(seed: u64, depths: usize, channels: Channels) -> Volume {
             .collect();
         let voxels = (0..nodes).map(|_| dice.voxel()).collect();
         nodes = masks.iter().map(|m| m.count_ones() as usize).sum();
-        out.push(Depth { masks, voxels });
+        out.push(Depth { masks, voxels, mixes: Vec::new() });
     }
     Volume { info: info(channels), depths: out }
 }
@@ -81,7 +82,7 @@ pub fn written(volume: &Volume, quality: Quality) -> (tempfile::TempDir, std::pa
     (dir, path)
 }
 
-fn quantised(volume: &Volume, quality: Quality) -> Volume {
+pub fn quantised(volume: &Volume, quality: Quality) -> Volume {
     let quantiser = stream::Quantiser::new(&volume.info.channels, quality);
     let mut out = volume.clone();
     out.depths.iter_mut().flat_map(|d| &mut d.voxels).for_each(|v| *v = quantiser.quantise(v));
@@ -132,7 +133,7 @@ fn an_empty_texel_and_a_lone_terminal_root() {
         Volume { info: info(ALL_CHANNELS), depths: vec![Depth::default()] },
         Volume {
             info: info(ALL_CHANNELS),
-            depths: vec![Depth { masks: vec![0], voxels: vec![Dice(1).voxel()] }, Depth::default()],
+            depths: vec![Depth { masks: vec![0], voxels: vec![Dice(1).voxel()], mixes: Vec::new() }, Depth::default()],
         },
     ] {
         let (_dir, path) = written(&volume, Quality::Full);

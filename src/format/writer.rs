@@ -9,8 +9,8 @@ use super::filter;
 use super::head::{Head, align8};
 use super::layout::{DepthEntry, Header, NONE, SectionEntry, SectionKind, StreamEntry};
 use super::page::{self, Compressor};
-use super::stream::{MAX_COMPONENTS, Quantiser};
-use super::{Channel, PartFile, Quality, meta};
+use super::stream::Quantiser;
+use super::{Channel, PartFile, Quality, material, meta};
 use crate::volume::{Depth, MAX_DEPTH, Volume, Voxel};
 use crate::{Error, Result, par};
 
@@ -60,7 +60,14 @@ pub fn write(volume: &Volume, path: impl AsRef<Path>, options: &WriteOptions) ->
     let internal = check(volume)?;
     let quantiser = Quantiser::fitting(volume, options.quality);
     let constants = quantiser.constants(volume);
-    let streams: Vec<StreamEntry> = quantiser.entries(&constants);
+    let mut streams: Vec<StreamEntry> = quantiser.entries(&constants);
+    let voxel_streams = streams.len();
+    let coding = material::Coding::new(&volume.info.materials);
+    let mixes = |d: usize| {
+        let Depth { voxels, mixes, .. } = &volume.depths[d];
+        coding.codes(mixes, |i| quantiser.albedo(&voxels[i]))
+    };
+    streams.extend(material_stream(volume, &mixes));
     let header = blank_header(volume, streams.len());
     let mut head = Head {
         header,
@@ -92,7 +99,7 @@ pub fn write(volume: &Volume, path: impl AsRef<Path>, options: &WriteOptions) ->
             if head.streams[s].is_constant() {
                 continue;
             }
-            let codes = quantiser.codes(s, &voxels);
+            let codes = if s < voxel_streams { quantiser.codes(s, &voxels) } else { mixes(d) };
             digest.update(&codes);
             let mut body = page_section(&codes, &head.streams[s].maxima(), options.level);
             (body.0.depth, body.0.stream) = (d as u8, s as u8);
@@ -139,9 +146,16 @@ fn check(volume: &Volume) -> Result<Vec<u64>> {
     }
     let mut children = volume.depths.first().map_or(0, |d| d.voxels.len().min(1));
     let mut internal = Vec::new();
-    for (d, Depth { masks, voxels }) in volume.depths.iter().enumerate() {
+    for (d, Depth { masks, voxels, mixes }) in volume.depths.iter().enumerate() {
         if masks.len() != voxels.len() || voxels.len() != children || voxels.len() >= u32::MAX as usize {
             return bad(d, "has another number of nodes than its masks or the depth above say");
+        }
+        let mixed = if volume.info.materials.len() > 1 { voxels.len() } else { 0 };
+        if mixes.len() != mixed {
+            return bad(
+                d,
+                "has another number of mixes of materials than of nodes, or some where there is one material",
+            );
         }
         children = masks.iter().map(|m| m.count_ones() as usize).sum();
         internal.push(masks.iter().filter(|&&m| m != 0).count() as u64);
@@ -154,6 +168,17 @@ fn check(volume: &Volume) -> Result<Vec<u64>> {
         return Err(Error::Options("the volume's bounds are empty or not finite".into()));
     }
     Ok(internal)
+}
+
+/// The stream of materials, where there are any to tell apart; `codes` are those of a depth.
+fn material_stream(volume: &Volume, codes: &dyn Fn(usize) -> Vec<u8>) -> Option<StreamEntry> {
+    let count = volume.info.materials.len();
+    let q_max = u8::try_from(count.checked_sub(1)?).ok().filter(|&q| q > 0)?;
+    let components = material::components(count);
+    let mut first = codes(0);
+    first.resize(components, 0);
+    let same = (0..volume.depths.len()).all(|d| codes(d).chunks_exact(components).all(|c| *c == first));
+    Some(StreamEntry::of(Channel::Material, q_max, same.then_some(&first[..])))
 }
 
 fn blank_header(volume: &Volume, streams: usize) -> Header {
@@ -253,27 +278,4 @@ fn par_chunks(voxels: &[Voxel], f: impl Fn(&Voxel) -> Voxel + Sync + Send) -> Ve
     let mut out = voxels.to_vec();
     par::chunks_mut(&mut out, 1 << PAGE_LOG2, |_, chunk| chunk.iter_mut().for_each(|v| *v = f(v)));
     out
-}
-
-impl Quantiser {
-    /// The stream table; `constants` as [`Quantiser::constants`] gives them.
-    fn entries(&self, constants: &[Option<[u8; MAX_COMPONENTS]>]) -> Vec<StreamEntry> {
-        let entry = |(channel, constant): (Channel, &Option<[u8; MAX_COMPONENTS]>)| {
-            let q_max = self.q_max(channel);
-            let mut codes = [0; 8];
-            codes[..MAX_COMPONENTS].copy_from_slice(&constant.unwrap_or_default());
-            let flags = if constant.is_some() { StreamEntry::CONSTANT } else { 0 };
-            StreamEntry {
-                semantic: channel.semantic(),
-                components: channel.components() as u8,
-                component_bytes: 1,
-                quant_max: q_max.into(),
-                flags: flags | StreamEntry::CRITICAL,
-                max_abs_error: channel.max_abs_error(q_max),
-                constant: codes,
-                ..StreamEntry::default()
-            }
-        };
-        self.channels().zip(constants).map(entry).collect()
-    }
 }

@@ -5,7 +5,7 @@
 //! Traversal Algorithm for Ray Tracing*, 1987.
 
 use super::shell::Piece;
-use crate::geom::{Aabb, DMat3, DVec3};
+use crate::geom::{Aabb, DMat3, DVec3, Vec3};
 use crate::scene::shell::{CellWrap, Discrete, Layer, Orientations};
 
 /// A layer, ready for rays.
@@ -22,12 +22,16 @@ pub struct Choice {
     /// The chance of this or an earlier one, rising to 1.
     pub below: f64,
     pub content: Aabb,
+    /// Multiplies its albedo.
+    pub tint: Vec3,
 }
 
 /// A straight stretch of ray in one copy of a texel.
 #[derive(Debug, Clone, Copy)]
 pub struct Visit {
     pub texel: usize,
+    /// Multiplies the texel's albedo.
+    pub tint: Vec3,
     pub cell: [i64; 3],
     pub t0: f64,
     pub t1: f64,
@@ -154,12 +158,14 @@ impl Skin {
         let first = self.choice.first()?;
         let Some(discrete) = &self.layer.discrete else {
             let linear = DMat3::from_diagonal(sign);
-            return Some(Visit { texel: first.texel, cell, t0, t1, origin: p, dir: sign * dir, linear, zoom: 1.0 });
+            let (texel, tint) = (first.texel, first.tint);
+            return Some(Visit { texel, tint, cell, t0, t1, origin: p, dir: sign * dir, linear, zoom: 1.0 });
         };
         let (choice, Placed { linear: m, origin, zoom }) = self.place(discrete, cell)?;
         let linear = DMat3::from_cols(m.x_axis * sign.x, m.y_axis * sign.y, m.z_axis * sign.z);
         Some(Visit {
             texel: choice.texel,
+            tint: choice.tint,
             cell,
             t0,
             t1,
@@ -219,7 +225,7 @@ mod tests {
     fn skin(wrap: [CellWrap; 3], discrete: Option<Discrete>) -> Skin {
         let layer = Layer { wrap, discrete, ..Layer::default() };
         let content = Aabb::new(DVec3::new(0.3, 0.2, 0.0), DVec3::new(0.6, 0.9, 0.8));
-        Skin { layer, choice: vec![Choice { texel: 0, below: 1.0, content }] }
+        Skin { layer, choice: vec![Choice { texel: 0, below: 1.0, content, tint: Vec3::ONE }] }
     }
 
     fn piece(q0: DVec3, q1: DVec3) -> Piece {

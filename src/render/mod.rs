@@ -49,7 +49,8 @@ use glam::Vec4;
 use crate::geom::Vec3;
 use crate::progress::Progress;
 use crate::scene::Scene;
-use crate::volume::Octree;
+use crate::volume::palette::Restyled;
+use crate::volume::{Octree, Palette};
 use crate::{Error, Result, Warnings, par};
 use pixel::Tracer;
 use prepare::World;
@@ -151,35 +152,53 @@ fn check(options: &Options) -> Result<()> {
 
 /// The files of the texels that a scene's shells use.
 struct Opened {
-    readers: Vec<Option<Arc<Reader>>>,
+    readers: Vec<Option<(Arc<Reader>, Palette)>>,
     warnings: Warnings,
 }
 
 impl Opened {
     fn new(scene: &Scene) -> Result<Opened> {
-        let used = prepare::used_texels(scene);
+        let mut readers: Vec<Option<(Arc<Reader>, Palette)>> = Vec::with_capacity(scene.texels.len());
         let mut warnings = Warnings::default();
-        let mut open = |(texel, used): (&crate::scene::shell::TexelRef, bool)| {
-            let Some(path) = texel.frames.first().filter(|_| used) else { return Ok(None) };
-            let reader = Reader::open(path, &Limits::default())?;
-            if texel.content_id.is_some_and(|id| id != reader.head().content_id()) {
-                let path = path.display();
-                warnings.add(format!("{path}: is not the texel that the landscape was made for (contentId)"));
-            }
-            warnings.merge(reader.warnings());
-            Ok(Some(Arc::new(reader)))
-        };
-        let readers = scene.texels.iter().zip(used).map(&mut open).collect::<Result<_>>()?;
+        for (texel, used) in scene.texels.iter().zip(prepare::used_texels(scene)) {
+            let Some(path) = texel.frames.first().filter(|_| used) else {
+                readers.push(None);
+                continue;
+            };
+            // A texel in several colours is one file.
+            let known = readers.iter().flatten().find(|(reader, _)| reader.path() == path).map(|(r, _)| Arc::clone(r));
+            let reader = match known {
+                Some(reader) => reader,
+                None => {
+                    let reader = Reader::open(path, &Limits::default())?;
+                    if texel.content_id.is_some_and(|id| id != reader.head().content_id()) {
+                        let path = path.display();
+                        warnings.add(format!("{path}: is not the texel that the landscape was made for (contentId)"));
+                    }
+                    warnings.merge(reader.warnings());
+                    Arc::new(reader)
+                }
+            };
+            readers.push(Some((reader, texel.palette.clone())));
+        }
         Ok(Opened { readers, warnings })
     }
 
     fn trees(&self) -> Result<Vec<Option<Octree>>> {
-        let tree = |r: &Option<Arc<Reader>>| r.as_ref().map(|r| Octree::new(Arc::clone(r))).transpose();
-        self.readers.iter().map(tree).collect()
+        let tree = |(reader, palette): &(Arc<Reader>, Palette)| match palette.is_plain() {
+            true => Octree::new(Arc::clone(reader)),
+            false => Octree::new(Restyled::new(Arc::clone(reader), palette)),
+        };
+        self.readers.iter().map(|r| r.as_ref().map(tree).transpose()).collect()
     }
 
     fn count(&self, stats: &mut Stats, warnings: &mut Warnings) {
-        for reader in self.readers.iter().flatten() {
+        let mut counted: Vec<&Arc<Reader>> = Vec::new();
+        for (reader, _) in self.readers.iter().flatten() {
+            if counted.iter().any(|known| Arc::ptr_eq(known, reader)) {
+                continue;
+            }
+            counted.push(reader);
             stats.bytes_read += reader.bytes_read();
             stats.bytes_in_files += reader.file_bytes();
         }

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use std::sync::OnceLock;
 
 use super::source::Source;
-use crate::volume::Info;
+use crate::volume::{Info, Palette};
 use crate::{Result, Warnings};
 
 /// Copies whose voxels are this many pixels wide, log2, are the first that are traced, and those a band further are all
@@ -23,12 +23,14 @@ const FACET: f32 = 3.0;
 /// A texel's source, read when a cone first needs it.
 pub struct Near {
     path: PathBuf,
+    palette: Palette,
     source: OnceLock<Result<(Source, Warnings)>>,
 }
 
 impl Near {
-    pub fn new(path: PathBuf) -> Near {
-        Near { path, source: OnceLock::new() }
+    /// The mesh at `path`, shown in the colours of `palette`.
+    pub fn new(path: PathBuf, palette: Palette) -> Near {
+        Near { path, palette, source: OnceLock::new() }
     }
 
     /// The source, if a cone as wide as `width` is to see it where the finest voxels are `voxel` wide (cube edges). `None` too
@@ -40,7 +42,7 @@ impl Near {
         }
         let read = || {
             let mut warnings = Warnings::default();
-            Source::open(&self.path, info, &mut warnings).map(|source| (source, warnings))
+            Source::open(&self.path, info, &self.palette, &mut warnings).map(|source| (source, warnings))
         };
         self.source.get_or_init(read).as_ref().ok().map(|(source, _)| source)
     }

@@ -206,9 +206,6 @@ impl<'w> Tracer<'w> {
             let metres = [span.t0 * world.unit, span.t1 * world.unit];
             trace.push(Met::Box { index, layer, metres });
         }
-        let tint = Vec3::from_array(
-            world.skins[world.box_skin[index as usize] as usize][layer as usize].layer.diffuse.map(|v| v as f32),
-        );
         let mut own = through;
         let bias = self.options.depth_bias as f32;
         passage(world, &cone.ray, index, Some(layer), (span.t0, span.t1), &|t| cone.width_at(t), &mut |step| {
@@ -217,7 +214,7 @@ impl<'w> Tracer<'w> {
             let frame = frames.len() as u32;
             let frame_of = || {
                 let inside = Ray { origin: visit.origin, dir: visit.dir };
-                let (texel, cell, t0) = (visit.texel, visit.cell, visit.t0);
+                let (texel, tint, cell, t0) = (visit.texel, visit.tint, visit.cell, visit.t0);
                 Frame { texel, tint, t0, cell, inside, to_texel: *to_texel, scale: *scale }
             };
             if let Some(source) = texel.near(stretch.footprint + 0.5 * stretch.growth * stretch.length, threshold) {

@@ -14,7 +14,7 @@ use super::options::{self, CameraChoice, Options};
 use super::shell::ShellBox;
 use super::source::Source;
 use crate::geom::{Aabb, DAffine3, DVec3, Vec3};
-use crate::scene::shell::ShellMaterial;
+use crate::scene::shell::{ShellMaterial, Variant};
 use crate::scene::{Part, Projection, Scene};
 use crate::volume::Octree;
 use crate::{Error, Result, Warnings};
@@ -67,7 +67,7 @@ pub fn used_texels(scene: &Scene) -> Vec<bool> {
     for instance in &scene.model.instances {
         let Some(shell) = shell_of(scene, instance.part).map(|s| s.1) else { continue };
         for layer in &shell.layers {
-            let variants = layer.discrete.iter().flat_map(|d| d.variants.iter().map(|v| v.0));
+            let variants = layer.discrete.iter().flat_map(|d| d.variants.iter().map(|v| v.texel));
             for texel in std::iter::once(layer.texel).chain(variants) {
                 if let Some(slot) = used.get_mut(texel) {
                     *slot = true;
@@ -102,10 +102,17 @@ impl<'a> World<'a> {
             .into_iter()
             .zip(&scene.texels)
             .map(|(tree, said)| {
-                let near = said.geometry.clone().filter(|_| options.near == options::Near::Geometry).map(Near::new);
+                let near = said.geometry.clone().filter(|_| options.near == options::Near::Geometry);
+                let near = near.map(|path| Near::new(path, said.palette.clone()));
                 Some(Texel { tree: tree?, finest: said.max_depth.unwrap_or(u8::MAX), near })
             })
             .collect();
+        for (texel, said) in texels.iter().zip(&scene.texels) {
+            let info = texel.as_ref().map(|t| t.tree.info());
+            for name in info.into_iter().flat_map(|info| said.palette.unknown(info)) {
+                warnings.add(format!("texel {:?} has no material {name:?} for a palette to restyle", said.name));
+            }
+        }
         let mut world = World {
             scene,
             unit,
@@ -297,22 +304,23 @@ fn skins(shell: &ShellMaterial, range: [f64; 2], texels: &[Option<Texel>]) -> Re
         .filter(|layer| layer.skin_range == range)
         .map(|layer| {
             let variants = layer.discrete.iter().flat_map(|d| d.variants.iter().copied());
-            let mut choice: Vec<(usize, f64)> = variants.filter(|v| v.1 > 0.0).collect();
+            let mut choice: Vec<Variant> = variants.filter(|v| v.weight > 0.0).collect();
             if choice.is_empty() {
-                choice.push((layer.texel, 1.0));
+                choice.push(Variant { texel: layer.texel, weight: 1.0, diffuse: [1.0; 3] });
             }
-            let total: f64 = choice.iter().map(|c| c.1).sum();
+            let total: f64 = choice.iter().map(|c| c.weight).sum();
             let mut below = 0.0;
             let choice = choice
                 .into_iter()
-                .map(|(texel, weight)| {
+                .map(|Variant { texel, weight, diffuse }| {
                     let Some(Some(opened)) = texels.get(texel) else {
                         return Err(Error::Options(format!(
                             "the scene's shells use texel {texel}, which is not there"
                         )));
                     };
                     below += weight / total;
-                    Ok(Choice { texel, below, content: opened.tree.info().content })
+                    let tint = std::array::from_fn(|k| (layer.diffuse[k] * diffuse[k]) as f32);
+                    Ok(Choice { texel, below, content: opened.tree.info().content, tint: Vec3::from_array(tint) })
                 })
                 .collect::<Result<Vec<_>>>()?;
             Ok(Skin { layer: layer.clone(), choice })

@@ -2,10 +2,11 @@
 //! pictures where a pixel is smaller than the finest voxel.
 
 use std::path::Path;
+use std::sync::Arc;
 
-use crate::geom::{Aabb, DAffine3, DMat3, DVec3, Ray};
-use crate::scene::{Instance, Model, gltf};
-use crate::volume::Info;
+use crate::geom::{Aabb, DAffine3, DMat3, DVec3, Ray, Vec3};
+use crate::scene::{Instance, Model, Texture, gltf};
+use crate::volume::{Info, Palette, Style};
 use crate::{Error, Result, Warnings};
 
 use super::mesh::{Contact, Mesh, MeshBuilder, Surface};
@@ -18,13 +19,14 @@ pub struct Source {
 }
 
 impl Source {
-    /// Read the mesh at `path`, of which `info`'s texel was baked.
-    pub fn open(path: &Path, info: &Info, warnings: &mut Warnings) -> Result<Source> {
+    /// Read the mesh at `path`, of which `info`'s texel was baked, and show it in the colours of `palette`.
+    pub fn open(path: &Path, info: &Info, palette: &Palette, warnings: &mut Warnings) -> Result<Source> {
         let known = path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
         if !matches!(known.as_deref(), Some("gltf" | "glb")) {
             return Err(Error::unsupported(path, "a texel's geometry that is neither .gltf nor .glb"));
         }
-        let model = gltf::read(path, &gltf::ReadOptions::default())?.model;
+        let mut model = gltf::read(path, &gltf::ReadOptions::default())?.model;
+        restyle(&mut model, palette);
         warnings.merge(model.warnings.clone());
         Ok(Source::new(model, info, warnings))
     }
@@ -72,6 +74,30 @@ impl Source {
             normal: if normal.dot(ray.dir) > 0.0 { -normal } else { normal },
             ..seen
         }
+    }
+}
+
+/// Show a model's materials in the colours of `palette`, by their names.
+pub fn restyle(model: &mut Model, palette: &Palette) {
+    if palette.is_plain() {
+        return;
+    }
+    let styles: Vec<Style> = model.materials.iter().map(|m| palette.style(&m.name)).collect();
+    for (material, style) in model.materials.iter_mut().zip(&styles) {
+        let [r, g, b, alpha] = material.base_color;
+        let [r, g, b] = style.of(Vec3::new(r, g, b)).to_array();
+        material.base_color = [r, g, b, alpha];
+        if let Some(texture) = material.texture.as_mut().filter(|_| !style.keep) {
+            // Its alpha stays.
+            let own = &*texture.texture;
+            let texels = own.texels.iter().map(|t| [255, 255, 255, t[3]]).collect();
+            let mut white = Texture::new(own.name.clone(), own.width, own.height, texels);
+            (white.wrap, white.nearest) = (own.wrap, own.nearest);
+            texture.texture = Arc::new(white);
+        }
+    }
+    for part in model.parts.iter_mut().filter(|p| styles.get(p.material).is_some_and(|s| !s.keep)) {
+        part.colors.iter_mut().flatten().for_each(|c| *c = [1.0, 1.0, 1.0, c[3]]);
     }
 }
 

@@ -1,6 +1,8 @@
 //! What `VTEX_volumetric_texture` says, as plain data with every default filled in (GLTF extension; see README).
 
-/// One texel that the landscape's root names.
+use crate::volume::Palette;
+
+/// A texel that the landscape's root names, in the colours that layers show it in: one for each palette.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TexelRef {
     pub name: String,
@@ -12,6 +14,8 @@ pub struct TexelRef {
     pub max_depth: Option<u8>,
     /// What the first frame's file says of its content, if the landscape was made for that alone.
     pub content_id: Option<[u8; 16]>,
+    /// In which colours it is shown.
+    pub palette: Palette,
 }
 
 /// `environment` of the root.
@@ -91,8 +95,19 @@ pub struct Discrete {
     pub displace: [f64; 3],
     /// Share of cells that hold an object.
     pub presence: f64,
-    /// Texels to choose from, with weights; empty: the layer's own.
-    pub variants: Vec<(usize, f64)>,
+    /// Texels to choose from; empty: the layer's own.
+    pub variants: Vec<Variant>,
+}
+
+/// One of several texels of a layer.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Variant {
+    /// Index into the root's texels.
+    pub texel: usize,
+    /// > 0.
+    pub weight: f64,
+    /// Multiplies the texel's albedo, besides the layer's.
+    pub diffuse: [f64; 3],
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

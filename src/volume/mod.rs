@@ -3,13 +3,17 @@
 //! Texel space is the cube [0,1]^3 with axes (u, v, w), w up; at depth d it is cut into (2^d)^3 voxels. Depth 0 is the root.
 
 pub mod level;
+pub mod material;
 pub mod ndf;
 pub mod octree;
 pub mod opacity;
+pub mod palette;
 pub mod voxel;
 
+pub use material::{Material, Mix};
 pub use ndf::Sggx;
 pub use octree::{Block, Octree, Pages};
+pub use palette::{Palette, Style};
 pub use voxel::Voxel;
 
 use crate::geom::Aabb;
@@ -47,6 +51,8 @@ pub struct Info {
     pub facet_size: f64,
     /// Which of a voxel's fields carry information; the others are constant.
     pub channels: Channels,
+    /// By id; voxels tell them apart where there are two or more. At most [`material::MOST_MATERIALS`].
+    pub materials: Vec<Material>,
     /// Everything else that META holds: generator, sources, bake options, certificate. Keys in sorted order.
     pub meta: serde_json::Map<String, serde_json::Value>,
 }
@@ -68,6 +74,8 @@ pub struct Depth {
     pub masks: Vec<u8>,
     /// The voxel of each node, as long as `masks`.
     pub voxels: Vec<Voxel>,
+    /// What each node shows of the texel's materials, as long as `voxels`; empty where there are fewer than two.
+    pub mixes: Vec<Mix>,
 }
 
 /// A whole texel in memory: what a bake makes and a writer takes.

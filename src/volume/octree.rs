@@ -11,7 +11,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, OnceLock};
 
 use super::level::{Level, levels};
-use super::{Info, MAX_DEPTH, Volume, Voxel};
+use super::{Info, MAX_DEPTH, Mix, Volume, Voxel};
 use crate::{Error, Result};
 
 /// log2 of how many voxels a page holds in memory.
@@ -27,6 +27,10 @@ pub trait Pages: Send + Sync {
     fn masks(&self, depth: usize) -> Result<Vec<u8>>;
     /// Voxels `page * 4096 ..` of `depth`, 4096 or as many as are left.
     fn voxels(&self, depth: usize, page: usize) -> Result<Vec<Voxel>>;
+    /// What the voxels of a page show of the texel's materials; empty where there are fewer than two.
+    fn mixes(&self, _depth: usize, _page: usize) -> Result<Vec<Mix>> {
+        Ok(Vec::new())
+    }
 }
 
 impl<P: Pages + ?Sized> Pages for Arc<P> {
@@ -42,6 +46,9 @@ impl<P: Pages + ?Sized> Pages for Arc<P> {
     fn voxels(&self, depth: usize, page: usize) -> Result<Vec<Voxel>> {
         (**self).voxels(depth, page)
     }
+    fn mixes(&self, depth: usize, page: usize) -> Result<Vec<Mix>> {
+        (**self).mixes(depth, page)
+    }
 }
 
 impl Pages for Volume {
@@ -55,9 +62,15 @@ impl Pages for Volume {
         Ok(self.depths[depth].masks.clone())
     }
     fn voxels(&self, depth: usize, page: usize) -> Result<Vec<Voxel>> {
-        let all = &self.depths[depth].voxels;
-        Ok(all[(page * PAGE).min(all.len())..((page + 1) * PAGE).min(all.len())].to_vec())
+        Ok(slice(&self.depths[depth].voxels, page))
     }
+    fn mixes(&self, depth: usize, page: usize) -> Result<Vec<Mix>> {
+        Ok(slice(&self.depths[depth].mixes, page))
+    }
+}
+
+fn slice<T: Copy>(all: &[T], page: usize) -> Vec<T> {
+    all[(page * PAGE).min(all.len())..((page + 1) * PAGE).min(all.len())].to_vec()
 }
 
 /// The 4^3 cells below a node, two depths down. Cell i is the Morton code of its place in the block, 0 … 63.
@@ -352,13 +365,14 @@ pub(super) mod tests {
             content: Aabb::UNIT,
             facet_size: 0.0,
             channels: Channels::default(),
+            materials: Vec::new(),
             meta: Default::default(),
         }
     }
 
     fn depth(masks: &[u8]) -> Depth {
         let voxels = (0..masks.len()).map(|i| Voxel { rate: i as u8 + 1, ..Default::default() }).collect();
-        Depth { masks: masks.to_vec(), voxels }
+        Depth { masks: masks.to_vec(), voxels, mixes: Vec::new() }
     }
 
     /// Root → children 0 and 7; child 0 is terminal, child 7 has grandchildren 1 and 3.

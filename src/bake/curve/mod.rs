@@ -29,6 +29,8 @@ pub struct Strand {
     /// there is none.
     pub colours: Vec<[f32; 4]>,
     pub section: Section,
+    /// Id of its material, where the source names some.
+    pub material: u16,
     /// Where the flat of a ribbon and the open side of a V face, in source space; by default up, as the bake has it.
     pub up: Option<DVec3>,
 }
@@ -71,7 +73,9 @@ pub struct CurveSource {
     /// One a point, or none: all white.
     colours: Vec<[f32; 4]>,
     lines: Vec<Line>,
-    sections: Vec<Section>,
+    /// Sections and materials, as lines use them.
+    sections: Vec<(Section, u16)>,
+    materials: Vec<String>,
     options: CurveOptions,
     bounds: Aabb,
     facet_size: f64,
@@ -103,6 +107,7 @@ impl CurveSource {
             colours: Vec::new(),
             lines: Vec::new(),
             sections: Vec::new(),
+            materials: Vec::new(),
             options: *options,
             bounds: Aabb::EMPTY,
             facet_size: 0.0,
@@ -112,6 +117,12 @@ impl CurveSource {
         strands.into_iter().for_each(|s| source.push(&s));
         source.measure();
         source
+    }
+
+    /// The same with the names that its strands' materials have by id.
+    pub fn with_materials(mut self, names: Vec<String>) -> CurveSource {
+        self.materials = names;
+        self
     }
 
     fn push(&mut self, strand: &Strand) {
@@ -137,8 +148,9 @@ impl CurveSource {
         if self.points.len() == first {
             return;
         }
-        if self.sections.last() != Some(&strand.section) {
-            self.sections.push(strand.section);
+        let look = (strand.section, strand.material);
+        if self.sections.last() != Some(&look) {
+            self.sections.push(look);
         }
         let section = self.sections.len() as u32 - 1;
         self.lines.push(Line { first, end: self.points.len(), section, up: strand.up.filter(|u| u.is_finite()) });
@@ -150,7 +162,7 @@ impl CurveSource {
         let mut sizes = Vec::with_capacity(self.lines.len());
         let mut bounds = Aabb::EMPTY;
         for line in &self.lines {
-            let reach = section::reach(self.sections[line.section as usize]);
+            let reach = section::reach(self.sections[line.section as usize].0);
             let path = path::flatten(self, line, coarse);
             let (mut area, mut width) = (0.0, 0.0);
             for (i, at) in path.iter().enumerate() {
@@ -200,6 +212,10 @@ impl Source for CurveSource {
 
     fn has_colour(&self) -> bool {
         self.colours.iter().any(|c| c[..3] != [1.0; 3])
+    }
+
+    fn materials(&self) -> &[String] {
+        &self.materials
     }
 
     fn warnings(&self) -> &Warnings {

@@ -137,7 +137,7 @@ impl<'a> StagedCurves<'a> {
     }
 
     fn section(&self, knot: &Knot) -> Section {
-        self.source.sections[knot.section as usize]
+        self.source.sections[knot.section as usize].0
     }
 
     fn is_thick(&self, facet: u32) -> bool {
@@ -262,7 +262,7 @@ impl<'a> StagedCurves<'a> {
 /// The knots of line `n`, and their colours where the source has any.
 fn lay(source: &CurveSource, n: usize, scale: f64, up: DVec3, knots: &mut Vec<Knot>, colours: &mut Vec<[f32; 4]>) {
     let line: &Line = &source.lines[n];
-    let section = source.sections[line.section as usize];
+    let section = source.sections[line.section as usize].0;
     let widest = source.radii[line.first..line.end].iter().fold(0.0f32, |a, b| a.max(*b));
     if widest <= 0.0 {
         return;
@@ -339,6 +339,11 @@ impl Staged for StagedCurves<'_> {
             self.sweep(&mut now, facet, each);
             sweep = Some((shift, now));
         }
+    }
+
+    fn material(&self, facet: u32) -> u16 {
+        let (from, ..) = self.find(facet);
+        self.source.sections[self.knots[from].section as usize].1
     }
 
     fn surface(&self, facet: u32, at: DVec3, _: f64) -> Surface {

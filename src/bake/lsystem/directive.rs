@@ -1,14 +1,14 @@
 //! The lines of a grammar file that begin with `#`.
 
 use super::expr::{self, Names};
-use super::grammar::{Action, Considered, Grammar, Surface};
+use super::grammar::{Action, Considered, Giver, Grammar, Surface};
 use super::lexer::{Char, Cursor, Parsed};
 use super::parser::symbols;
 use crate::geom::DVec3;
 use crate::scene::texture::srgb_to_linear;
 
 /// All directives, for messages.
-const KNOWN: &str = "#axiom, #define, #iterations, #seed, #angle, #step, #width, #tropism, #unit, #colour, #surface, #draw, \
+const KNOWN: &str = "#axiom, #define, #iterations, #seed, #angle, #step, #width, #tropism, #unit, #colour, #surface, #material, #draw, \
                      #ignore, #consider, #homomorphism";
 /// Corners of a surface that a grammar draws.
 const MOST_CORNERS: usize = 1 << 16;
@@ -64,6 +64,7 @@ pub fn read(word: &str, hash: Char, cursor: &mut Cursor, grammar: &mut Grammar) 
             grammar.colours.insert(index as i64, colour(cursor, grammar)?);
         }
         "surface" => surface(cursor, grammar)?,
+        "material" => material(cursor, grammar)?,
         "draw" => grammar.actions.extend(symbols(cursor)?.into_iter().map(|s| (s, Action::Draw))),
         "ignore" => match (&mut grammar.considered, symbols(cursor)?) {
             (Considered::AllBut(set), more) => set.extend(more),
@@ -170,6 +171,48 @@ fn surface(cursor: &mut Cursor, grammar: &mut Grammar) -> Parsed<()> {
         return Err(cursor.unexpected("a file's name in quotes, or the corners between { and },"));
     };
     grammar.surfaces.insert(name, surface);
+    Ok(())
+}
+
+/// `leaf 1 ~L K`: a name, and what is called so: indices of colours, surfaces and symbols that draw.
+fn material(cursor: &mut Cursor, grammar: &mut Grammar) -> Parsed<()> {
+    let place = cursor.place();
+    let name = cursor.word(|c| !c.is_whitespace());
+    cursor.skip_space();
+    if name.is_empty() || cursor.at_end() {
+        return Err(
+            place.fault("a #material is a name and what is of it: indices of colours, ~ with a surface, symbols")
+        );
+    }
+    while !cursor.at_end() {
+        let place = cursor.place();
+        let giver = if cursor.take('~') {
+            Giver::Surface(
+                cursor
+                    .next()
+                    .map(|c| c.c)
+                    .filter(|c| c.is_alphanumeric())
+                    .ok_or_else(|| place.fault("after ~ stands the symbol of a surface, a letter"))?,
+            )
+        } else if cursor.peek().is_some_and(|c| c.is_ascii_digit() || c == '-') {
+            let sign = if cursor.take('-') { "-" } else { "" };
+            let digits = cursor.word(|c| c.is_ascii_digit());
+            let index = format!("{sign}{digits}").parse().ok().filter(|i: &i64| i.abs() <= 1_000_000_000);
+            Giver::Colour(index.ok_or_else(|| place.fault("the index of a colour is a whole number"))?)
+        } else {
+            match cursor.next() {
+                Some(c) if c.c.is_alphabetic() => Giver::Symbol(c.c),
+                _ => {
+                    return Err(
+                        place.fault("a material is given to an index of a colour, to ~ with a surface, or to a symbol")
+                    );
+                }
+            }
+        };
+        grammar.materials.give(&name, giver);
+        cursor.take(',');
+        cursor.skip_space();
+    }
     Ok(())
 }
 

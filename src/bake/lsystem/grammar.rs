@@ -95,6 +95,62 @@ pub enum Surface {
     Mesh { file: String, line: u32, column: u32 },
 }
 
+/// What is of which material. Ids count from 1; 0 is what has no name.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Materials {
+    names: Vec<String>,
+    colours: BTreeMap<i64, u16>,
+    symbols: BTreeMap<char, u16>,
+    surfaces: BTreeMap<char, u16>,
+}
+
+/// What a material is given to.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Giver {
+    /// Colours from this index to the next that is given one.
+    Colour(i64),
+    /// What this symbol draws.
+    Symbol(char),
+    /// What `~` and this symbol draw.
+    Surface(char),
+}
+
+impl Materials {
+    /// Call `name` what is drawn so.
+    pub fn give(&mut self, name: &str, to: Giver) {
+        let known = self.names.iter().position(|n| n == name).unwrap_or_else(|| {
+            self.names.push(name.to_owned());
+            self.names.len() - 1
+        });
+        let id = (known + 1).min(u16::MAX.into()) as u16;
+        match to {
+            Giver::Colour(index) => self.colours.insert(index, id),
+            Giver::Symbol(symbol) => self.symbols.insert(symbol, id),
+            Giver::Surface(symbol) => self.surfaces.insert(symbol, id),
+        };
+    }
+
+    /// Of what `symbol` draws in the colour `index`: by its symbol, else by its colour.
+    pub fn drawn(&self, symbol: char, index: f64) -> u16 {
+        self.symbols.get(&symbol).copied().unwrap_or_else(|| self.coloured(index))
+    }
+
+    /// Of what is drawn in the colour `index`.
+    pub fn coloured(&self, index: f64) -> u16 {
+        self.colours.iter().rev().find(|(i, _)| **i as f64 <= index).map_or(0, |(_, id)| *id)
+    }
+
+    /// Of the surface `symbol`, where it is given one.
+    pub fn surface(&self, symbol: char) -> Option<u16> {
+        self.surfaces.get(&symbol).copied()
+    }
+
+    /// The name of an id; empty where it has none.
+    pub fn name(&self, id: u16) -> &str {
+        usize::from(id).checked_sub(1).and_then(|i| self.names.get(i)).map_or("", String::as_str)
+    }
+}
+
 /// The symbols that contexts look at.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Considered {
@@ -134,6 +190,7 @@ pub struct Grammar {
     /// Linear Rec. 709 by index.
     pub colours: BTreeMap<i64, [f32; 3]>,
     pub surfaces: BTreeMap<char, Surface>,
+    pub materials: Materials,
     pub actions: BTreeMap<char, Action>,
     /// Metres in a unit; 0 where unknown.
     pub metres_per_unit: f64,
@@ -156,6 +213,7 @@ impl Default for Grammar {
             tropism: DVec3::ZERO,
             colours: BTreeMap::new(),
             surfaces: BTreeMap::new(),
+            materials: Materials::default(),
             actions: BTreeMap::from([('F', Action::Draw), ('G', Action::DrawOnly), ('f', Action::Move)]),
             metres_per_unit: 0.0,
         }

@@ -17,15 +17,17 @@ mod turtle;
 
 use std::path::{Path, PathBuf};
 
-use super::curve::{CurveOptions, CurveSource};
+use super::curve::{CurveOptions, CurveSource, Strand};
 use super::group::{GroupSource, Part as Placed};
+use super::materials::UNNAMED;
+use super::paint::{Paint, PaintedSource};
 use super::{MeshOptions, MeshSource, OpenOptions, Source};
 use crate::geom::DAffine3;
-use crate::scene::model::{Instance, Material};
+use crate::scene::model::{Instance, Material, Part};
 use crate::scene::{Model, ReadOptions, files};
 use crate::{Error, Result};
 use derive::Budget;
-use grammar::{Grammar, Surface};
+use grammar::{Grammar, Materials, Surface};
 use lexer::Fault;
 use turtle::{Plant, Turtle};
 
@@ -71,23 +73,25 @@ pub fn open(
         None => Grammar::default(),
     };
     let (plant, _) = draw(path, grammar.clone(), options, read.max_bytes)?;
-    let Plant { limbs, polygons, meshes, warnings, .. } = plant;
+    let Plant { mut limbs, polygons, meshes, warnings, .. } = plant;
+    let names = limb_materials(&mut limbs, &grammar.materials);
     let unit = grammar.metres_per_unit;
     let curves = CurveOptions { fill: mesh.fill, ..CurveOptions::default() };
-    let mut sources: Vec<Box<dyn Source>> = vec![Box::new(CurveSource::new(limbs, &curves, unit, warnings))];
+    let mut sources: Vec<Box<dyn Source>> =
+        vec![Box::new(CurveSource::new(limbs, &curves, unit, warnings).with_materials(names))];
     let mut places = vec![Placed { source: 0, transform: DAffine3::IDENTITY }];
     let mut add = |source: Box<dyn Source>, transforms: Vec<DAffine3>| {
         places.extend(transforms.into_iter().map(|transform| Placed { source: sources.len(), transform }));
         sources.push(source);
     };
-    if !polygons.triangles.is_empty() {
-        let model = Model {
-            parts: vec![polygons],
-            materials: vec![Material { double_sided: true, ..Material::default() }],
-            instances: vec![Instance { part: 0, transform: DAffine3::IDENTITY, node: String::new() }],
-            metres_per_unit: unit,
-            ..Model::default()
-        };
+    if polygons.values().any(|p| !p.triangles.is_empty()) {
+        let mut model = Model { metres_per_unit: unit, ..Model::default() };
+        for (material, (id, part)) in polygons.into_iter().enumerate() {
+            let name = grammar.materials.name(id).to_owned();
+            model.materials.push(Material { name, double_sided: true, ..Material::default() });
+            model.parts.push(Part { material, ..part });
+            model.instances.push(Instance { part: material, transform: DAffine3::IDENTITY, node: String::new() });
+        }
         add(Box::new(MeshSource::new(model, mesh)), vec![DAffine3::IDENTITY]);
     }
     for (symbol, transforms) in meshes {
@@ -104,9 +108,29 @@ pub fn open(
         }
         let read = ReadOptions { max_bytes: read.max_bytes, ..ReadOptions::default() };
         let options = OpenOptions { read, mesh: *mesh, ..OpenOptions::default() };
-        add(super::open(&found, &options)?, transforms);
+        let mut mesh = super::open(&found, &options)?;
+        if let Some(id) = grammar.materials.surface(symbol) {
+            let material = Some(grammar.materials.name(id).to_owned());
+            mesh = Box::new(PaintedSource::new(mesh, Paint { material, ..Paint::default() }));
+        }
+        add(mesh, transforms);
     }
     Ok(Box::new(GroupSource::new(sources, &places, unit)))
+}
+
+/// The names of the materials that the limbs have, each once; ids become places among them.
+fn limb_materials(limbs: &mut [Strand], materials: &Materials) -> Vec<String> {
+    let mut ids: Vec<u16> = limbs.iter().map(|l| l.material).collect();
+    ids.sort_unstable();
+    ids.dedup();
+    if ids == [0] {
+        return Vec::new();
+    }
+    for limb in limbs {
+        limb.material = ids.binary_search(&limb.material).unwrap_or(0) as u16;
+    }
+    let name = |id: u16| if id == 0 { UNNAMED } else { materials.name(id) }.to_owned();
+    ids.into_iter().map(name).collect()
 }
 
 /// How much the L-system draws, and how many symbols were rewritten or looked at.

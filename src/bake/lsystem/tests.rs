@@ -257,26 +257,26 @@ fn widths_taper_and_colours_part() {
 fn polygons_and_surfaces() {
     // ABOP's leaf of six edges of 22.5°, closed: its area by the shoelace formula.
     let (plant, _) = drawn("#angle 22.5\naxiom: {-f+f+f-|-f+f+f}", 0);
-    let area: f64 = plant.polygons.triangles.iter().map(|t| area(&plant, t)).sum();
+    let area: f64 = plant.polygons[&0].triangles.iter().map(|t| area(&plant, t)).sum();
     let a = 22.5f64.to_radians();
     // Two parallelogram halves around a rectangle: width sin a on each side, heights cos a + 1 on average.
     assert!((area - 2.0 * a.sin() * (a.cos() + 1.0)).abs() < 1e-6, "{area}");
-    assert_eq!((plant.counts.polygons, plant.polygons.triangles.len()), (1, 4));
+    assert_eq!((plant.counts.polygons, plant.polygons[&0].triangles.len()), (1, 4));
     // The same corner given from a branch; G leaves none.
     let (plant, _) = drawn("#angle 90\naxiom: {.[+f]G(2).-f(2).}", 0);
-    assert_eq!(plant.polygons.positions.len(), 4);
+    assert_eq!(plant.polygons[&0].positions.len(), 4);
     // A surface: x to the right, y ahead, scaled.
     let (plant, _) = drawn("#surface L { -1 0, 1 0, 0 2 .5 } #00ff00\n#angle 90\naxiom: -f~L(2)", 0);
-    let corners: Vec<DVec3> = plant.polygons.positions.iter().map(|p| DVec3::from(p.map(f64::from))).collect();
+    let corners: Vec<DVec3> = plant.polygons[&0].positions.iter().map(|p| DVec3::from(p.map(f64::from))).collect();
     assert_eq!(corners, [DVec3::new(1.0, 2.0, 0.0), DVec3::new(1.0, -2.0, 0.0), DVec3::new(5.0, 0.0, 1.0)]);
-    assert_eq!(plant.polygons.colors.unwrap()[0], [0.0, 1.0, 0.0, 1.0]);
+    assert_eq!(plant.polygons[&0].colors.as_ref().unwrap()[0], [0.0, 1.0, 0.0, 1.0]);
     // Braces that do not match are told.
     let (plant, _) = drawn("axiom: }{.F.", 0);
     assert_eq!(plant.warnings.iter().count(), 2);
 }
 
 fn area(plant: &Plant, t: &[u32; 3]) -> f64 {
-    let [a, b, c] = t.map(|i| DVec3::from(plant.polygons.positions[i as usize].map(f64::from)));
+    let [a, b, c] = t.map(|i| DVec3::from(plant.polygons[&0].positions[i as usize].map(f64::from)));
     0.5 * (b - a).cross(c - a).length()
 }
 

@@ -25,8 +25,8 @@ const MOST_CORNERS: usize = 1 << 16;
 pub struct Plant {
     /// Chains of segments.
     pub limbs: Vec<Strand>,
-    /// Triangles of polygons, with their colours.
-    pub polygons: Part,
+    /// Triangles of polygons, with their colours, by material.
+    pub polygons: BTreeMap<u16, Part>,
     /// Where each surface that is a mesh is placed.
     pub meshes: BTreeMap<char, Vec<DAffine3>>,
     pub counts: Counts,
@@ -64,6 +64,7 @@ struct Limb {
     points: Vec<DVec3>,
     radii: Vec<f32>,
     colour: [f32; 3],
+    material: u16,
     /// Whether the last width was given with the segment, and not by what follows.
     fixed: bool,
 }
@@ -161,9 +162,9 @@ impl<'g> Turtle<'g> {
             '%' => self.cut = Some(0),
             '~' => self.surface = true,
             _ => match self.grammar.actions.get(&symbol) {
-                Some(Action::Draw) => self.forward(arguments, true, true)?,
-                Some(Action::DrawOnly) => self.forward(arguments, true, false)?,
-                Some(Action::Move) => self.forward(arguments, false, true)?,
+                Some(Action::Draw) => self.forward(symbol, arguments, true, true)?,
+                Some(Action::DrawOnly) => self.forward(symbol, arguments, true, false)?,
+                Some(Action::Move) => self.forward(symbol, arguments, false, true)?,
                 None => return Ok(()),
             },
         }
@@ -213,7 +214,7 @@ impl<'g> Turtle<'g> {
     }
 
     /// `F(length, width at the end)`.
-    fn forward(&mut self, arguments: &[f64], draws: bool, corner: bool) -> Result<()> {
+    fn forward(&mut self, symbol: char, arguments: &[f64], draws: bool, corner: bool) -> Result<()> {
         let length = self.argument(arguments, 0, self.grammar.step);
         let from = self.state.position;
         let to = from + length * self.state.frame.x_axis;
@@ -227,7 +228,8 @@ impl<'g> Turtle<'g> {
         self.state.position = to;
         if draws {
             let end = arguments.get(1).map(|_| self.argument(arguments, 1, self.state.width).max(0.0));
-            self.segment(from, to, end);
+            let material = self.grammar.materials.drawn(symbol, self.state.index);
+            self.segment(from, to, end, material);
             self.bend();
         } else if length != 0.0 {
             self.end_limb();
@@ -235,12 +237,13 @@ impl<'g> Turtle<'g> {
         if corner && !self.open.is_empty() { self.corner() } else { Ok(()) }
     }
 
-    fn segment(&mut self, from: DVec3, to: DVec3, end: Option<f64>) {
+    fn segment(&mut self, from: DVec3, to: DVec3, end: Option<f64>, material: u16) {
         self.plant.counts.segments += 1;
         let radius = (0.5 * self.state.width) as f32;
         let limb = &self.state.limb;
         // A limb thins as its segments do; where it gets wider, or another colour, another begins.
         let goes_on = limb.colour == self.state.colour
+            && limb.material == material
             && limb.radii.last().is_some_and(|r| if limb.fixed { *r == radius } else { *r >= radius });
         if !goes_on {
             self.end_limb();
@@ -251,6 +254,7 @@ impl<'g> Turtle<'g> {
             Some(last) => *last = radius,
             None => {
                 limb.colour = colour;
+                limb.material = material;
                 limb.points.push(from);
                 limb.radii.push(radius);
             }
@@ -266,8 +270,13 @@ impl<'g> Turtle<'g> {
         let limb = std::mem::take(&mut self.state.limb);
         if limb.points.len() > 1 {
             let [r, g, b] = limb.colour;
-            let strand =
-                Strand { points: limb.points, radii: limb.radii, colours: vec![[r, g, b, 1.0]], ..Strand::default() };
+            let strand = Strand {
+                points: limb.points,
+                radii: limb.radii,
+                colours: vec![[r, g, b, 1.0]],
+                material: limb.material,
+                ..Strand::default()
+            };
             self.plant.limbs.push(strand);
             self.plant.bytes += 2 * size_of::<Strand>() + size_of::<[f32; 4]>();
         }
@@ -320,11 +329,12 @@ impl<'g> Turtle<'g> {
             self.plant.warnings.add("polygons of fewer than three corners are left out");
             return;
         }
-        self.fill(&polygon, self.state.colour);
+        let material = self.grammar.materials.coloured(self.state.index);
+        self.fill(&polygon, self.state.colour, material);
     }
 
-    fn fill(&mut self, polygon: &[DVec3], [r, g, b]: [f32; 3]) {
-        let part = &mut self.plant.polygons;
+    fn fill(&mut self, polygon: &[DVec3], [r, g, b]: [f32; 3], material: u16) {
+        let part = self.plant.polygons.entry(material).or_default();
         let first = part.positions.len() as u32;
         part.positions.extend(polygon.iter().map(|p| p.as_vec3().to_array()));
         part.colors.get_or_insert_default().resize(part.positions.len(), [r, g, b, 1.0]);
@@ -350,7 +360,9 @@ impl<'g> Turtle<'g> {
         match surface {
             Surface::Polygon { corners, colour } => {
                 let corners: Vec<DVec3> = corners.iter().map(|c| to_world.transform_point3(*c)).collect();
-                self.fill(&corners, colour.unwrap_or(self.state.colour));
+                let named = &self.grammar.materials;
+                let material = named.surface(symbol).unwrap_or_else(|| named.coloured(self.state.index));
+                self.fill(&corners, colour.unwrap_or(self.state.colour), material);
             }
             Surface::Mesh { .. } => {
                 self.plant.meshes.entry(symbol).or_default().push(to_world);

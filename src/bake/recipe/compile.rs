@@ -5,10 +5,9 @@ use std::path::Path;
 use std::sync::Arc;
 
 use super::model::{
-    Albedo, Blade, Box3, Either, Line, LineSection, Mode, Node, Plane, Projection, Recipe, Shape, SourceFile, Varied,
-    Widths,
+    Albedo, Blade, Box3, Either, Line, LineSection, Mode, Node, Plane, Recipe, Shape, SourceFile, Widths,
 };
-use super::{model, place, scatter};
+use super::{laid, model, place, scatter};
 use crate::bake::curve::{CurveOptions, CurveSource, Interpolation, Section, Strand};
 use crate::bake::emitter;
 use crate::bake::field::{self, FieldSource};
@@ -16,13 +15,11 @@ use crate::bake::group::{GroupSource, Part};
 use crate::bake::hypertexture::Hypertexture;
 use crate::bake::layers::{self, LayersSource};
 use crate::bake::mesh::{MeshOptions, MeshSource};
-use crate::bake::noise::Noise;
 use crate::bake::open::{OpenOptions, open};
 use crate::bake::paint::{self, Paint, PaintedSource};
 use crate::bake::source::Source;
 use crate::geom::{Aabb, DAffine3, DVec3};
 use crate::scene::model::{Instance, Material, Model};
-use crate::scene::{files, image};
 use crate::{Error, Result, Warnings};
 
 /// Nodes, each time that one is drawn by a node that uses it, and copies of all.
@@ -178,11 +175,14 @@ impl<'a> Compiler<'a> {
             _ => None,
         };
         let source = self.shape(&node.shape, own)?;
+        let (colour, cuts) = node.albedo.as_ref().map(|a| self.colour(a)).transpose()?.unwrap_or_default();
         let paint = Paint {
-            colour: node.albedo.as_ref().map(|a| self.colour(a)).transpose()?,
+            colour,
+            cuts,
             tint: matches!(&node.albedo, Some(Either::Table(v)) if v.tint),
             opacity: node.opacity.map(|o| Arc::new(move |_| o.0) as paint::Varying<f64>),
             bump: node.bump.as_ref().map(bump),
+            material: node.material.clone(),
         };
         let source = if is_plain(node) { source } else { Box::new(PaintedSource::new(source, paint)) };
         Ok(Drawn { source: Some(source), parts })
@@ -284,41 +284,9 @@ impl<'a> Compiler<'a> {
         open(&path, &options)
     }
 
-    fn colour(&self, albedo: &Albedo) -> Result<paint::Colouring> {
-        let varied = match albedo {
-            Either::Plain(c) => {
-                let [r, g, b] = c.0;
-                return Ok(Arc::new(move |_, _| [r, g, b, 1.0]));
-            }
-            Either::Table(varied) => varied,
-        };
-        let colours: Vec<[f32; 3]> = varied.colours.iter().map(|c| c.0).collect();
-        match (&varied.image, &varied.gradient, &varied.noise) {
-            (Some(name), None, None) => {
-                let path = self.find(name)?;
-                let bytes = files::read(&path, self.options.read.max_bytes)?;
-                let hint = path.to_string_lossy();
-                let texture = image::decode(name, &bytes, &hint, self.options.read.max_pixels)
-                    .map_err(|what| Error::input(&path, "", what))?;
-                Ok(paint::picture(texture, projection(varied)))
-            }
-            (None, Some(g), None) if !colours.is_empty() => {
-                let (from, way) = (g.from.0, g.to.0 - g.from.0);
-                let length = way.length_squared();
-                Ok(paint::ramp(colours, move |p| if length > 0.0 { (p - from).dot(way) / length } else { 0.0 }))
-            }
-            (None, None, Some(n)) if !colours.is_empty() => {
-                let (noise, signed) = (noise(n), !n.turbulence);
-                Ok(paint::ramp(colours, move |p| {
-                    let value = noise.at(p).0;
-                    if signed { 0.5 + 0.5 * value } else { value }
-                }))
-            }
-            _ => Err(self.error(
-                "albedo",
-                "an albedo is a colour, or has either an image, or noise or a gradient and its colours",
-            )),
-        }
+    fn colour(&self, albedo: &Albedo) -> Result<(Option<paint::Colouring>, bool)> {
+        let find = |name: &str| self.find(name);
+        laid::colour(albedo, &find, &|what| self.error("albedo", what), &self.options.read)
     }
 }
 
@@ -336,7 +304,7 @@ struct Drawn {
 
 /// Whether a node looks as its shape does.
 fn is_plain(node: &Node) -> bool {
-    node.albedo.is_none() && node.opacity.is_none() && node.bump.is_none()
+    node.albedo.is_none() && node.opacity.is_none() && node.bump.is_none() && node.material.is_none()
 }
 
 /// The name by which nodes of a run share a source.
@@ -387,35 +355,9 @@ fn csg(count: usize, mode: layers::Mode) -> Vec<layers::Mode> {
     (0..count).map(|i| if i == 0 { first } else { mode }).collect()
 }
 
-fn noise(n: &model::Noise) -> Noise {
-    Noise {
-        seed: n.seed,
-        frequency: DVec3::splat(1.0 / n.scale.0),
-        origin: DVec3::ZERO,
-        period: [0; 3],
-        octaves: u32::from(n.octaves.clamp(1, 10)),
-        turbulence: n.turbulence,
-    }
-}
-
 fn bump(b: &model::Bump) -> paint::Varying<DVec3> {
-    let (noise, height) = (noise(&b.noise), b.height.0);
+    let (noise, height) = (laid::noise(&b.noise), b.height.0);
     Arc::new(move |p| height * noise.at(p).1)
-}
-
-fn projection(v: &Varied) -> paint::Projection {
-    let (origin, axis) = (v.origin.0, v.axis.0);
-    let [width, height] = v.size.map(|s| s.0);
-    match v.projection {
-        Projection::Planar => {
-            // Upright where it can be: seen from where the normal points to, with y (or z) upward.
-            let top = if axis.y.abs() < 0.999 { DVec3::Y } else { DVec3::NEG_Z };
-            let right = top.cross(axis).normalize_or(DVec3::X);
-            paint::Projection::Planar { origin, right: width * right, up: height * axis.cross(right) }
-        }
-        Projection::Cylindrical => paint::Projection::Cylindrical { origin, up: axis, height },
-        Projection::Spherical => paint::Projection::Spherical { origin, up: axis },
-    }
 }
 
 fn parallelepiped(b: &Box3) -> Result<Box<dyn Source>> {

@@ -6,6 +6,7 @@
 mod checks;
 mod compile;
 mod file;
+mod laid;
 mod model;
 mod scatter;
 mod values;
@@ -16,6 +17,7 @@ use super::open::OpenOptions;
 use super::source::Source;
 use crate::scene::files;
 use crate::{Error, Result};
+pub use laid::{Laid, files as laid_files, lay};
 use model::{Either, Node, Recipe, Shape};
 
 /// The published JSON Schema of recipes.

@@ -95,6 +95,9 @@ pub struct RawNode {
     pub opacity: Option<Unit>,
     /// Tilts the normals as if the surface were rough.
     pub bump: Option<Bump>,
+    /// What its matter is called, whatever names it has: a landscape can restyle it by this name.
+    #[cfg_attr(test, schemars(extend("minLength" = 1)))]
+    pub material: Option<String>,
 }
 
 /// How a node is drawn onto what is there.
@@ -130,6 +133,7 @@ pub struct Node {
     pub albedo: Option<Albedo>,
     pub opacity: Option<Unit>,
     pub bump: Option<Bump>,
+    pub material: Option<String>,
 }
 
 #[cfg(test)]
@@ -210,6 +214,9 @@ impl TryFrom<RawNode> for Node {
                 return Err("nodes of a union, an intersection or a difference have no mode".into());
             }
         }
+        if raw.material.as_ref().is_some_and(String::is_empty) {
+            return Err("a material has a name".into());
+        }
         if matches!(raw.mode, Mode::Opacity | Mode::Threshold) && raw.opacity.is_none() {
             return Err("the modes opacity and threshold need an opacity".into());
         }
@@ -226,6 +233,7 @@ impl TryFrom<RawNode> for Node {
             albedo: raw.albedo.map(|a| a.0),
             opacity: raw.opacity,
             bump: raw.bump,
+            material: raw.material,
         })
     }
 }

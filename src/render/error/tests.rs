@@ -17,11 +17,12 @@ fn full(depth: usize, voxel: Voxel) -> Octree {
         content: Aabb::UNIT,
         facet_size: 0.01,
         channels: Channels::default(),
+        materials: Vec::new(),
         meta: Default::default(),
     };
     let depths = (0..=depth).map(|d| {
         let n = 1usize << (3 * d);
-        Depth { masks: vec![if d == depth { 0 } else { 255 }; n], voxels: vec![voxel; n] }
+        Depth { masks: vec![if d == depth { 0 } else { 255 }; n], voxels: vec![voxel; n], mixes: Vec::new() }
     });
     Octree::new(Volume { info, depths: depths.collect() }).unwrap()
 }

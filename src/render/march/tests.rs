@@ -17,13 +17,14 @@ fn info(model: Model) -> Info {
         content: Aabb::UNIT,
         facet_size: 0.0,
         channels: Channels::default(),
+        materials: Vec::new(),
         meta: Default::default(),
     }
 }
 
 /// A texel whose finest voxels, at `depth`, are those given by Morton code (sorted, distinct); coarser voxels are `coarse`.
 pub fn sparse(depth: usize, codes: &[u64], voxels: &[Voxel], coarse: Voxel) -> Volume {
-    let mut depths = vec![Depth { masks: vec![0; codes.len()], voxels: voxels.to_vec() }];
+    let mut depths = vec![Depth { masks: vec![0; codes.len()], voxels: voxels.to_vec(), mixes: Vec::new() }];
     let mut codes = codes.to_vec();
     for _ in 0..depth {
         let mut parents: Vec<(u64, u8)> = Vec::new();
@@ -34,7 +35,7 @@ pub fn sparse(depth: usize, codes: &[u64], voxels: &[Voxel], coarse: Voxel) -> V
             }
         }
         let masks = parents.iter().map(|p| p.1).collect();
-        depths.push(Depth { masks, voxels: vec![coarse; parents.len()] });
+        depths.push(Depth { masks, voxels: vec![coarse; parents.len()], mixes: Vec::new() });
         codes = parents.into_iter().map(|p| p.0).collect();
     }
     depths.reverse();
@@ -357,9 +358,9 @@ proptest! {
         let expanded = tree(sparse(depth, &codes, &vec![rate(depth); codes.len()], rate(0)));
         let inner: usize = masks.iter().map(|m| m.count_ones() as usize).sum();
         let mut depths = vec![
-            Depth { masks: vec![255], voxels: vec![rate(0)] },
-            Depth { masks: masks.to_vec(), voxels: vec![rate(1); 8] },
-            Depth { masks: vec![0; inner], voxels: vec![rate(2); inner] },
+            Depth { masks: vec![255], voxels: vec![rate(0)], mixes: Vec::new() },
+            Depth { masks: masks.to_vec(), voxels: vec![rate(1); 8], mixes: Vec::new() },
+            Depth { masks: vec![0; inner], voxels: vec![rate(2); inner], mixes: Vec::new() },
         ];
         depths.resize(depth + 1, Depth::default());
         let terminal = tree(Volume { info: info(Model::Coverage), depths });
@@ -388,7 +389,7 @@ fn even_and_odd_depths_agree() {
         .map(|d| {
             let n = 1usize << (3 * d);
             let v = isotropic(0.5 * 2f64.powi(-d), 0);
-            Depth { masks: vec![if d == 6 { 0 } else { 255 }; n], voxels: vec![v; n] }
+            Depth { masks: vec![if d == 6 { 0 } else { 255 }; n], voxels: vec![v; n], mixes: Vec::new() }
         })
         .collect();
     let tree = tree(Volume { info: info(Model::Coverage), depths });

@@ -20,6 +20,7 @@ fn info(bounds: Aabb) -> Info {
         content: Aabb::UNIT,
         facet_size: 0.0,
         channels: Channels::default(),
+        materials: Vec::new(),
         meta: Default::default(),
     }
 }
@@ -123,7 +124,14 @@ fn shell() -> ShellMaterial {
 }
 
 fn scene(model: Model) -> Scene {
-    let texel = TexelRef { name: "plant".into(), frames: vec![], geometry: None, max_depth: None, content_id: None };
+    let texel = TexelRef {
+        name: "plant".into(),
+        frames: vec![],
+        geometry: None,
+        max_depth: None,
+        content_id: None,
+        palette: Default::default(),
+    };
     let environment = Environment { sky: Some([0.3, 0.4, 0.6]), background: Some([0.1, 0.2, 0.9]) };
     Scene { model, texels: vec![texel], environment }
 }

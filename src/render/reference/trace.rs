@@ -91,7 +91,7 @@ impl<'a> Tracer<'a> {
                     ray: inside,
                     t0: visit.t0,
                     to_texel: visit.linear * layer.scale * piece.to_texel,
-                    diffuse: layer.diffuse,
+                    diffuse: visit.tint,
                 };
                 best = Some(Met { t: end, contact, copy: Some(copy) });
                 false
@@ -118,10 +118,7 @@ impl<'a> Tracer<'a> {
             for skin in &self.world.skins[self.world.box_skin[index as usize] as usize] {
                 let scale = DVec3::from_array(skin.layer.scale);
                 let offset = DVec3::from_array(skin.layer.offset);
-                let placing = Placing {
-                    scale: DMat3::from_diagonal(scale),
-                    diffuse: Vec3::from_array(skin.layer.diffuse.map(|d| d as f32)),
-                };
+                let placing = Placing { scale: DMat3::from_diagonal(scale) };
                 shell.pieces(ray, from, to, &tolerance, &mut |piece| {
                     let placed = Piece { q0: piece.q0 * scale + offset, q1: piece.q1 * scale + offset, ..*piece };
                     skin.walk(&placed, &mut |visit| each(visit, piece, &placing))
@@ -194,7 +191,6 @@ impl<'a> Tracer<'a> {
 /// What a layer makes of its texel.
 struct Placing {
     scale: DMat3,
-    diffuse: Vec3,
 }
 
 /// The nearest contact before `t1`, a contact of alpha a being there with chance a.

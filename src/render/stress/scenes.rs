@@ -30,7 +30,7 @@ fn ball(depth: usize, seed: u64) -> Option<Octree> {
             v.set_albedo([random.unit(), random.unit(), random.unit()]);
             v
         };
-        depths.push(Depth { masks, voxels: codes.iter().map(voxel).collect() });
+        depths.push(Depth { masks, voxels: codes.iter().map(voxel).collect(), mixes: Vec::new() });
         let mut up: Vec<(u64, u8)> = Vec::new();
         for c in &codes {
             match up.last_mut() {
@@ -51,6 +51,7 @@ fn ball(depth: usize, seed: u64) -> Option<Octree> {
         content: Aabb::UNIT,
         facet_size: 0.02,
         channels: Channels { albedo: true, ..Channels::default() },
+        materials: Vec::new(),
         meta: Default::default(),
     };
     Octree::new(Volume { info, depths }).ok()
@@ -100,8 +101,14 @@ fn landscape(random: &mut Random, place: DAffine3) -> Scene {
         metres_per_unit: 1.0,
         ..Model::default()
     };
-    let texel =
-        TexelRef { name: "t".into(), frames: vec!["t.vtex".into()], geometry: None, max_depth: None, content_id: None };
+    let texel = TexelRef {
+        name: "t".into(),
+        frames: vec!["t.vtex".into()],
+        geometry: None,
+        max_depth: None,
+        content_id: None,
+        palette: Default::default(),
+    };
     let environment = Environment { sky: Some([0.2, 0.3, 0.4]), background: Some([0.0; 3]) };
     Scene { model, texels: vec![texel], environment }
 }

@@ -25,7 +25,7 @@ impl Cells {
     /// Of voxels by ascending code; coarser ones are blank.
     fn new(depth: usize, cells: std::collections::BTreeMap<u64, Voxel>) -> Option<Cells> {
         let (codes, voxels): (Vec<u64>, Vec<Voxel>) = cells.into_iter().unzip();
-        let mut depths = vec![Depth { masks: vec![0; codes.len()], voxels: voxels.clone() }];
+        let mut depths = vec![Depth { masks: vec![0; codes.len()], voxels: voxels.clone(), mixes: Vec::new() }];
         let mut level = codes.clone();
         for _ in 0..depth {
             let mut up = Depth::default();
@@ -53,6 +53,7 @@ impl Cells {
             content: Aabb::UNIT,
             facet_size: 0.0,
             channels: Channels::default(),
+            materials: Vec::new(),
             meta: Default::default(),
         };
         let tree = Octree::new(Volume { info, depths }).ok()?;

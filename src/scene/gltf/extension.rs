@@ -1,13 +1,16 @@
 //! `VTEX_volumetric_texture`: texels and environment of the root, shells of materials; every range checked, and a
 //! counted warning for what this version does not draw.
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use serde_json::{Map, Value};
 
 use super::document::Document;
 use crate::scene::files;
-use crate::scene::shell::{CellWrap, Discrete, Environment, Layer, Orientations, ShellMaterial, TexelRef};
+use crate::scene::shell::{CellWrap, Discrete, Environment, Layer, Orientations, ShellMaterial, TexelRef, Variant};
+use crate::volume::material::MOST_MATERIALS;
+use crate::volume::{Palette, Style};
 use crate::{Error, Result, Warnings};
 
 /// Name of the extension in the file.
@@ -67,15 +70,16 @@ fn texel(json: &Object, warnings: &mut Warnings) -> Result<TexelRef> {
         geometry,
         max_depth: json.integer("maxDepth", 16)?.map(|d| d as u8),
         content_id: content_ids.first().copied().flatten(),
+        palette: Palette::default(),
     })
 }
 
-/// A material's extension object; `texels` of them exist.
+/// A material's extension object. `texels`: those of the root; one that is shown in other colours is added.
 pub fn material(
     document: &Document,
     json: &Value,
     at: &str,
-    texels: usize,
+    texels: &mut Texels,
     warnings: &mut Warnings,
 ) -> Result<ShellMaterial> {
     let json = Object::new(document, json, format!("{at}.{NAME}"))?;
@@ -95,13 +99,13 @@ pub fn material(
     })
 }
 
-fn layer(json: &Object, texels: usize, warnings: &mut Warnings) -> Result<Layer> {
+fn layer(json: &Object, texels: &mut Texels, warnings: &mut Warnings) -> Result<Layer> {
     json.known(
-        &["texel", "wrap", "offset", "scale", "skinRange", "combine", "opacityScale", "phong", "jitter"],
-        &["palette", "animation"],
+        &["texel", "wrap", "offset", "scale", "skinRange", "combine", "opacityScale", "phong", "palette", "jitter"],
+        &["animation"],
         warnings,
     );
-    let texel = json.texel(texels)?.ok_or_else(|| json.error("texel", "is needed"))?;
+    let texel = json.texel(texels.own)?.ok_or_else(|| json.error("texel", "is needed"))?;
     let skin_range = json.numbers::<2>("skinRange", 0.0..=1.0)?.unwrap_or([0.0, 1.0]);
     if skin_range[0] >= skin_range[1] {
         return Err(json.error("skinRange", "must be from less to more"));
@@ -109,22 +113,22 @@ fn layer(json: &Object, texels: usize, warnings: &mut Warnings) -> Result<Layer>
     if json.choice("combine", &[("union", false), ("over", true)])? == Some(true) {
         json.ignored("combine \"over\"", warnings);
     }
-    let mut diffuse = [1.0; 3];
-    if let Some(phong) = json.object("phong")? {
-        phong.known(
-            &["diffuseFactor", "useTexelAlbedo"],
-            &["ambientFactor", "specularFactor", "shininess", "diffuseTexture", "noise"],
-            warnings,
-        );
-        diffuse = phong.vec3("diffuseFactor", 0.0..=f64::MAX)?.unwrap_or(diffuse);
-        if phong.json.get("useTexelAlbedo") == Some(&Value::Bool(false)) {
-            phong.ignored("useTexelAlbedo false", warnings);
+    let Style { factor: diffuse, keep } = style(json, "phong", warnings)?;
+    let rest = if keep { Style::OWN } else { Style::BLANK };
+    let mut styles = BTreeMap::new();
+    if let Some(palette) = json.object("palette")? {
+        if palette.json.len() > MOST_MATERIALS {
+            return Err(json.error("palette", &format!("has more than {MOST_MATERIALS} materials")));
+        }
+        for name in palette.json.keys() {
+            styles.insert(name.clone(), style(&palette, name, warnings)?);
         }
     }
+    let palette = Palette { styles, rest };
     let discrete = match json.object("jitter")? {
         Some(jitter) => {
             jitter.known(&["discrete"], &["continuous"], warnings);
-            jitter.object("discrete")?.map(|d| discrete(&d, texels, warnings)).transpose()?
+            jitter.object("discrete")?.map(|d| discrete(&d, texels, &palette, warnings)).transpose()?
         }
         None => None,
     };
@@ -133,7 +137,7 @@ fn layer(json: &Object, texels: usize, warnings: &mut Warnings) -> Result<Layer>
         return Err(json.error("scale", "must not be 0"));
     }
     Ok(Layer {
-        texel,
+        texel: texels.shown(texel, &palette),
         wrap: json.wrap()?,
         offset: json.vec3("offset", ANY)?.unwrap_or([0.0; 3]),
         scale,
@@ -144,7 +148,50 @@ fn layer(json: &Object, texels: usize, warnings: &mut Warnings) -> Result<Layer>
     })
 }
 
-fn discrete(json: &Object, texels: usize, warnings: &mut Warnings) -> Result<Discrete> {
+/// The `phong` object under `key`, as far as it is drawn; of nothing, no change.
+fn style(json: &Object, key: &str, warnings: &mut Warnings) -> Result<Style> {
+    let Some(phong) = json.object(key)? else { return Ok(Style::OWN) };
+    phong.known(
+        &["diffuseFactor", "useTexelAlbedo"],
+        &["ambientFactor", "specularFactor", "shininess", "diffuseTexture", "noise"],
+        warnings,
+    );
+    let keep = match phong.json.get("useTexelAlbedo") {
+        None => true,
+        Some(Value::Bool(keep)) => *keep,
+        Some(_) => return Err(phong.error("useTexelAlbedo", "is neither true nor false")),
+    };
+    Ok(Style { factor: phong.vec3("diffuseFactor", 0.0..=f64::MAX)?.unwrap_or([1.0; 3]), keep })
+}
+
+/// The root's texels, and behind them those of other colours.
+pub struct Texels {
+    own: usize,
+    pub all: Vec<TexelRef>,
+}
+
+impl Texels {
+    /// `all`: those of the root.
+    pub fn new(all: Vec<TexelRef>) -> Texels {
+        Texels { own: all.len(), all }
+    }
+
+    /// The index of the root's texel `index` in the colours of `palette`.
+    fn shown(&mut self, index: usize, palette: &Palette) -> usize {
+        let Some(own) = self.all.get(index).filter(|_| !palette.is_plain()) else { return index };
+        let shown = TexelRef { palette: palette.clone(), ..own.clone() };
+        let known = self.all.iter().skip(self.own).position(|t| *t == shown);
+        known.map_or_else(
+            || {
+                self.all.push(shown);
+                self.all.len() - 1
+            },
+            |i| self.own + i,
+        )
+    }
+}
+
+fn discrete(json: &Object, texels: &mut Texels, palette: &Palette, warnings: &mut Warnings) -> Result<Discrete> {
     json.known(&["seed", "orientations", "scale", "displace", "presence", "variants"], &["mirror"], warnings);
     use Orientations::{Identity, W4, W8};
     let orientations = [
@@ -164,13 +211,15 @@ fn discrete(json: &Object, texels: usize, warnings: &mut Warnings) -> Result<Dis
     }
     let mut variants = Vec::new();
     for variant in json.list("variants", 0, 256)?.unwrap_or_default() {
-        variant.known(&["texel", "weight"], &["phong"], warnings);
-        let texel = variant.texel(texels)?.ok_or_else(|| variant.error("texel", "is needed"))?;
+        variant.known(&["texel", "weight", "phong"], &[], warnings);
+        let texel = variant.texel(texels.own)?.ok_or_else(|| variant.error("texel", "is needed"))?;
         let weight = variant.number("weight", 0.0..=f64::MAX)?.unwrap_or(1.0);
         if weight <= 0.0 {
             return Err(variant.error("weight", "must be above 0"));
         }
-        variants.push((texel, weight));
+        let Style { factor: diffuse, keep } = style(&variant, "phong", warnings)?;
+        let palette = Palette { rest: if keep { palette.rest } else { Style::BLANK }, ..palette.clone() };
+        variants.push(Variant { texel: texels.shown(texel, &palette), weight, diffuse });
     }
     Ok(Discrete {
         seed: json.integer("seed", u32::MAX.into())?.unwrap_or(0) as u32,
@@ -327,3 +376,6 @@ fn pick<T: Copy>(json: &Value, of: &[(&str, T)]) -> Option<T> {
 fn one_of<T>(of: &[(&str, T)]) -> String {
     format!("is not {}", of.iter().map(|(name, _)| *name).collect::<Vec<_>>().join(", "))
 }
+
+#[cfg(test)]
+mod tests;

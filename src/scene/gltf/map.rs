@@ -1,6 +1,6 @@
 //! Covers a plain glTF mesh with texels: the extension on its materials, and the attributes where they are asked for.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use gltf::json::mesh::Mode;
@@ -14,7 +14,7 @@ use super::{ReadOptions, extension, nodes, support};
 use crate::geom::DVec3;
 use crate::scene::select::Selection;
 use crate::scene::shell::Orientations;
-use crate::volume::Info;
+use crate::volume::{Info, Style};
 use crate::{Error, Result, Warnings};
 
 /// How a mesh is to be covered.
@@ -45,6 +45,8 @@ pub struct MapOptions {
     /// Share of the cells that hold a copy.
     pub presence: f64,
     pub seed: u32,
+    /// What becomes of the texels' materials, by name.
+    pub palette: BTreeMap<String, Style>,
     /// Whether the base face itself is drawn.
     pub surface_visible: bool,
 }
@@ -113,6 +115,7 @@ impl Default for MapOptions {
             displace: [0.1, 0.1, 0.0],
             presence: 1.0,
             seed: 0,
+            palette: BTreeMap::new(),
             surface_visible: true,
         }
     }
@@ -200,6 +203,13 @@ fn check(options: &MapOptions) -> Result<()> {
     }
     if options.displace.iter().any(|d| !(0.0..=1.0).contains(d)) {
         return wrong("--displace must lie in [0, 1], in cells");
+    }
+    let known = |name: &String| options.texels.iter().any(|(_, info)| info.materials.iter().any(|m| m.name == *name));
+    if let Some(name) = options.palette.keys().find(|name| !known(name)) {
+        let all = options.texels.iter().flat_map(|(_, info)| &info.materials).map(|m| m.name.as_str());
+        let names: Vec<&str> = all.collect::<BTreeSet<_>>().into_iter().collect();
+        let names = if names.is_empty() { "none".into() } else { names.join(", ") };
+        return wrong(&format!("--palette {name}: no texel has a material of this name; there are: {names}"));
     }
     let positive = |x: f64| x > 0.0 && x.is_finite();
     let cells = match options.cells {
@@ -421,6 +431,14 @@ impl Plan {
             discrete.insert("variants".into(), texels.iter().map(|t| json!({"texel": t})).collect());
         }
         layer.insert("jitter".into(), json!({"discrete": discrete}));
+        if !options.palette.is_empty() {
+            let phong = |s: &Style| match s.keep {
+                true => json!({"diffuseFactor": s.factor}),
+                false => json!({"diffuseFactor": s.factor, "useTexelAlbedo": false}),
+            };
+            let palette: Map<_, _> = options.palette.iter().map(|(name, s)| (name.clone(), phong(s))).collect();
+            layer.insert("palette".into(), palette.into());
+        }
         let mut shell = Map::new();
         if let Chart::Uv(set @ 1..) = self.chart
             && !self.write_uvw

@@ -22,7 +22,7 @@ pub fn read(
     document: &Document,
     options: &ReadOptions,
     parts: &mut [Part],
-    texels: usize,
+    texels: &mut extension::Texels,
     warnings: &mut Warnings,
 ) -> Result<Vec<Material>> {
     let count = document.root.materials.len();
@@ -55,7 +55,12 @@ pub fn read(
     Ok(materials)
 }
 
-fn material(images: &mut Images, i: usize, texels: usize, warnings: &mut Warnings) -> Result<Material> {
+fn material(
+    images: &mut Images,
+    i: usize,
+    texels: &mut extension::Texels,
+    warnings: &mut Warnings,
+) -> Result<Material> {
     let document = images.document;
     let at = format!("materials[{i}]");
     let json = &document.root.materials[i];

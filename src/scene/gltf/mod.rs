@@ -62,7 +62,8 @@ pub fn read(path: &Path, options: &ReadOptions) -> Result<Scene> {
         return Err(Error::input(path, "", format!("nothing is drawn: no node of the scene shows a mesh{why}")));
     }
     let root = extension::root(&document, &mut warnings)?;
-    let materials = material::read(&document, options, &mut parts.list, root.texels.len(), &mut warnings)?;
+    let mut texels = extension::Texels::new(root.texels);
+    let materials = material::read(&document, options, &mut parts.list, &mut texels, &mut warnings)?;
     let model = Model {
         parts: parts.list,
         materials,
@@ -72,5 +73,5 @@ pub fn read(path: &Path, options: &ReadOptions) -> Result<Scene> {
         metres_per_unit: 1.0,
         warnings,
     };
-    Ok(Scene { model, texels: root.texels, environment: root.environment })
+    Ok(Scene { model, texels: texels.all, environment: root.environment })
 }

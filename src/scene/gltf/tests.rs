@@ -7,12 +7,13 @@ use serde_json::{Value, json};
 
 use super::{ReadOptions, read};
 use crate::geom::{DVec3, Vec3};
-use crate::scene::shell::{CellWrap, Orientations};
+use crate::scene::shell::{CellWrap, Orientations, Variant};
 use crate::scene::{Alpha, LightKind, Model, Projection, Scene, Wrap};
+use crate::volume::Style;
 use crate::{Error, Result};
 
 /// A file being put together: every array its own buffer view and accessor.
-struct Builder {
+pub struct Builder {
     json: Value,
     bin: Vec<u8>,
 }
@@ -43,7 +44,7 @@ impl Builder {
         b
     }
 
-    fn set(mut self, pointer: &str, value: Value) -> Self {
+    pub fn set(mut self, pointer: &str, value: Value) -> Self {
         let (parent, key) = pointer.rsplit_once('/').unwrap();
         let parent = self.json.pointer_mut(parent).unwrap();
         match key.parse::<usize>() {
@@ -116,7 +117,7 @@ impl Builder {
         out
     }
 
-    fn scene(&self) -> Scene {
+    pub fn scene(&self) -> Scene {
         self.read_with(&ReadOptions::default()).unwrap()
     }
 
@@ -124,7 +125,7 @@ impl Builder {
         self.scene().model
     }
 
-    fn error(&self) -> String {
+    pub fn error(&self) -> String {
         self.read_with(&ReadOptions::default()).unwrap_err().to_string()
     }
 }
@@ -485,7 +486,7 @@ fn buffers_come_from_files_with_any_name() {
 }
 
 /// A file whose material 0 carries a shell of texel 0.
-fn shell() -> Builder {
+pub fn shell() -> Builder {
     Builder::triangle()
         .set("/meshes/0/primitives/0/material", 0.into())
         .set(
@@ -530,9 +531,14 @@ fn the_example_of_the_draft_is_read() {
     assert_eq!((m.thickness, l.wrap[1], l.diffuse), (2.5, CellWrap::Mirror, [0.25, 0.5, 0.15]));
     let d = l.discrete.as_ref().unwrap();
     assert_eq!((d.seed, d.orientations, d.scale, d.presence), (11, Orientations::W8, [0.7, 1.0], 1.0));
-    assert_eq!(d.variants, [(0, 3.0), (1, 1.0)]);
-    for ignored in ["specularFactor", "shininess", "palette", "continuous", "animation"] {
-        assert_eq!(warned(&s.model, &format!("{ignored} is ignored")), 1, "{ignored}");
+    // The texels in the palette's colours follow those of the root.
+    let variant = |texel, weight| Variant { texel, weight, diffuse: [1.0; 3] };
+    assert_eq!(d.variants, [variant(2, 3.0), variant(3, 1.0)]);
+    assert_eq!((l.texel, s.texels.len()), (2, 4));
+    assert!(s.texels[2].frames == s.texels[0].frames && s.texels[3].frames == s.texels[1].frames);
+    assert_eq!(s.texels[2].palette.style("bark"), Style { factor: [0.35, 0.25, 0.15], keep: true });
+    for (ignored, times) in [("specularFactor", 1), ("shininess", 1), ("continuous", 1), ("animation", 1)] {
+        assert_eq!(warned(&s.model, &format!("{ignored} is ignored")), times, "{ignored}");
     }
 }
 

@@ -1,0 +1,204 @@
+//! A texel in other colours: what a landscape says of its materials, applied to voxels as they are read.
+//!
+//! A voxel holds the mean colour of what is seen of it and the share of each material, not each material's own colour. That
+//! one is taken for the material's mean over the texel, times what the voxel's colour is off from the mix of those means:
+//! exact where a material has one colour, and where it varies as a whole.
+
+use std::collections::BTreeMap;
+
+use super::{Info, Mix, Pages, Voxel};
+use crate::Result;
+use crate::geom::Vec3;
+
+/// What becomes of a material.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Style {
+    /// Linear; multiplies the texel's own albedo, or is the albedo.
+    pub factor: [f64; 3],
+    /// Whether the texel's own albedo stays.
+    pub keep: bool,
+}
+
+impl Style {
+    /// No change.
+    pub const OWN: Style = Style { factor: [1.0; 3], keep: true };
+    /// White, for a factor to be put on.
+    pub const BLANK: Style = Style { factor: [1.0; 3], keep: false };
+
+    /// What becomes of an albedo.
+    pub fn of(&self, albedo: Vec3) -> Vec3 {
+        let factor = Vec3::from_array(self.factor.map(|v| v as f32));
+        if self.keep { albedo * factor } else { factor }
+    }
+}
+
+/// Styles by the names of materials.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Palette {
+    pub styles: BTreeMap<String, Style>,
+    /// Of materials that are not named.
+    pub rest: Style,
+}
+
+impl Default for Palette {
+    fn default() -> Self {
+        Palette { styles: BTreeMap::new(), rest: Style::OWN }
+    }
+}
+
+impl Palette {
+    /// Whether nothing changes.
+    pub fn is_plain(&self) -> bool {
+        self.rest == Style::OWN && self.styles.values().all(|s| *s == Style::OWN)
+    }
+
+    /// The style of a material.
+    pub fn style(&self, name: &str) -> Style {
+        self.styles.get(name).copied().unwrap_or(self.rest)
+    }
+
+    /// Names that none of the texel's materials has.
+    pub fn unknown<'a>(&'a self, info: &'a Info) -> impl Iterator<Item = &'a str> {
+        let known = |name: &str| info.materials.iter().any(|m| m.name == name);
+        self.styles.keys().map(String::as_str).filter(move |name| !known(name))
+    }
+}
+
+/// What is read of a texel, restyled.
+pub struct Restyled<P> {
+    inner: P,
+    /// By id: mean albedo and style.
+    materials: Vec<(Vec3, Style)>,
+}
+
+impl<P: Pages> Restyled<P> {
+    pub fn new(inner: P, palette: &Palette) -> Restyled<P> {
+        let of = |m: &super::Material| (Vec3::from_array(m.albedo.map(|v| v as f32)), palette.style(&m.name));
+        let mut materials: Vec<(Vec3, Style)> = inner.info().materials.iter().map(of).collect();
+        if materials.is_empty() {
+            materials.push((Vec3::ONE, palette.rest));
+        }
+        Restyled { inner, materials }
+    }
+
+    fn restyle(&self, voxel: &mut Voxel, mix: &Mix) {
+        let (mut all, mut kept, mut fresh, mut stays) = (Vec3::ZERO, Vec3::ZERO, Vec3::ZERO, Vec3::ZERO);
+        for (id, share) in mix.weights() {
+            let Some((mean, style)) = self.materials.get(usize::from(id)) else { continue };
+            let (share, factor) = (share as f32, style.of(Vec3::ONE));
+            all += share * *mean;
+            if style.keep {
+                kept += share * *mean * factor;
+                stays += share * factor;
+            } else {
+                fresh += share * factor;
+            }
+        }
+        let own = voxel.albedo();
+        // Where the means are black nothing tells materials apart but their shares.
+        let part = |k: usize| if all[k] > 0.0 { kept[k] / all[k] } else { stays[k] };
+        let albedo = Vec3::new(own.x * part(0), own.y * part(1), own.z * part(2)) + fresh;
+        voxel.set_albedo(albedo.to_array().map(f64::from));
+    }
+}
+
+impl<P: Pages> Pages for Restyled<P> {
+    fn info(&self) -> &Info {
+        self.inner.info()
+    }
+
+    fn counts(&self) -> Vec<usize> {
+        self.inner.counts()
+    }
+
+    fn masks(&self, depth: usize) -> Result<Vec<u8>> {
+        self.inner.masks(depth)
+    }
+
+    fn voxels(&self, depth: usize, page: usize) -> Result<Vec<Voxel>> {
+        let mut voxels = self.inner.voxels(depth, page)?;
+        let one = self.materials.iter().all(|m| m.1 == self.materials[0].1);
+        // Materials that all become the same are not read.
+        let mixes = if one { Vec::new() } else { self.inner.mixes(depth, page)? };
+        for (i, voxel) in voxels.iter_mut().enumerate().filter(|(_, v)| v.rate > 0) {
+            self.restyle(voxel, &mixes.get(i).copied().unwrap_or_default());
+        }
+        Ok(voxels)
+    }
+
+    fn mixes(&self, depth: usize, page: usize) -> Result<Vec<Mix>> {
+        self.inner.mixes(depth, page)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::material::FINE;
+    use super::super::{Depth, Material, Volume};
+    use super::*;
+
+    fn texel(materials: &[(&str, [f64; 3])], voxels: &[([f64; 3], Mix)]) -> Volume {
+        let mut info = crate::volume::octree::tests::info();
+        let of = |(name, albedo): &(&str, [f64; 3])| Material { name: (*name).into(), albedo: *albedo, share: 0.5 };
+        info.materials = materials.iter().map(of).collect();
+        let voxel = |(albedo, _): &([f64; 3], Mix)| {
+            let mut v = Voxel { rate: 9, ..Voxel::default() };
+            v.set_albedo(*albedo);
+            v
+        };
+        let depth = Depth {
+            masks: vec![0; voxels.len()],
+            voxels: voxels.iter().map(voxel).collect(),
+            mixes: voxels.iter().map(|v| v.1).collect(),
+        };
+        Volume { info, depths: vec![depth] }
+    }
+
+    fn seen(texel: &Volume, palette: &Palette) -> Vec<Vec3> {
+        Restyled::new(texel.clone(), palette).voxels(0, 0).unwrap().iter().map(Voxel::albedo).collect()
+    }
+
+    fn near(a: Vec3, b: [f32; 3]) -> bool {
+        // Half a step of the square root's code, at 1: 1/255; and of a share: half of 1/63.
+        (a - Vec3::from_array(b)).abs().max_element() < 1.0 / 255.0 + 0.5 / 63.0
+    }
+
+    #[test]
+    fn what_is_known_of_materials_is_restyled_exactly() {
+        let (bark, leaf) = ([0.2, 0.1, 0.05], [0.1, 0.4, 0.1]);
+        let mixed = |s: f64| std::array::from_fn(|k| (1.0 - s) * bark[k] + s * leaf[k]);
+        let mix = |s: f64| Mix::new([(0, 1.0 - s), (1, s)], FINE);
+        let shares = [0.0, 0.25, 0.5, 1.0];
+        let texel = texel(&[("bark", bark), ("leaf", leaf)], &shares.map(|s| (mixed(s), mix(s))));
+        let styled = |name: &str, style| Palette { styles: [(name.into(), style)].into(), ..Palette::default() };
+        let tinted = styled("leaf", Style { factor: [4.0, 0.5, 0.0], keep: true });
+        for (s, found) in shares.iter().zip(seen(&texel, &tinted)) {
+            let s = *s as f32;
+            let want = [0.2 * (1.0 - s) + 0.4 * s, 0.1 * (1.0 - s) + 0.2 * s, 0.05 * (1.0 - s)];
+            assert!(near(found, want), "{s}: {found} {want:?}");
+        }
+        let replaced = styled("leaf", Style { factor: [0.8, 0.3, 0.0], keep: false });
+        for (s, found) in shares.iter().zip(seen(&texel, &replaced)) {
+            let s = *s as f32;
+            let want = [0.2 * (1.0 - s) + 0.8 * s, 0.1 * (1.0 - s) + 0.3 * s, 0.05 * (1.0 - s)];
+            assert!(near(found, want), "{s}: {found} {want:?}");
+        }
+        assert!(styled("moss", Style::BLANK).unknown(&texel.info).eq(["moss"]));
+        assert!(Palette::default().is_plain() && !replaced.is_plain());
+        // All of it white, and nothing changed.
+        let blank = Palette { rest: Style::BLANK, ..Palette::default() };
+        assert!(seen(&texel, &blank).iter().all(|c| *c == Vec3::ONE));
+        assert_eq!(Restyled::new(texel.clone(), &Palette::default()).voxels(0, 0).unwrap(), texel.depths[0].voxels);
+    }
+
+    #[test]
+    fn black_materials_and_no_materials() {
+        let texel_of_none = texel(&[], &[([0.25, 1.0, 0.0], Mix::default())]);
+        let half = Palette { rest: Style { factor: [0.5; 3], keep: true }, ..Palette::default() };
+        assert!(near(seen(&texel_of_none, &half)[0], [0.125, 0.5, 0.0]));
+        let black = texel(&[("a", [0.0; 3]), ("b", [0.0; 3])], &[([0.5; 3], Mix::new([(0, 1.0), (1, 3.0)], FINE))]);
+        let half =
+            Palette { styles: [("b".into(), Style { factor: [0.0; 3], keep: true })].into(), ..Palette::default() };
+        assert!(near(seen(&black, &half)[0], [0.125; 3]));
+    }
+}
