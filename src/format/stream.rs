@@ -516,7 +516,7 @@ mod tests {
     fn colours_are_flat_where_they_repeat() {
         let coloured = |colour: &dyn Fn(u8) -> u8| {
             let voxels = (0..64).map(|i| Voxel { albedo: [colour(i); 3], ..Voxel::default() }).collect();
-            flat_colours(&[Depth { masks: Vec::new(), voxels }])
+            flat_colours(&[Depth { masks: Vec::new(), voxels, mixes: Vec::new() }])
         };
         assert!(coloured(&|i| if i < 40 { 213 } else { 7 }));
         assert!(!coloured(&|i| i / 2));
