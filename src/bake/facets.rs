@@ -1,5 +1,6 @@
 //! A staged source's facets, each part of them once, and their projected areas voxel by voxel: what a texel is measured against.
 
+use super::medium::Medium;
 use super::source::{Placement, Staged};
 use crate::geom::{DVec3, directions13};
 use crate::progress::Progress;
@@ -22,15 +23,15 @@ pub struct Facets {
     /// Morton codes of finest voxels with the projected areas of what is in them along the 13 axes, in squares of their
     /// edge; in Morton order.
     pub areas: Vec<(u64, [f32; 13])>,
-    /// Cubes of semi-transparent matter, of which nothing else is told.
-    pub media: u64,
+    /// Cubes of semi-transparent matter, which no area is told of.
+    pub media: Vec<Medium>,
 }
 
 /// Weights of a triangle's second and third corner where its alpha is looked up: the middles of its four quarters.
 const INNER: [[f64; 2]; 4] =
     [[1.0 / 3.0, 1.0 / 3.0], [1.0 / 6.0, 1.0 / 6.0], [2.0 / 3.0, 1.0 / 6.0], [1.0 / 6.0, 2.0 / 3.0]];
 
-/// All facets of `staged` within the cube, cut at the borders of regions.
+/// All facets and media of `staged` within the cube, cut at the borders of regions.
 ///
 /// # Errors
 /// `Limit` where they take more than `max_bytes`.
@@ -70,9 +71,13 @@ pub fn facets(staged: &dyn Staged, place: &Placement, max_bytes: u64, progress: 
             });
         });
         found.merge();
-        staged.medium(i, &mut |_| found.media += 1);
+        staged.medium(i, &mut |medium| {
+            if medium.is_valid() {
+                found.media.push(*medium);
+            }
+        });
         progress.advance(1);
-        full(size_of_val(&found.pieces[..]) + size_of_val(&found.areas[..]));
+        full(size_of_val(&found.pieces[..]) + size_of_val(&found.areas[..]) + size_of_val(&found.media[..]));
         found
     });
     if full(0) {
@@ -86,7 +91,7 @@ pub fn facets(staged: &dyn Staged, place: &Placement, max_bytes: u64, progress: 
     for mut part in parts {
         all.pieces.append(&mut part.pieces);
         all.areas.append(&mut part.areas);
-        all.media += part.media;
+        all.media.append(&mut part.media);
     }
     Ok(all)
 }

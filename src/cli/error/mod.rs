@@ -11,8 +11,8 @@ use super::quantity::bytes;
 use super::source::SourceArgs;
 use crate::bake::{self, Placement};
 use crate::format::{Limits, Reader};
-use crate::geom::DVec3;
-use crate::render::error::{Areas, DepthError, Facet, Opacity, Options, Spread, Truth, measure};
+use crate::geom::{Aabb, DVec3};
+use crate::render::error::{Areas, DepthError, Facet, Opacity, Options, Soft, Spread, Truth, measure};
 use crate::volume::Octree;
 use crate::{Error, Result, Warnings, par};
 
@@ -107,17 +107,22 @@ pub fn against(
     let place = Placement::of(tree.info(), finest);
     let staged = source.stage(&place, ui)?;
     let bake::Facets { pieces, areas, media } = bake::facets(&*staged, &place, max_bytes, ui)?;
-    if media > 0 {
-        return Err(Error::Options("only facets are measured: this source has semi-transparent matter".into()));
-    }
     let side = f64::from(place.side());
     let facet = |p: bake::Piece| Facet { corners: p.corners.map(|c| c / side), number: p.facet, cut_out: p.cut_out };
     let look = |facet: u32, at: DVec3| {
         let seen = staged.surface(facet, at * side, 0.0);
         (seen.albedo, seen.alpha)
     };
-    let truth = Truth::new(pieces.into_iter().map(facet).collect(), &look);
-    measure(tree, &truth, Some(Areas::new(areas)), options, ui)
+    let soft = |m: &bake::Medium| {
+        let (low, edge) = (DVec3::from(m.at.map(f64::from)), f64::from(1u32 << m.levels));
+        let bounds = Aabb::new((low + edge * m.lo) / side, (low + edge * m.hi) / side);
+        Soft { bounds, extinction: m.extinction * side, flat: m.flat, normal: m.normal, albedo: m.albedo }
+    };
+    // Areas are of facets alone.
+    let areas = media.is_empty().then(|| Areas::new(areas));
+    let soft = media.iter().map(soft).collect();
+    let truth = Truth::new(pieces.into_iter().map(facet).collect(), soft, &look);
+    measure(tree, &truth, areas, options, ui)
 }
 
 /// Whether the texel was baked from another file, or with other options.

@@ -13,7 +13,7 @@ mod sigma;
 mod truth;
 
 pub use sigma::Areas;
-pub use truth::{Facet, Look, Truth};
+pub use truth::{Facet, Look, Soft, Truth};
 
 use serde::Serialize;
 

@@ -140,7 +140,7 @@ impl Batch<'_> {
             for (s, a) in sum.albedo.iter_mut().zip(layer.albedo) {
                 *s += layer.weight * f64::from(a);
             }
-            let lit = layer.weight * layer.normal.dot(SUN).max(0.0);
+            let lit = layer.weight * layer.lit(ray.dir, SUN);
             if lit > 0.0 {
                 sum.lit += lit;
                 sum.open += lit * self.truth.open(&Ray { origin: ray.at(layer.t), dir: SUN }, layer.facet);

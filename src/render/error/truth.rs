@@ -1,4 +1,6 @@
-//! The source of a texel as triangles with a look, for rays in texel space.
+//! The source of a texel as triangles with a look and soft matter, for rays in texel space.
+
+use std::f64::consts::PI;
 
 use crate::geom::{Aabb, DVec3, Ray};
 use crate::render::bvh::Bvh;
@@ -14,6 +16,30 @@ pub struct Facet {
     pub cut_out: bool,
 }
 
+/// Semi-transparent matter that fills a box evenly, texel space.
+#[derive(Debug, Clone, Copy)]
+pub struct Soft {
+    pub bounds: Aabb,
+    /// Hits in an edge of the cube, > 0, in the mean over all directions.
+    pub extinction: f64,
+    /// Share of the matter that is flakes square to `normal`, in [0, 1]; the rest looks the same from every side.
+    pub flat: f64,
+    /// Unit, or zero where nothing is flat.
+    pub normal: DVec3,
+    /// Linear.
+    pub albedo: [f32; 3],
+}
+
+impl Soft {
+    /// Hits in an edge along `w`, and the share of them on flat matter.
+    fn along(&self, w: DVec3) -> (f64, f64) {
+        // Flakes of one normal: |n . w| is 1/2 in the mean.
+        let flat = self.flat * 2.0 * self.normal.dot(w).abs();
+        let all = 1.0 - self.flat + flat;
+        (self.extinction * all, if all > 0.0 { flat / all } else { 0.0 })
+    }
+}
+
 /// Linear colour and alpha in [0, 1] of the facet of that number at a point of texel space.
 pub type Look<'a> = dyn Fn(u32, DVec3) -> ([f32; 3], f32) + Sync + 'a;
 
@@ -21,6 +47,8 @@ pub type Look<'a> = dyn Fn(u32, DVec3) -> ([f32; 3], f32) + Sync + 'a;
 pub struct Truth<'a> {
     facets: Vec<Facet>,
     bvh: Bvh,
+    soft: Vec<Soft>,
+    soft_bvh: Bvh,
     look: &'a Look<'a>,
 }
 
@@ -34,17 +62,46 @@ pub struct Layer {
     pub albedo: [f32; 3],
     /// Unit, towards the viewer.
     pub normal: DVec3,
+    /// Share of it that has this normal; the rest is a cloud of specks that look the same from every side.
+    pub flat: f64,
 }
+
+impl Layer {
+    /// Mean of max(0, n·l), seen along the unit `w`.
+    pub fn lit(&self, w: DVec3, l: DVec3) -> f64 {
+        // Of a ball: its disc shows cos over the viewer's half, of which the crescent towards the light is lit.
+        let cos = -w.dot(l).clamp(-1.0, 1.0);
+        let angle = libm::acos(cos);
+        let ball = 2.0 / (3.0 * PI) * (libm::sin(angle) + (PI - angle) * cos);
+        self.flat * self.normal.dot(l).max(0.0) + (1.0 - self.flat) * ball
+    }
+}
+
+/// What layers of semi-transparent matter have for a facet.
+const NO_FACET: u32 = u32::MAX;
 
 /// Rays that start on a facet do not meet what is nearer than this, cube edges.
 const APART: f64 = 1e-7;
 
 impl<'a> Truth<'a> {
-    /// Facets within or about the unit cube; those that are not finite are left out.
-    pub fn new(mut facets: Vec<Facet>, look: &'a Look<'a>) -> Truth<'a> {
+    /// Facets and soft matter within or about the unit cube; facets that are not finite are left out.
+    pub fn new(mut facets: Vec<Facet>, soft: Vec<Soft>, look: &'a Look<'a>) -> Truth<'a> {
         facets.retain(|f| f.corners.iter().all(|c| c.is_finite()));
         let bounds: Vec<Aabb> = facets.iter().map(|f| Aabb::around(f.corners)).collect();
-        Truth { bvh: Bvh::new(&bounds), facets, look }
+        let boxes: Vec<Aabb> = soft.iter().map(|s| s.bounds).collect();
+        Truth { bvh: Bvh::new(&bounds), facets, soft_bvh: Bvh::new(&boxes), soft, look }
+    }
+
+    /// Calls `found` with the soft matter on the ray's way up to `end`, in no order: from where to where.
+    fn soft(&self, ray: &Ray, end: f64, mut found: impl FnMut(&Soft, f64, f64)) {
+        let inverse = 1.0 / ray.dir;
+        self.soft_bvh.nearest(ray, end, |index, end| {
+            let soft = &self.soft[index as usize];
+            if let Some((from, to)) = soft.bounds.hit(ray.origin, inverse, 0.0, end).filter(|(from, to)| to > from) {
+                found(soft, from, to);
+            }
+            end
+        });
     }
 
     fn meet(&self, shear: &Shear, ray: &Ray, index: u32) -> Option<f64> {
@@ -59,7 +116,7 @@ impl<'a> Truth<'a> {
             let [a, b, c] = self.facets[facet as usize].corners;
             let normal = (b - a).cross(c - a).normalize_or_zero();
             let normal = if normal.dot(ray.dir) > 0.0 { -normal } else { normal };
-            Layer { facet, t, weight: f64::from(alpha), albedo, normal }
+            Layer { facet, t, weight: f64::from(alpha), albedo, normal, flat: 1.0 }
         };
         let mut last: Option<(u32, f64)> = None;
         let end = self.bvh.nearest(ray, f64::INFINITY, |index, t1| {
@@ -76,6 +133,14 @@ impl<'a> Truth<'a> {
             t1
         });
         layers.retain(|l| l.t < end);
+        let length = ray.dir.length();
+        let w = ray.dir / length;
+        self.soft(ray, end, |soft, from, to| {
+            let (rate, flat) = soft.along(w);
+            let weight = -libm::expm1(-rate * (to - from) * length);
+            let normal = if soft.normal.dot(w) > 0.0 { -soft.normal } else { soft.normal };
+            layers.push(Layer { facet: NO_FACET, t: 0.5 * (from + to), weight, albedo: soft.albedo, normal, flat });
+        });
         layers.sort_by(|a, b| a.t.total_cmp(&b.t).then(a.facet.cmp(&b.facet)));
         if let Some((index, t)) = last {
             let (albedo, _) = (self.look)(self.facets[index as usize].number, ray.at(t));
@@ -102,6 +167,11 @@ impl<'a> Truth<'a> {
             through *= if facet.cut_out { 1.0 - f64::from((self.look)(facet.number, ray.at(t)).1) } else { 0.0 };
             if through <= 0.0 { -1.0 } else { t1 }
         });
-        if end < 0.0 { 0.0 } else { through }
+        if end < 0.0 {
+            return 0.0;
+        }
+        let (length, mut depth) = (ray.dir.length(), 0.0);
+        self.soft(ray, f64::INFINITY, |soft, from, to| depth += soft.along(ray.dir / length).0 * (to - from) * length);
+        through * libm::exp(-depth)
     }
 }
