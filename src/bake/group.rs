@@ -41,7 +41,7 @@ pub struct GroupSource {
 
 /// Copies of a source up to which each is laid into the grid by itself.
 const FEW: usize = 4;
-/// How much finer than its largest copy a source's own grid is: `inside` answers for the middles of its voxels.
+/// How much finer than its largest copy the own grid is of a source that answers for the middles of its voxels.
 const FINER: f64 = 2.0;
 /// Largest depth of a source's own grid.
 const MAX_DEPTH: usize = 12;
@@ -125,6 +125,10 @@ impl Source for GroupSource {
 
     fn warnings(&self) -> &Warnings {
         &self.warnings
+    }
+
+    fn exact_inside(&self) -> bool {
+        self.sources.iter().all(|s| s.exact_inside())
     }
 
     fn stage<'a>(&'a self, place: &Placement, progress: &dyn Progress) -> Result<Box<dyn Staged + 'a>> {
@@ -213,9 +217,12 @@ impl<'a> Piece<'a> {
         let extent = bounds.size().max_element().max(1.0 / largest);
         let pad = extent / f64::from(1 << 20);
         let (least, extent) = (bounds.min - pad, extent + 2.0 * pad);
-        let want = libm::log2((extent * largest * FINER).max(1.0)).ceil();
+        let scale = largest * if source.exact_inside() { 1.0 } else { FINER };
+        let want = libm::log2((extent * scale).max(1.0)).ceil();
         let depth = (want as usize).min(MAX_DEPTH).min(place.depth + 1);
         let side = f64::from(1u32 << depth);
+        // Voxels of just that size: a cube of a power of two has room to spare.
+        let extent = extent.max(side / scale);
         let own = Placement {
             bounds: Aabb::new(least, least + extent),
             transform: DAffine3::IDENTITY,

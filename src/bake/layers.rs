@@ -110,6 +110,10 @@ impl Source for LayersSource {
         &self.warnings
     }
 
+    fn exact_inside(&self) -> bool {
+        self.layers.iter().all(|(_, s)| s.exact_inside())
+    }
+
     fn stage<'a>(&'a self, place: &Placement, progress: &dyn Progress) -> Result<Box<dyn Staged + 'a>> {
         let mut layers = Vec::with_capacity(self.layers.len());
         let mut first = 0u64;

@@ -178,7 +178,8 @@ impl Bias {
             return (t, 1.0);
         }
         let t = t.max(1e-12);
-        let value = libm::pow(t, self.exponent);
+        // A third of the work of `libm::pow`, which gives more bits than are asked for.
+        let value = libm::exp2(self.exponent * libm::log2(t));
         (value, self.exponent * value / t)
     }
 }

@@ -155,6 +155,10 @@ impl Source for PaintedSource {
         self.inner.up()
     }
 
+    fn exact_inside(&self) -> bool {
+        self.inner.exact_inside()
+    }
+
     fn stage<'a>(&'a self, place: &Placement, progress: &dyn Progress) -> Result<Box<dyn Staged + 'a>> {
         let inner = self.inner.stage(place, progress)?;
         let to_source = place.grid_map().inverse();

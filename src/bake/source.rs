@@ -137,6 +137,10 @@ pub trait Source: Sync {
     fn up(&self) -> u8 {
         1
     }
+    /// Whether a grid of any resolution tells as exactly what is within the matter, so that a fine one is of no use.
+    fn exact_inside(&self) -> bool {
+        false
+    }
     /// Lay the source into a grid: sort what it has by region.
     fn stage<'a>(&'a self, place: &Placement, progress: &dyn Progress) -> Result<Box<dyn Staged + 'a>>;
 }

@@ -95,6 +95,10 @@ impl Source for FieldSource {
         &self.warnings
     }
 
+    fn exact_inside(&self) -> bool {
+        true
+    }
+
     fn stage<'a>(&'a self, place: &Placement, progress: &dyn Progress) -> Result<Box<dyn Staged + 'a>> {
         let laid = Laid::new(&*self.field, self.window, self.repeats, place, self.fine)?;
         let regions = laid.regions(place, 0.0, progress);
