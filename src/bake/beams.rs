@@ -180,7 +180,15 @@ impl Beams {
     /// Add the lines through `polygon` (voxel edges, within the unit voxel), or through what `cut` leaves of it. Adds the
     /// lines found, before they are united, to `parts`.
     pub fn add(&mut self, polygon: &Polygon, parts: &mut [u32; 13], cut: Option<&CutOut>) {
-        let plane = Plane::new(polygon.corners());
+        match polygon.corners().len() {
+            ..=4 => self.add_plane(&Plane::<4>::new(polygon.corners()), parts, cut),
+            5..=8 => self.add_plane(&Plane::<8>::new(polygon.corners()), parts, cut),
+            _ => self.add_plane(&Plane::<MOST_CORNERS>::new(polygon.corners()), parts, cut),
+        }
+    }
+
+    #[inline]
+    fn add_plane<const N: usize>(&mut self, plane: &Plane<N>, parts: &mut [u32; 13], cut: Option<&CutOut>) {
         let mut found = [0u32; 32];
         for (k, p) in PROJECTIONS.iter().enumerate() {
             let [a, b] = p.on;
@@ -329,28 +337,30 @@ impl Union {
     }
 }
 
-/// A polygon in all planes at once, in lines.
-struct Plane {
-    at: [[f32; CORNERS]; COORDINATES],
+/// A polygon of at most `N` corners, a multiple of 4, in all planes at once, in lines.
+struct Plane<const N: usize> {
+    at: [[f32; N]; COORDINATES],
     /// The first line beyond each corner.
-    lines: [[i32; CORNERS]; COORDINATES],
+    lines: [[i32; N]; COORDINATES],
     /// Lines between the least corner and the greatest.
     ranges: [(usize, usize); COORDINATES],
     count: usize,
 }
 
-/// Room for a polygon's corners.
-const CORNERS: usize = ROOM.next_multiple_of(4);
+/// Room for all corners that a polygon may have.
+const MOST_CORNERS: usize = ROOM.next_multiple_of(4);
 
-impl Plane {
+impl<const N: usize> Plane<N> {
     #[inline]
-    fn new(corners: &[DVec3]) -> Plane {
-        let mut at = [[0.0f32; CORNERS]; COORDINATES];
+    fn new(corners: &[DVec3]) -> Plane<N> {
+        let mut at = [[0.0f32; N]; COORDINATES];
         // The last corner fills up to a multiple of four.
-        let room = corners.len().next_multiple_of(4).min(CORNERS);
-        let repeated = corners.iter().chain(corners.last().into_iter().cycle());
-        for (i, c) in repeated.take(room).enumerate() {
-            let scaled = c.to_array().map(|v| v as f32 * LINES as f32);
+        let room = corners.len().next_multiple_of(4).min(N);
+        let Some(last) = corners.last() else {
+            return Plane { at, lines: [[0; N]; COORDINATES], ranges: [(0, 0); COORDINATES], count: 0 };
+        };
+        for i in 0..room {
+            let scaled = corners.get(i).unwrap_or(last).to_array().map(|v| v as f32 * LINES as f32);
             (at[0][i], at[1][i], at[2][i]) = scaled.into();
         }
         for (drop, q) in [(0, 1), (0, 2), (1, 2)] {
@@ -363,7 +373,7 @@ impl Plane {
                 *plus = p + d;
             }
         }
-        let mut lines = [[0; CORNERS]; COORDINATES];
+        let mut lines = [[0; N]; COORDINATES];
         let mut ranges = [(0, 0); COORDINATES];
         for (on, range) in ranges.iter_mut().enumerate() {
             let most = if on < 3 { LINES as i32 } else { 2 * LINES as i32 };

@@ -9,8 +9,9 @@ use super::clip::Polygon;
 use super::source::{Cut, Staged};
 use crate::geom::DVec3;
 
-/// Most samples along an edge: as many as there are lines.
-const CELLS: usize = LINES;
+/// Most samples along an edge. Half as many as there are lines: finer alpha is averaged and dithered, and as many samples as
+/// lines told no more of opacity.
+const CELLS: usize = LINES / 2;
 /// Fewest samples along an edge, and those a detail of alpha.
 const FEWEST: usize = 4;
 const SAMPLES: f64 = 2.0;
@@ -418,7 +419,10 @@ mod tests {
             // Some 80 voxels of rim, each off by .01: .09 of 200.
             assert!((f.area / want - 1.0).abs() < 2e-3, "{side}: {} of {want}", f.area);
             assert!((f.lines / want - 1.0).abs() < 5e-3, "{side}: {} of {want}", f.lines);
-            assert!(f.error[0] < 0.01 && f.error[0] < f.error[1], "{side}: {:?}", f.error);
+            // Up to 8 texels a voxel both are point samples, in lattices that differ in where they start; from there on ours are
+            // means of all texels.
+            assert!(f.error[0] < 0.015 && f.error[0] < 1.1 * f.error[1], "{side}: {:?}", f.error);
+            assert!(side == 128 || f.error[0] < 0.9 * f.error[1], "{side}: {:?}", f.error);
         }
     }
 
@@ -440,8 +444,8 @@ mod tests {
             let f = find(image(side, |_, _| 128), Alpha::Blend);
             let want = 400.0 * 128.0 / 255.0;
             assert!((f.area / want - 1.0).abs() < 1e-5, "{}", f.area);
-            // A dither over some 400 pieces of 16 to 256 cells.
-            assert!((f.lines / want - 1.0).abs() < 1e-2, "{} {want}", f.lines);
+            // A dither over some 400 pieces of 16 to 64 cells: each is off by less than half a cell, 1/128 or more.
+            assert!((f.lines / want - 1.0).abs() < 2e-2, "{} {want}", f.lines);
         }
     }
 }

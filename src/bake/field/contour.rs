@@ -28,7 +28,7 @@ const NEAR: f64 = 1e-5;
 const HOLD: f64 = 0.05;
 const PASSES: usize = 4;
 /// How far from one plane a facet of four corners may be, in cells. Its area vector is that of any surface within its edges.
-const PLANAR: f64 = 0.02;
+const PLANAR: f64 = 0.01;
 
 /// The facets around all edges that touch the cells `lo .. lo + size`, in cells; `size` cells beyond 0.
 pub fn contour(cells: &dyn Cells, lo: [i64; 3], size: i64, each: &mut dyn FnMut(&Polygon)) {

@@ -272,7 +272,8 @@ fn places_and_copies() {
     let b = Folder::new(recipe).open().unwrap().bounds();
     assert!((b.min - DVec3::new(6.0, 7.0, 8.0)).length() < 1e-9, "{b:?}");
     let many = "[define.pebble]\nsphere = { radius = 0.1 }\n[[draw]]\nuse = \"pebble\"\nscatter = { count = 40, min = [0, 0, 0], max = [4, 0, 4], apart = 0.25, seed = 3 }";
-    near(sums(many, 128).area, 40.0 * 4.0 * PI * 0.01, 0.02);
+    // Of 3.1 voxels' radius: facets around a sphere are (h / r)² / 4 larger than it, as of one that is drawn by itself.
+    near(sums(many, 128).area, 40.0 * 4.0 * PI * 0.01, 0.03);
     let model: Recipe = toml::from_str(many).unwrap();
     let places = scatter::places(model.draw[0].scatter.as_ref().unwrap());
     for (i, a) in places.iter().enumerate() {
