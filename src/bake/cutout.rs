@@ -135,6 +135,8 @@ impl CutOut {
         let mut cells = [0; CELLS];
         let (mut inside, mut there) = (0u32, 0.0);
         let (mut least, mut most) = ([usize::MAX; 2], [0; 2]);
+        // Where most is there.
+        let (mut densest, mut densest_share) = (corners.iter().sum::<DVec3>() / corners.len().max(1) as f64, 0.0);
         let seed = hash(polygon.facet);
         let mut alpha = [0.0f32; CELLS];
         for (j, bits) in cells.iter_mut().enumerate().take(size[1]) {
@@ -152,6 +154,9 @@ impl CutOut {
                 if x >= from && x < to {
                     inside += 1;
                     there += share;
+                    if share > densest_share {
+                        (densest, densest_share) = (at(x, y), share);
+                    }
                     if share > 0.0 {
                         least = [least[0].min(i), least[1].min(j)];
                         most = [most[0].max(i + 1), most[1].max(j + 1)];
@@ -161,9 +166,8 @@ impl CutOut {
         }
         if inside == 0 {
             // A sliver between the samples.
-            let middle = corners.iter().sum::<DVec3>() / corners.len().max(1) as f64;
             let mut alpha = [0.0];
-            cut.row(origin + middle, DVec3::ZERO, width, &mut alpha);
+            cut.row(origin + densest, DVec3::ZERO, width, &mut alpha);
             (inside, there) = (1, f64::from(alpha[0]).clamp(0.0, 1.0));
             (least, most) = ([0; 2], size);
         }
@@ -188,11 +192,11 @@ impl CutOut {
             lo: first.clamp(lo, hi),
             hi: last.clamp(lo, hi),
         };
-        out.albedo = out.colour(staged, polygon, origin, width, at);
+        out.albedo = out.colour(staged, polygon, origin, width, at, densest);
         Some(out)
     }
 
-    /// Mean colour of a few of the cells that are there.
+    /// Mean colour of a few of the cells that are there; of `densest` where the dither leaves none.
     fn colour(
         &self,
         staged: &dyn Staged,
@@ -200,6 +204,7 @@ impl CutOut {
         origin: DVec3,
         width: f64,
         at: impl Fn(f64, f64) -> DVec3,
+        densest: DVec3,
     ) -> DVec3 {
         let look = |p: DVec3| DVec3::from(staged.surface(polygon.facet, origin + p, width).albedo.map(f64::from));
         let corners = polygon.corners();
@@ -219,7 +224,7 @@ impl CutOut {
             count += inner.count_ones() as usize;
         }
         if count == 0 {
-            return look(polygon.middle());
+            return look(densest);
         }
         let mut wanted = (0..COLOURS).map(|n| count * (2 * n + 1) / (2 * COLOURS)).peekable();
         let mut sum = DVec3::ZERO;
