@@ -187,9 +187,9 @@ fn cut_out_and_blended_cards_cover_their_alphas_area_at_every_depth() {
             found.push([masked / (std::f64::consts::PI * 0.16), veil * 255.0 / 128.0]);
         }
     }
-    // A sheet lets some 2 % through between blocks, and a disc's rim spreads over the supports of its voxels: measured .968
-    // to .995 of the disc, .977 to .984 of the veil. Rays are 1/142 apart: .5 % of the disc.
-    for (name, k, lo, hi) in [("disc", 0, 0.95, 1.01), ("veil", 1, 0.965, 1.01)] {
+    // What closes the seams between blocks makes the disc's rim and the veil a little darker: measured .986 to .999 of the disc,
+    // but 1.040 where it is six voxels wide, and 1.007 to 1.014 of the veil. Rays are 1/142 apart: .5 % of the disc.
+    for (name, k, lo, hi) in [("disc", 0, 0.975, 1.05), ("veil", 1, 0.985, 1.025)] {
         assert!(found.iter().all(|f| (lo..hi).contains(&f[k])), "{name} {found:.4?}");
     }
 }

@@ -177,6 +177,12 @@ impl Beams {
         &self.rows[p.first..p.first + p.rows]
     }
 
+    /// How many lines of the axis `k` are met in the square of `wide` rows and columns from `row` and `bit` on.
+    pub fn met(&self, k: usize, row: usize, bit: usize, wide: usize) -> u32 {
+        let mask = ((1 << wide) - 1) << bit;
+        self.axis(k)[row..row + wide].iter().map(|r| (r & mask).count_ones()).sum()
+    }
+
     /// Add the lines through `polygon` (voxel edges, within the unit voxel), or through what `cut` leaves of it. Adds the
     /// lines found, before they are united, to `parts`.
     pub fn add(&mut self, polygon: &Polygon, parts: &mut [u32; 13], cut: Option<&CutOut>) {

@@ -97,9 +97,11 @@ impl Chords {
         (share, slope)
     }
 
-    /// The rates with which the box blocks the shares `p` in [0, 1) of its lines, at most [`MAX_RATE`].
-    pub fn rates(&self, p: &Lanes, c: f32) -> Lanes {
+    /// The rates with which the box blocks the shares `p` in [0, 1) of its lines, at most [`MAX_RATE`]; and the derivatives of
+    /// the shares by the rates' logarithms, near there.
+    pub fn rates(&self, p: &Lanes, c: f32) -> (Lanes, Lanes) {
         let mut rates = [0.0; 16];
+        let mut slopes = [0.0; 16];
         let mut goal = [0.0; 16];
         for i in 0..16 {
             let want = depth_for(p[i], c).max(1e-12);
@@ -109,6 +111,7 @@ impl Chords {
         // Newton's steps on log depth over log rate, whose slope is 1 while little is blocked and falls towards opaque.
         for _ in 0..STEPS {
             let (share, slope) = self.blocked_and_slope(&rates, c);
+            slopes = slope;
             let mut largest = [0.0f32; 16];
             for i in 0..16 {
                 let share = share[i].clamp(1e-12, 1.0 - 1e-6);
@@ -125,7 +128,7 @@ impl Chords {
                 break;
             }
         }
-        std::array::from_fn(|i| if p[i] > 0.0 { rates[i] } else { 0.0 })
+        (std::array::from_fn(|i| if p[i] > 0.0 { rates[i] } else { 0.0 }), slopes)
     }
 }
 
@@ -186,7 +189,7 @@ mod tests {
         let chords = Chords::new(e);
         for (r, c) in [(0.5, 0.0), (2.0, 0.5), (3.0, 1.0), (9.0, 0.2), (20.0, 0.9)] {
             let p = chords.blocked(&[r; 16], c);
-            let back = chords.blocked(&chords.rates(&p, c), c);
+            let back = chords.blocked(&chords.rates(&p, c).0, c);
             for (k, projection) in PROJECTIONS.iter().enumerate() {
                 let (wa, wb) = projection.extent();
                 let (mut n, mut sum) = (0, 0.0);
@@ -216,7 +219,7 @@ mod tests {
             for code in 0..16 {
                 let c = code as f32 / 15.0;
                 for p in [1e-6, 1e-3, 0.1, 0.5, 0.9, 0.97, 0.996] {
-                    let rates = chords.rates(&[p; 16], c);
+                    let (rates, _) = chords.rates(&[p; 16], c);
                     let back = chords.blocked(&rates, c);
                     for k in 0..13 {
                         // Near opaque the largest rate is near, and steps are small.

@@ -35,15 +35,20 @@ pub fn sigmas(s: &Sggx) -> Lanes {
 
 /// The symmetric positive S with sqrt(w^T S w) nearest to `values` in the 13 directions; `None` where all are 0.
 pub fn fit_sggx(values: &[f64; 13]) -> Option<Sggx> {
+    fit_weighted(values, &[1.0; 13])
+}
+
+/// [`fit_sggx`] with how much an error in each direction counts, in [0, 1].
+pub fn fit_weighted(values: &[f64; 13], weights: &[f64; 13]) -> Option<Sggx> {
     let mean = values.iter().sum::<f64>() / 13.0;
     if !mean.is_finite() || mean <= 1e-12 {
         return None;
     }
     // Normal equations of w^T S w = y^2, weighted by 1 / y^2 so that relative errors of y count.
     let mut eq = [[0.0f64; 7]; 6];
-    for (f, &value) in FEATURES.iter().zip(values) {
+    for ((f, &value), &counts) in FEATURES.iter().zip(values).zip(weights) {
         let y2 = (value / mean) * (value / mean);
-        let weight = 1.0 / (y2 + 0.01);
+        let weight = counts / (y2 + 0.01);
         for i in 0..6 {
             for j in i..6 {
                 eq[i][j] += weight * f[i] * f[j];

@@ -4,30 +4,42 @@
 //! Transmittance Model for Volumetric Scene Representations*, SIGGRAPH 2021; G. Loubet, F. Neyret, *Hybrid Mesh-Volume
 //! LoDs for All-Scale Pre-Filtering*, EG 2017.
 
-use super::beams::{PROJECTIONS, axis_length};
-use super::chord::{Chords, Lanes, MAX_RATE, box_areas, depth_for, exp_neg, ln};
-use super::ellipsoid::{fit_sggx, sigmas};
+use super::beams::{Beams, PROJECTIONS, axis_length};
+use super::chord::{Chords, Lanes, MAX_RATE, box_areas, depth_for, exp_neg};
+use super::ellipsoid::{fit_weighted, sigmas};
 use super::measure::Measure;
 use super::refine::Passed;
 use crate::geom::Vec3;
-use crate::volume::voxel::{RATE_MAX, decode_rate, encode_rate};
+use crate::volume::voxel::{RATE_MAX, encode_rate};
 use crate::volume::{Model, Sggx, Voxel};
 
 /// Share of a support box from which on it is taken for opaque.
 const OPAQUE: f32 = 0.996;
+/// What a box that is opaque is taken to lose at least where its rate falls, by the rate's logarithm.
+const LEAST_SLOPE: f32 = 0.15;
 /// Lines a voxel edge on which a block is marched.
 const MARCH_LINES: usize = 2;
 /// Correlations at which a block is marched; the law is smooth in between.
 const TRIALS: [f32; 3] = [0.0, 0.5, 1.0];
-/// Factor of the rates at which a block is marched besides 1, and the largest that is given.
-const GAIN_TRIAL: f32 = 1.5;
-const MAX_GAIN: f32 = 2.5;
 
 /// A voxel of a block, to be fitted.
 pub struct Cell<'a> {
     /// Place in the block: x, y, z.
     pub at: [u8; 3],
     pub measure: &'a Measure,
+}
+
+/// What is known of all cells together.
+pub struct Block<'a> {
+    pub measure: &'a Measure,
+    /// Which lines they block, with the insides of solids.
+    pub beams: &'a Beams,
+    /// Oblique area of what they block, with the insides of solids, an axis.
+    pub cover: [f64; 13],
+    /// Octants that are opaque, and no cells.
+    pub closed: [bool; 8],
+    /// Cells along the block's edge.
+    pub width: usize,
 }
 
 /// What is known of a cell along the 13 axes, through the support box that a ray will see.
@@ -54,15 +66,31 @@ impl Seen {
         }
         Seen { lo, hi, blocked, chords: Chords::new(e), area }
     }
+
+    /// How much an error of a rate counts along each axis, by what it changes of the area that is blocked, from 1 where little
+    /// is: rates at which a box is opaque may be larger, and a thin sheet seen edge-on has no area.
+    fn weights(&self, rates: &Lanes, slopes: &Lanes) -> [f64; 13] {
+        let e = self.hi - self.lo;
+        std::array::from_fn(|k| {
+            if rates[k] <= 0.0 {
+                return 1.0;
+            }
+            // Towards opaque nothing is gained, but a lower rate loses.
+            let slope = slopes[k].max(LEAST_SLOPE * self.blocked[k]);
+            // The area times the mean chord is the volume.
+            let change = f64::from(self.area[k] * slope / (rates[k] * e.x * e.y * e.z));
+            (change * change).clamp(1e-4, 1.0)
+        })
+    }
 }
 
-/// How far fitted voxels are from what was measured: the mean over 13 directions of |share of the support box blocked,
-/// fitted − measured|, of every voxel of a depth.
+/// How far fitted blocks are from what was measured: |share of a square one voxel wide that is covered, marched − measured|, of
+/// all squares in which there is anything, along 13 axes.
 #[derive(Debug, Clone, Default)]
 pub struct Certificate {
     count: u64,
     sum: f64,
-    /// Voxels by error, in steps of 1/256.
+    /// Squares by error, in steps of 1/256.
     histogram: Vec<u64>,
 }
 
@@ -98,27 +126,30 @@ impl Certificate {
     }
 }
 
-/// Fit all cells of one block, `width` cells wide, whose own measure is `block`. Voxels come in the order of the cells. Gives
-/// what a ray finds of them, where `march` asks for it.
+/// Fit all cells of one block. Voxels come in the order of the cells. Gives what a ray finds of them, where `march` asks for it.
 pub fn fit_block(
     cells: &[Cell],
-    block: &Measure,
-    (width, march): (usize, bool),
+    of: &Block,
+    march: bool,
     model: Model,
     voxels: &mut Vec<Voxel>,
     certificate: &mut Certificate,
 ) -> Option<Passed> {
+    let (block, width) = (of.measure, of.width);
     let mut fitted = [Voxel::default(); 64];
     let mut seen = Vec::with_capacity(cells.len());
     for (voxel, cell) in fitted.iter_mut().zip(cells) {
         seen.push(Seen::new(cell.measure, voxel));
     }
-    let lines = if cells.len() > 1 || march { Lines::new(cells, &seen, width) } else { Lines::new(&[], &[], width) };
-    let code = correlation(cells, &seen, &lines, block, width);
+    let lines = Lines::new(cells, &seen, width);
+    // Specks are independent by nature, and known exactly; which lines they meet is drawn by chance.
+    let soft = block.is_soft();
+    let code = if soft { 0 } else { correlation(cells, &seen, &lines, block, width) };
     let c = f32::from(code) / 15.0;
-    let rates: Vec<Lanes> = seen.iter().map(|s| s.chords.rates(&s.blocked, c)).collect();
-    let gain = gain(cells, &lines, &rates, block, width, c);
-    for (((voxel, cell), seen), rates) in fitted.iter_mut().zip(cells).zip(&seen).zip(&rates) {
+    // Hits a voxel edge along each axis.
+    let mut along = vec![[0.0f32; 16]; cells.len()];
+    let mut levels = [0.0f32; 64];
+    for (i, ((voxel, cell), seen)) in fitted.iter_mut().zip(cells).zip(&seen).enumerate() {
         let m = cell.measure;
         voxel.correlation = code;
         voxel.set_albedo(m.albedo.to_array());
@@ -127,55 +158,60 @@ pub fn fit_block(
         }
         if m.solid {
             voxel.rate = RATE_MAX;
-        } else if let Some(s) = fit_sggx(&std::array::from_fn(|k| f64::from(rates[k]))) {
+            along[i] = [MAX_RATE; 16];
+            continue;
+        }
+        let (rates, slopes) = seen.chords.rates(&seen.blocked, c);
+        let weights = seen.weights(&rates, &slopes);
+        if let Some(s) = fit_weighted(&std::array::from_fn(|k| f64::from(rates[k])), &weights) {
             voxel.ndf = s.encode();
-            let (rate, error) = level(voxel.ndf, s.scale(), seen, c);
-            voxel.rate = encode_rate(f64::from(rate * gain));
-            certificate.add(error.into());
+            let sigma = sigmas(&Sggx::decode(voxel.ndf));
+            levels[i] = level(&sigma, s.scale(), seen, c);
+            along[i] = sigma.map(|s| levels[i] * s);
+        }
+    }
+    let mut chords = Vec::new();
+    let mut through = Passed::of_block(MARCH_LINES * width, c, (cells.len(), of.closed), |k| {
+        lines.depths(k, |cell| along[cell][k], &mut chords)
+    });
+    let mut log = 0.0;
+    if cells.len() > 1 && !soft {
+        log = through.wish(&of.cover);
+        through.change(log);
+    }
+    if model == Model::Coverage {
+        through.compare(of.beams, MARCH_LINES, &mut |error| certificate.add(error));
+    }
+    for ((voxel, cell), &rate) in fitted.iter_mut().zip(cells).zip(&levels) {
+        if rate > 0.0 {
+            let e = exp_neg(log.abs());
+            voxel.rate = encode_rate(f64::from(if log < 0.0 { rate * e } else { rate / e }));
         }
         if model == Model::Neyret {
-            neyret(voxel, m);
+            neyret(voxel, cell.measure);
         }
         voxels.push(*voxel);
     }
-    march.then(|| marched(&fitted[..cells.len()], &lines, width, c))
+    march.then_some(through)
 }
 
-/// What comes through the block of `voxels`, which have the correlation `c`.
-fn marched(voxels: &[Voxel], lines: &Lines, width: usize, c: f32) -> Passed {
-    let rates: Vec<Lanes> = voxels
-        .iter()
-        .map(|v| {
-            let rate = decode_rate(v.rate);
-            sigmas(&Sggx::decode(v.ndf)).map(|sigma| rate * sigma)
-        })
-        .collect();
-    let mut alone = Vec::new();
-    Passed::of_block(MARCH_LINES * width, c, voxels.len(), |k| lines.depths(k, |cell| rates[cell][k], &mut alone))
-}
-
-/// The rate, near `rate`, with which a voxel of the ellipsoid `ndf` covers the area that was measured, summed over the 13 axes; and
-/// the mean error that is left.
-fn level(ndf: [u8; 6], rate: f32, seen: &Seen, c: f32) -> (f32, f32) {
-    let sigma = sigmas(&Sggx::decode(ndf));
-    let blocked = |rate: f32| seen.chords.blocked(&sigma.map(|s| (rate * s).max(1e-12)), c);
+/// The rate, near `rate`, with which a voxel whose normals have the projected areas `sigma` covers the area that was measured,
+/// summed over the 13 axes.
+fn level(sigma: &Lanes, rate: f32, seen: &Seen, c: f32) -> f32 {
     // By area: a thin sheet seen edge-on has next to none.
     let total = |shares: &Lanes| (0..13).map(|k| shares[k] * seen.area[k]).sum::<f32>();
+    let blocked = |rate: f32| total(&seen.chords.blocked(&sigma.map(|s| (rate * s).max(1e-12)), c));
     let want = total(&seen.blocked);
     let mut rate = rate;
-    let mut got = blocked(rate);
     for _ in 0..2 {
-        let sum = total(&got);
-        // Where almost all is blocked, the sum hardly moves with the rate.
-        let next = (rate * (want / sum).clamp(0.5, 2.0)).min(MAX_RATE);
-        if (want / sum - 1.0).abs() < 0.005 {
+        let more = want / blocked(rate);
+        if (more - 1.0).abs() < 0.005 {
             break;
         }
-        rate = next;
-        got = blocked(rate);
+        // Where almost all is blocked, the sum hardly moves with the rate.
+        rate = (rate * more.clamp(0.5, 2.0)).min(MAX_RATE);
     }
-    let error = (0..13).map(|k| (got[k] - seen.blocked[k]).abs()).sum::<f32>() / 13.0;
-    (rate, error)
+    rate
 }
 
 /// The paper's own model: one isotropic opacity, the mean of what is covered, as a rate that takes that much away over a
@@ -302,40 +338,6 @@ fn correlation(cells: &[Cell], seen: &[Seen], lines: &Lines, block: &Measure, wi
             .sum()
     };
     (0..16u8).min_by(|&a, &b| error(a).total_cmp(&error(b))).unwrap_or(0)
-}
-
-/// What to multiply the rates of a block by so that it covers, all directions together, what was measured. Parts of one
-/// sheet need it: their support boxes overlap, and where three meet a ray the sum is cut off at 1.
-fn gain(cells: &[Cell], lines: &Lines, rates: &[Lanes], block: &Measure, width: usize, c: f32) -> f32 {
-    if cells.len() < 2 {
-        return 1.0;
-    }
-    let (mut want, mut got) = (0.0, [0.0f32; 2]);
-    let mut alone = Vec::new();
-    for k in 0..13 {
-        let (share, parts) = hidden(k, cells, block, width);
-        if parts <= 0.0 {
-            continue;
-        }
-        let mut depths = lines.depths(k, |cell| rates[cell][k], &mut alone);
-        let depths = &mut depths[..lines.counts[k]];
-        let alone = covered(&alone, c);
-        if alone <= 0.0 {
-            continue;
-        }
-        let weight = parts / axis_length(k) as f32;
-        want += weight * (1.0 - share);
-        got[0] += weight * covered(depths, c) / alone;
-        depths.iter_mut().for_each(|d| *d *= GAIN_TRIAL);
-        got[1] += weight * covered(depths, c) / alone;
-    }
-    let slope = (got[1] - got[0]) / ln(GAIN_TRIAL);
-    if slope <= 1e-9 {
-        return 1.0;
-    }
-    let log = ((want - got[0]) / slope).clamp(-1.0, 1.0);
-    let e = exp_neg(log.abs());
-    (if log < 0.0 { e } else { 1.0 / e }).clamp(0.7, MAX_GAIN)
 }
 
 /// The sum of what optical depths block at correlation `c`.

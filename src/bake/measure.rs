@@ -21,6 +21,8 @@ pub struct Measure {
     pub cover: [f64; 13],
     /// Sum of facet areas.
     pub total: f64,
+    /// What of `total` belongs to semi-transparent matter.
+    pub soft: f64,
     /// Sum of the area vectors of one-sided facets.
     pub mean: DVec3,
     /// Mean linear colour of what is seen.
@@ -41,6 +43,7 @@ impl Measure {
             hi: DVec3::NEG_INFINITY,
             cover: [0.0; 13],
             total: 0.0,
+            soft: 0.0,
             mean: DVec3::ZERO,
             albedo: DVec3::ZERO,
             materials: Weights::default(),
@@ -53,6 +56,11 @@ impl Measure {
     pub fn full() -> Measure {
         let side = std::array::from_fn(|k| box_area(k, DVec3::ONE));
         Measure { lo: DVec3::ZERO, hi: DVec3::ONE, cover: side, solid: true, averaged: 1.0, ..Measure::empty() }
+    }
+
+    /// Whether most of it is semi-transparent.
+    pub fn is_soft(&self) -> bool {
+        self.soft > 0.5 * self.total
     }
 
     /// Of a parent from its children.
@@ -74,6 +82,7 @@ impl Measure {
             }
             m.averaged += 0.125 * child.averaged;
             m.total += 0.25 * child.total;
+            m.soft += 0.25 * child.soft;
             m.mean += 0.25 * child.mean;
             if child.total > 0.0 {
                 // What is hidden on all 26 ways still has a colour.
@@ -173,6 +182,7 @@ impl Gather {
         (m.lo, m.hi) = (m.lo.min(share.lo), m.hi.max(share.hi));
         self.areas.iter_mut().zip(&share.cover).for_each(|(sum, c)| *sum += c);
         m.total += share.area;
+        m.soft += share.area;
         m.mean += share.facing;
         let albedo = DVec3::from(medium.albedo.map(f64::from));
         m.albedo += share.area * albedo;

@@ -68,9 +68,10 @@ use tree::{How, Joiner, Node, Output, Region};
 /// Largest resolution that may be asked for.
 pub const MAX_RESOLUTION: u32 = 4096;
 
-/// Levels of [`Options::refine`] where nothing is said, and the most: further ones close sheets that are closed already.
-pub const REFINE: u8 = 2;
-pub const MAX_REFINE: u8 = 5;
+/// Levels of [`Options::refine`] where nothing is said, and the most: up to the root of the largest texel, so that it covers as a
+/// whole what was measured.
+pub const REFINE: u8 = MAX_REFINE;
+pub const MAX_REFINE: u8 = 10;
 
 /// What is to be baked of a source.
 #[derive(Debug, Clone, PartialEq)]

@@ -7,7 +7,7 @@
 
 use std::sync::OnceLock;
 
-use super::beams::{PROJECTIONS, axis_length, crossing};
+use super::beams::{Beams, LINES, PROJECTIONS, axis_length, box_area, crossing};
 use super::chord::{exp_neg, ln};
 use crate::geom::DVec3;
 use crate::volume::Voxel;
@@ -16,12 +16,19 @@ use crate::volume::voxel::RATE_MAX;
 /// Gains of the rates at which a group is marched: as they are, more and less; steps are interpolated between them.
 const GAINS: [f32; 3] = [1.0, TRIAL, 1.0 / TRIAL];
 const TRIAL: f32 = 1.5;
-/// How far a level may take rates, as logarithms: down no farther than was tried, since what is opaque opens faster than that.
+/// Their logarithms, in steps of ln `TRIAL`.
+const GAINS_AT: [f32; 3] = [0.0, 1.0, -1.0];
+/// How far rates are taken, as logarithms: down no farther than was tried, since what is opaque opens faster than that.
 const LEAST: f32 = -0.4;
-const MOST: f32 = 0.6;
-/// Wishes that small are left alone, and larger ones by that much smaller: blocks were measured no better than that. A step of
-/// a rate is .043. Without it, thin strands and soft media lose more than surfaces gain.
-const QUIET: f32 = 0.04;
+const MOST: f32 = 0.9;
+/// How far from the axes' median what they ask for together is followed.
+const APART: f32 = 0.1;
+/// A step of a rate's code, as a logarithm.
+const STEP: f32 = std::f32::consts::LN_2 / 16.0;
+/// A square through which more passes is empty.
+const CLEAR: f32 = 0.999;
+/// Lines along a group's edge, at most: beyond, every other one is left out.
+const MOST_LINES: usize = 32;
 /// Levels of a group's lines, doubled from one a cube's edge.
 const SIZES: usize = 12;
 
@@ -31,6 +38,9 @@ pub struct Passed {
     lines: usize,
     /// Axis by axis, row by row.
     at: [Vec<f32>; GAINS.len()],
+    /// The area that is covered along each axis, in squares of the cube's edge: better known than from these lines, where some
+    /// were left out.
+    areas: [[f32; 13]; GAINS.len()],
     /// Voxels in the cube.
     pub voxels: usize,
 }
@@ -58,8 +68,14 @@ fn misses(lines: usize) -> &'static [f32] {
 }
 
 impl Passed {
-    /// Of a block with `lines` an edge and the correlation `c`; `depths(k)` are the optical depths of axis `k`.
-    pub fn of_block(lines: usize, c: f32, voxels: usize, mut depths: impl FnMut(usize) -> [f32; 256]) -> Passed {
+    /// Of a block with `lines` an edge and the correlation `c`; `depths(k)` are the optical depths of axis `k`. Nothing comes
+    /// through its octants that are `closed`.
+    pub fn of_block(
+        lines: usize,
+        c: f32,
+        (voxels, closed): (usize, [bool; 8]),
+        mut depths: impl FnMut(usize) -> [f32; 256],
+    ) -> Passed {
         let room = start(13) * lines * lines;
         let mut at = GAINS.map(|_| Vec::with_capacity(room));
         let d = 1.0 - c;
@@ -75,7 +91,13 @@ impl Passed {
                 }
             }
         }
-        Passed { lines, at, voxels }
+        let mut passed = Passed { lines, at, areas: Default::default(), voxels };
+        (0..8).filter(|&j| closed[j]).for_each(|j| passed.close(j));
+        for g in 0..GAINS.len() {
+            passed.areas[g] =
+                std::array::from_fn(|k| passed.blocked(k, g) / ((lines * lines) as f32 * axis_length(k) as f32));
+        }
+        passed
     }
 
     /// Multiply what comes through by that of the child `j`, which has half the lines: at the gain `g`, `of(g)`.
@@ -97,7 +119,7 @@ impl Passed {
     }
 
     /// Let nothing through the octant `j`.
-    pub fn close(&mut self, j: usize) {
+    fn close(&mut self, j: usize) {
         let closed = misses(self.lines / 2);
         self.cover(j, |_| closed);
     }
@@ -109,71 +131,180 @@ impl Passed {
         self.at[gain][start(k) * square..(start(k) + wa * wb) * square].iter().map(|passes| 1.0 - passes).sum()
     }
 
+    /// Half of the lines each way, the rows by turns.
+    fn thinned(&self) -> Passed {
+        let (lines, half) = (self.lines, self.lines / 2);
+        let at = std::array::from_fn(|g| {
+            let mut at = Vec::with_capacity(start(13) * half * half);
+            for (k, p) in PROJECTIONS.iter().enumerate() {
+                let (wa, wb) = p.extent();
+                let all = &self.at[g][start(k) * lines * lines..][..wa * lines * wb * lines];
+                for (n, row) in all.chunks_exact(wa * lines).step_by(2).enumerate() {
+                    at.extend(row.iter().skip(n & 1).step_by(2));
+                }
+            }
+            at
+        });
+        Passed { lines: half, at, areas: self.areas, voxels: self.voxels }
+    }
+
     /// Of the cube of up to eight, in child order; of those that are `solid`, nothing comes through. `None` if none is known.
-    pub fn unite(children: &[Option<&Passed>; 8], solid: [bool; 8]) -> Option<Group> {
-        let small = children.iter().flatten().next()?.lines;
+    pub fn unite(children: &[Option<&Passed>; 8], solid: [bool; 8]) -> Option<Passed> {
+        let first = children.iter().flatten().next()?.lines;
+        let small = first.min(MOST_LINES / 2);
         let lines = 2 * small;
         let mut whole = Passed {
             lines,
             at: GAINS.map(|_| vec![1.0; start(13) * lines * lines]),
+            areas: Default::default(),
             voxels: children.iter().flatten().map(|c| c.voxels).sum(),
         };
-        let mut alone = [0.0f32; 13];
+        // What the children cover one by one: as it is known, and in lines.
+        let (mut known, mut found) = ([[0.0f32; 13]; GAINS.len()], [[0.0f32; 13]; GAINS.len()]);
         for (j, child) in children.iter().enumerate() {
-            if let Some(child) = child.filter(|c| c.lines == small) {
+            if let Some(child) = child.filter(|c| c.lines == first) {
+                let thinned = (first > small).then(|| child.thinned());
+                let child = thinned.as_ref().unwrap_or(child);
                 whole.cover(j, |g| &child.at[g]);
-                (0..13).for_each(|k| alone[k] += child.blocked(k, 0));
+                for g in 0..GAINS.len() {
+                    for k in 0..13 {
+                        known[g][k] += 0.25 * child.areas[g][k];
+                        found[g][k] += child.blocked(k, g);
+                    }
+                }
             } else if solid[j] {
                 whole.close(j);
-                let shadow = misses(small);
                 for (k, p) in PROJECTIONS.iter().enumerate() {
-                    let range = start(k) * small * small..(start(k) + p.extent().0 * p.extent().1) * small * small;
-                    alone[k] += shadow[range].iter().map(|misses| 1.0 - misses).sum::<f32>();
+                    let all = &misses(small)[start(k) * small * small..];
+                    let met: f32 = all[..p.extent().0 * p.extent().1 * small * small].iter().map(|m| 1.0 - m).sum();
+                    let area = 0.25 * (box_area(k, DVec3::ONE) / axis_length(k)) as f32;
+                    for (known, found) in known.iter_mut().zip(&mut found) {
+                        known[k] += area;
+                        found[k] += met;
+                    }
                 }
             }
         }
-        Some(Group { whole, alone })
+        for g in 0..GAINS.len() {
+            whole.areas[g] = std::array::from_fn(|k| {
+                if found[g][k] > 0.0 { known[g][k] * whole.blocked(k, g) / found[g][k] } else { known[g][k] }
+            });
+        }
+        Some(whole)
+    }
+
+    /// Compare with the lines that are met in `beams`: calls `each` with the difference of what is covered of every square one
+    /// voxel wide that either finds something in; a voxel is `per_voxel` of the cube's lines wide.
+    pub fn compare(&self, beams: &Beams, per_voxel: usize, each: &mut dyn FnMut(f64)) {
+        let step = LINES * per_voxel / self.lines;
+        let all = (step * step) as f32;
+        for (k, p) in PROJECTIONS.iter().enumerate() {
+            let (wa, wb) = p.extent();
+            let wide = wa * self.lines;
+            let at = &self.at[0][start(k) * self.lines * self.lines..][..wide * wb * self.lines];
+            for (j, rows) in at.chunks_exact(per_voxel * wide).enumerate() {
+                for i in 0..wide / per_voxel {
+                    let squares = rows.chunks_exact(wide).map(|row| &row[i * per_voxel..][..per_voxel]);
+                    let passes = squares.flatten().sum::<f32>() / (per_voxel * per_voxel) as f32;
+                    let met = beams.met(k, j * step, i * step, step);
+                    if met > 0 || passes < CLEAR {
+                        each(f64::from((1.0 - passes - met as f32 / all).abs()));
+                    }
+                }
+            }
+        }
+    }
+
+    /// Correct the rates of blocks side by side, which were measured to cover `cover` (oblique areas in squares of the cube's
+    /// edge): gives steps of the rates' codes.
+    pub fn correct(&mut self, cover: &[f64; 13]) -> i32 {
+        let steps = (self.wish(cover) / STEP).round();
+        self.change(steps * STEP);
+        steps as i32
+    }
+
+    /// The logarithm of what the rates are to be multiplied by so that the cube covers the oblique areas `cover`. Axes may
+    /// disagree, since one factor scales them all: what leaks in a sheet's own plane does not close along its normal, and slats
+    /// hide one another along some axes only. So what all axes ask for together is not followed farther than `APART` from their
+    /// median, and no farther than it is sure: less by the share that the mean's own variance, by the axes' spread, has of its
+    /// square. That also keeps what chance has put into a measure of soft matter from being followed.
+    pub fn wish(&self, cover: &[f64; 13]) -> f32 {
+        let want: [f32; 13] = std::array::from_fn(|k| (cover[k] / axis_length(k)) as f32);
+        let mut each = Vec::with_capacity(13); // (logarithm, weight)
+        for (k, &want) in want.iter().enumerate() {
+            let got = self.areas.map(|a| a[k]);
+            let curve = Curve::new(got);
+            if curve.slope > 1e-6 * got[0] {
+                each.push((curve.find(want), curve.slope));
+            }
+        }
+        if each.is_empty() {
+            return 0.0;
+        }
+        let all = Curve::new(self.areas.map(|a| a.iter().sum())).find(want.iter().sum());
+        let weight: f32 = each.iter().map(|w| w.1).sum();
+        let spread = each.iter().map(|w| w.1 * (w.0 - all) * (w.0 - all)).sum::<f32>() / weight;
+        let doubt = (spread / (13.0 * all * all).max(1e-12)).min(1.0);
+        let middle = median(&mut each);
+        all.clamp(middle - APART, middle + APART) * (1.0 - doubt)
+    }
+
+    /// Change what comes through as rates that are e^`log` times as large do.
+    pub fn change(&mut self, log: f32) {
+        if log == 0.0 {
+            return;
+        }
+        let moved = |at: [f32; 3]| {
+            let curve = Curve::new(at);
+            GAINS_AT.map(|gain| curve.at(log / ln(TRIAL) + gain))
+        };
+        let [as_is, up, down] = &mut self.at;
+        for ((as_is, up), down) in as_is.iter_mut().zip(up).zip(down) {
+            [*as_is, *up, *down] = moved([*as_is, *up, *down]).map(|t| t.clamp(0.0, 1.0));
+        }
+        for k in 0..13 {
+            let areas = moved(self.areas.map(|a| a[k]));
+            (0..GAINS.len()).for_each(|g| self.areas[g][k] = areas[g].max(0.0));
+        }
     }
 }
 
-/// Blocks side by side.
-pub struct Group {
-    pub whole: Passed,
-    /// What they block one by one, summed, an axis; in lines.
-    alone: [f32; 13],
+/// A quantity over the logarithm of the gain, in steps of ln `TRIAL`, between and beyond those tried: parabolas that meet with
+/// one slope and rise, or fall, throughout.
+struct Curve {
+    middle: f32,
+    slope: f32,
+    /// Half of the second derivatives below and above, and slopes at the ends.
+    bend: [f32; 2],
+    ends: [f32; 2],
 }
 
-impl Group {
-    /// The logarithm of what the rates are to be multiplied by, so that the group covers what was measured: `cover` of the
-    /// whole, where `parts` is the sum of its children's. What comes through is changed accordingly. Axes may disagree, since
-    /// one factor scales them all: what leaks in a sheet's own plane does not close along its normal. The median is taken, which
-    /// a few axes that ask for much do not move.
-    pub fn refine(&mut self, cover: &[f64; 13], parts: &[f64; 13]) -> f32 {
-        let mut wishes = Vec::with_capacity(13); // (logarithm, weight)
-        for k in 0..13 {
-            if parts[k] <= 0.0 || self.alone[k] <= 0.0 {
-                continue;
-            }
-            let weight = (parts[k] / axis_length(k)) as f32;
-            let want = (cover[k] / parts[k]).clamp(0.0, 1.0) as f32;
-            let got: [f32; 3] = std::array::from_fn(|g| self.whole.blocked(k, g) / self.alone[k]);
-            let slope = (got[if want > got[0] { 1 } else { 2 }] - got[0]).abs() / ln(TRIAL);
-            if slope > 1e-6 * got[0] {
-                wishes.push(((want - got[0]) / slope, weight * slope));
-            }
+impl Curve {
+    /// Through the values at `GAINS`.
+    #[inline]
+    fn new([as_is, up, down]: [f32; 3]) -> Curve {
+        let (below, above) = (as_is - down, up - as_is);
+        // The harmonic mean.
+        let slope = if below * above > 0.0 { 2.0 * below * above / (below + above) } else { 0.0 };
+        let bend = [slope - below, above - slope];
+        Curve { middle: as_is, slope, bend, ends: [2.0 * below - slope, 2.0 * above - slope] }
+    }
+
+    #[inline]
+    fn at(&self, x: f32) -> f32 {
+        let i = usize::from(x > 0.0);
+        let inner = x.clamp(-1.0, 1.0);
+        self.middle + inner * (self.slope + inner * self.bend[i]) + (x - inner) * self.ends[i]
+    }
+
+    /// The logarithm of the gain at which a quantity that rises is `want`, within `LEAST` to `MOST`.
+    fn find(&self, want: f32) -> f32 {
+        let (mut low, mut high) = (LEAST, MOST);
+        for _ in 0..16 {
+            let middle = 0.5 * (low + high);
+            *(if self.at(middle / ln(TRIAL)) < want { &mut low } else { &mut high }) = middle;
         }
-        let log = median(&mut wishes);
-        let more = log > 0.0;
-        let log = (log.abs() - QUIET).max(0.0).copysign(log).clamp(LEAST, MOST);
-        let share = log / ln(TRIAL);
-        let [as_is, up, down] = &mut self.whole.at;
-        for ((as_is, up), down) in as_is.iter_mut().zip(up).zip(down) {
-            let change = share * if more { *up - *as_is } else { *as_is - *down };
-            for passes in [as_is, up, down] {
-                *passes = (*passes + change).clamp(0.0, 1.0);
-            }
-        }
-        log
+        0.5 * (low + high)
     }
 }
 
@@ -188,9 +319,8 @@ fn median(of: &mut [(f32, f32)]) -> f32 {
     middle.map_or(0.0, |w| w.0)
 }
 
-/// Multiply the rates of voxels by e^`log`; what is opaque remains so.
-pub fn scale(voxels: &mut [Voxel], log: f32) {
-    let steps = (16.0 * log / std::f32::consts::LN_2).round() as i32;
+/// Multiply the rates of voxels by 2^(`steps`/16); what is opaque remains so.
+pub fn scale(voxels: &mut [Voxel], steps: i32) {
     for voxel in voxels.iter_mut().filter(|v| v.rate != 0 && v.rate != RATE_MAX) {
         voxel.rate = (i32::from(voxel.rate) + steps).clamp(1, i32::from(RATE_MAX) - 1) as u8;
     }
@@ -202,7 +332,7 @@ mod tests {
 
     /// What comes through a wall in the plane x = 0 of share `p` in each line along x, and of nothing along others.
     fn wall(p: f32) -> Passed {
-        Passed::of_block(8, 1.0, 3, |k| if k == 0 { [p; 256] } else { [0.0; 256] })
+        Passed::of_block(8, 1.0, (3, [false; 8]), |k| if k == 0 { [p; 256] } else { [0.0; 256] })
     }
 
     #[test]
@@ -211,24 +341,45 @@ mod tests {
         let halves = [wall(0.5), wall(0.5)];
         let mut children = [None; 8];
         (children[0], children[1]) = (Some(&halves[0]), Some(&halves[1]));
-        let mut group = Passed::unite(&children, [false; 8]).unwrap();
-        assert_eq!(group.whole.voxels, 6);
-        let (mut cover, mut parts) = ([0.0; 13], [0.0; 13]);
-        // Each covers half of a quarter of the group's face; together they cover the quarter.
-        (cover[0], parts[0]) = (0.25, 0.25);
-        let log = group.refine(&cover, &parts);
-        // (1 − .75)^2 = 1/16 leaks at gain 1.5: a step of .25 / (3/16) · ln 1.5 is asked for.
-        assert!((log - (4.0 / 3.0 * 1.5f32.ln() - QUIET)).abs() < 1e-5, "{log}");
-        let unrelated = cover.map(|c| 0.75 * c);
-        let mut group = Passed::unite(&children, [false; 8]).unwrap();
-        assert!(group.refine(&unrelated, &parts).abs() < 1e-6, "independent halves are right as they are");
+        let unite = || Passed::unite(&children, [false; 8]).unwrap();
+        assert_eq!(unite().voxels, 6);
+        let mut cover = [0.0; 13];
+        // They cover a quarter of the group's face, of which 3/4 are found, at gains 1.5 and 1/1.5 15/16 and 5/9. The slope
+        // is .191 at first, the harmonic mean, and at last 2 · 3/16 − .191: the last 1/16 is .339 of a trial beyond the first.
+        // 1.339 · ln 1.5 = .543 are 12.5 steps of a code.
+        cover[0] = 0.25;
+        let mut group = unite();
+        assert_eq!(group.correct(&cover), 13);
+        assert_eq!(group.blocked(0, 0), 64.0, "closed");
+        cover[0] *= 0.75;
+        assert_eq!(unite().correct(&cover), 0, "independent halves are right as they are");
+        assert_eq!(unite().correct(&[0.0; 13]), (LEAST / STEP).round() as i32);
     }
 
     #[test]
-    fn most_axes_are_heard() {
-        assert_eq!(median(&mut [(0.5, 1.0), (-0.2, 3.0), (0.1, 2.5)]), 0.1);
-        assert_eq!(median(&mut [(0.5, 1.0), (0.0, 3.0)]), 0.0);
-        assert_eq!(median(&mut []), 0.0);
+    fn axes_that_disagree_are_not_followed() {
+        // Walls along two axes, of which one should be closed and the other opened.
+        let walls = || Passed::of_block(8, 1.0, (6, [false; 8]), |k| [if k < 2 { 0.5 } else { 0.0 }; 256]);
+        let mut cover = [0.0; 13];
+        (cover[0], cover[1]) = (0.7, 0.32);
+        assert_eq!(walls().correct(&cover), 0);
+        cover[1] = 0.65;
+        assert!(walls().correct(&cover) > 5);
+    }
+
+    #[test]
+    fn lines_that_are_left_out_change_no_area() {
+        let mut passed = wall(0.5);
+        for level in 1..5 {
+            let mut children = [None; 8];
+            children[2 * (level & 1)] = Some(&passed);
+            passed = Passed::unite(&children, [false; 8]).unwrap();
+            assert_eq!(passed.lines, (8 << level).min(MOST_LINES));
+            let want = 0.5 * 0.25f32.powi(level as i32);
+            let square = (passed.lines * passed.lines) as f32;
+            // Sums of up to 1024 f32 that are 1/2 or 0, exact; a ratio's rounding.
+            assert!((passed.areas[0][0] / want - 1.0).abs() < 1e-5 && passed.blocked(0, 0) == want * square);
+        }
     }
 
     #[test]
@@ -240,7 +391,7 @@ mod tests {
         solid[1] = true;
         let group = Passed::unite(&children, solid).unwrap();
         // Along x: the low quarter of the face is closed, the rest open.
-        let axis = &group.whole.at[0][..256];
+        let axis = &group.at[0][..256];
         assert_eq!(axis.iter().filter(|t| **t == 0.0).count(), 64);
         assert_eq!(axis.iter().filter(|t| **t == 1.0).count(), 192);
     }
@@ -248,7 +399,7 @@ mod tests {
     #[test]
     fn opaque_voxels_remain_opaque() {
         let mut voxels = [0, 100, 250, RATE_MAX].map(|rate| Voxel { rate, ..Voxel::default() });
-        scale(&mut voxels, 2.0f32.ln());
+        scale(&mut voxels, 16);
         assert_eq!(voxels.map(|v| v.rate), [0, 116, 254, RATE_MAX]);
     }
 }

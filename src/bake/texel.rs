@@ -237,7 +237,7 @@ impl StagedTexel {
             *own = (rate * shape.sigma(w.as_vec3())).clamp(1e-6, MAX_RATE);
         }
         let blocked = chords.blocked(&own, voxel.c()).map(|share| share.clamp(0.0, OPAQUE));
-        let rates = chords.rates(&blocked, 0.0);
+        let rates = chords.rates(&blocked, 0.0).0;
         std::array::from_fn(|k| rates[k].into())
     }
 

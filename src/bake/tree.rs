@@ -1,9 +1,11 @@
 //! The octree of a bake: regions are cut down to voxels in parallel, then joined upward; each node measures itself from its
 //! children and, once it does, fits its grandchildren.
 
-use super::beams::Beams;
+use std::borrow::Cow;
+
+use super::beams::{Beams, LINES};
 use super::cutout;
-use super::fit::{Cell, Certificate, fit_block};
+use super::fit::{Block, Cell, Certificate, fit_block};
 use super::materials::Weights;
 use super::measure::{Gather, Measure};
 use super::medium::{Medium, share};
@@ -22,6 +24,8 @@ pub struct Node {
     mask: u8,
     /// In child order.
     children: Vec<(Measure, u8)>,
+    /// Lines that the insides of solids block which are not measured.
+    inside: Option<Box<Beams>>,
     /// What a ray finds of the voxels that are fitted: two depths below the node, three …, as far as they are refined.
     passed: Vec<Passed>,
 }
@@ -65,7 +69,7 @@ impl Output {
     }
 
     /// Fit the block `cells`, of voxels at `depth` with masks, whose node is measured by `block`.
-    fn fit(&mut self, depth: usize, cells: &[(Cell, u8)], block: &Measure, width: usize) -> Option<Passed> {
+    fn fit(&mut self, depth: usize, cells: &[(Cell, u8)], block: &Block) -> Option<Passed> {
         let step = if depth + 1 == self.depths.len() { COARSE } else { FINE };
         let out = &mut self.depths[depth];
         out.masks.extend(cells.iter().map(|c| c.1));
@@ -74,25 +78,24 @@ impl Output {
         }
         let cells: Vec<Cell> = cells.iter().map(|(c, _)| Cell { at: c.at, measure: c.measure }).collect();
         let How { model, refine, .. } = self.how;
-        fit_block(&cells, block, (width, refine > 0), model, &mut out.voxels, &mut self.certificates[depth])
+        fit_block(&cells, block, refine > 0, model, &mut out.voxels, &mut self.certificates[depth])
     }
 
-    /// Correct the rates of what was fitted last at `depth`, the groups `children` side by side, whose node has the measure
-    /// `whole` and `parts` as its children's.
+    /// Correct the rates of what was fitted last at `depth`, the groups `children` side by side, whose node covers the
+    /// oblique areas `cover`.
     fn refine(
         &mut self,
         depth: usize,
         children: &[Option<&Passed>; 8],
         solid: [bool; 8],
-        whole: &Measure,
-        parts: &[f64; 13],
+        cover: &[f64; 13],
     ) -> Option<Passed> {
         let mut group = Passed::unite(children, solid)?;
-        let log = group.refine(&whole.cover, parts);
+        let steps = group.correct(cover);
         let voxels = &mut self.depths[depth].voxels;
-        let first = voxels.len().saturating_sub(group.whole.voxels);
-        refine::scale(&mut voxels[first..], log);
-        Some(group.whole)
+        let first = voxels.len().saturating_sub(group.voxels);
+        refine::scale(&mut voxels[first..], steps);
+        Some(group)
     }
 }
 
@@ -172,7 +175,7 @@ impl Region<'_> {
         }
         match gather.and_then(|g| g.finish()) {
             Some((measure, beams)) => {
-                Some(Box::new(Node { measure, beams, mask: 0, children: Vec::new(), passed: Vec::new() }))
+                Some(Box::new(Node { measure, beams, mask: 0, children: Vec::new(), inside: None, passed: Vec::new() }))
             }
             // Facets of no area: as if there were none.
             None => self.inner(levels, code),
@@ -201,13 +204,32 @@ struct Matter {
 impl Node {
     fn solid() -> Node {
         let (measure, beams) = (Measure::full(), Beams::full().clone());
-        Node { measure, beams, mask: 0, children: Vec::new(), passed: Vec::new() }
+        Node { measure, beams, mask: 0, children: Vec::new(), inside: None, passed: Vec::new() }
     }
 
     /// Whether the node is one opaque cube without a face in it.
     fn is_terminal_solid(&self) -> bool {
         self.measure.solid && self.mask == 0
     }
+}
+
+/// Whether the child `j` is measured in its parent. Rays come to the opaque inside of a solid through its faces, and it would
+/// only block once more what these block; but one that has nothing at a side has no face there either.
+fn counts(children: &[Option<Box<Node>>; 8], j: usize) -> bool {
+    let Some(child) = &children[j] else { return false };
+    !child.is_terminal_solid() || [1, 2, 4].iter().any(|side| children[j ^ side].is_none())
+}
+
+/// What is measured and the lines of it, with those that meet nothing else than the `inside` of solids.
+fn with_inside<'a>(measure: &Measure, beams: &'a Beams, inside: Option<&Beams>) -> ([f64; 13], Cow<'a, Beams>) {
+    let mut cover = measure.cover;
+    let Some(inside) = inside else { return (cover, Cow::Borrowed(beams)) };
+    let mut all = beams.clone();
+    all.unite_with(inside);
+    for (k, cover) in cover.iter_mut().enumerate() {
+        *cover += f64::from(all.count(k) - beams.count(k)) / (LINES * LINES) as f64;
+    }
+    (cover, Cow::Owned(all))
 }
 
 /// The parent, at `depth`, of `children`; its grandchildren are fitted into `output`. `None`: there are no children.
@@ -218,8 +240,17 @@ pub fn join(depth: usize, children: [Option<Box<Node>>; 8], output: &mut Output)
     if children.iter().all(|c| c.as_ref().is_some_and(|c| c.is_terminal_solid())) {
         return children.into_iter().next().flatten();
     }
-    let union = Beams::unite(&children.each_ref().map(|c| c.as_ref().map(|c| &c.beams)), depth);
-    let measure = Measure::of_children(&children.each_ref().map(|c| c.as_ref().map(|c| &c.measure)), &union);
+    let counts: [bool; 8] = std::array::from_fn(|j| counts(&children, j));
+    let counted = |j: usize| children[j].as_ref().filter(|_| counts[j]);
+    let union = Beams::unite(&std::array::from_fn(|j| counted(j).map(|c| &c.beams)), depth);
+    let mut measure = Measure::of_children(&std::array::from_fn(|j| counted(j).map(|c| &c.measure)), &union);
+    measure.averaged += (0..8).filter(|&j| children[j].is_some() && !counts[j]).count() as f64 / 8.0;
+    let inside: [Option<&Beams>; 8] = std::array::from_fn(|j| match &children[j] {
+        Some(child) if counts[j] => child.inside.as_deref(),
+        child => child.as_ref().map(|c| &c.beams),
+    });
+    let inside = inside.iter().any(Option::is_some).then(|| Box::new(Beams::unite(&inside, depth).beams));
+    let (cover, all) = with_inside(&measure, &union.beams, inside.as_deref());
     let mut cells = Vec::with_capacity(64);
     let mut mask = 0;
     for (j, child) in children.iter().enumerate() {
@@ -232,31 +263,32 @@ pub fn join(depth: usize, children: [Option<Box<Node>>; 8], output: &mut Output)
     }
     let solid = children.each_ref().map(|c| c.as_ref().is_some_and(|c| c.is_terminal_solid()));
     let mut passed = Vec::new();
-    if !cells.is_empty()
-        && let Some(mut block) = output.fit(depth + 2, &cells, &measure, 4)
-    {
-        (0..8).filter(|&j| solid[j]).for_each(|j| block.close(j));
-        passed.push(block);
+    if !cells.is_empty() {
+        let block = Block { measure: &measure, beams: &all, cover, closed: solid, width: 4 };
+        passed.extend(output.fit(depth + 2, &cells, &block));
     }
-    let covers = children.iter().flatten().map(|c| c.measure.cover);
-    let parts = covers.fold([0.0; 13], |sum, cover| std::array::from_fn(|k| sum[k] + 0.25 * cover[k]));
-    for level in 1..=output.how.refine {
+    let refine = if measure.is_soft() { 0 } else { output.how.refine };
+    for level in 1..=refine {
         let groups = children.each_ref().map(|c| c.as_ref().and_then(|c| c.passed.get(level - 1)));
-        let Some(group) = output.refine(depth + 2 + level, &groups, solid, &measure, &parts) else { break };
+        let Some(group) = output.refine(depth + 2 + level, &groups, solid, &cover) else { break };
         passed.push(group);
     }
     // What no level above asks for.
     passed.truncate(output.how.refine);
-    let own = |mut child: Box<Node>| {
+    let own = |(j, child): (usize, Option<Box<Node>>)| {
+        let mut child = child?;
+        if !counts[j] {
+            child.measure.cover = [0.0; 13];
+        }
         if child.measure.total == 0.0 {
             // Matter that no facet shows takes the colour around it.
             child.measure.albedo = measure.albedo;
             child.measure.materials = measure.materials.clone();
         }
-        (child.measure, child.mask)
+        Some((child.measure, child.mask))
     };
-    let children = children.into_iter().flatten().map(own).collect();
-    Some(Box::new(Node { measure, beams: union.beams, mask, children, passed }))
+    let children = children.into_iter().enumerate().filter_map(own).collect();
+    Some(Box::new(Node { measure, beams: union.beams, mask, children, inside, passed }))
 }
 
 /// Up to eight nodes, in child order.
@@ -309,14 +341,17 @@ impl Joiner {
             self.close(depth, output);
         }
         let Some(root) = self.root else { return false };
+        let (cover, beams) = with_inside(&root.measure, &root.beams, root.inside.as_deref());
+        let block = |width| Block { measure: &root.measure, beams: &beams, cover, closed: [false; 8], width };
         // The root's children, then the root: blocks of their own.
         let present = (0..8).filter(|j| root.mask >> j & 1 != 0);
         let cells: Vec<(Cell, u8)> =
             present.zip(&root.children).map(|(j, (measure, mask))| (Cell { at: place(j), measure }, *mask)).collect();
         if !cells.is_empty() {
-            output.fit(1, &cells, &root.measure, 2);
+            output.fit(1, &cells, &block(2));
         }
-        output.fit(0, &[(Cell { at: [0; 3], measure: &root.measure }, root.mask)], &root.measure, 1);
+        let cell = Cell { at: [0; 3], measure: &root.measure };
+        output.fit(0, &[(cell, root.mask)], &block(1));
         output.materials = root.measure.materials;
         true
     }

@@ -24,14 +24,14 @@ fn model(shape: &Shape) -> Model {
     Model { parts: vec![part], materials: vec![Material::default()], instances: vec![instance], ..Model::default() }
 }
 
-/// Bake at 64^3 and measure the two finest depths, in directions that the bake did not measure along.
-fn errors(shape: &Shape, fill: Fill) -> Vec<DepthError> {
+/// Bake at 64^3 and measure the finest depths, in directions that the bake did not measure along.
+fn errors(shape: &Shape, fill: Fill, depths: usize) -> Vec<DepthError> {
     let source = MeshSource::new(model(shape), &MeshOptions { fill });
     let ui = Ui::new(true, false);
     let options = bake::Options { resolution: VOXELS, ..bake::Options::default() };
     let (volume, _) = bake::bake(&source as &dyn Source, &options, &ui, &mut |_| ()).unwrap();
     let tree = Octree::new(volume).unwrap();
-    let options = Options { pixels: 12, rays: [128, 128], turned: true, depths: 2, ..Options::default() };
+    let options = Options { pixels: 12, rays: [128, 128], turned: true, depths, ..Options::default() };
     against(&tree, &source, &options, 1 << 30, &ui).unwrap()
 }
 
@@ -41,7 +41,7 @@ fn check(shape: &Shape, own: f64, four: f64, area: std::ops::RangeInclusive<f64>
 }
 
 fn check_filled(shape: &Shape, fill: Fill, own: f64, four: f64, area: std::ops::RangeInclusive<f64>) {
-    for d in errors(shape, fill) {
+    for d in errors(shape, fill, 2) {
         let (name, depth, at_4) = (shape.name, d.depth, d.opacity_at_4.unwrap());
         // 312 pixels with errors of .05 to .1 on the average: means are good to some .005, areas to .01.
         assert!(d.opacity.spread.mean <= own, "{name}, depth {depth}: {:?}", d.opacity);
@@ -60,8 +60,20 @@ fn what_the_law_can_hold_meets_the_aims() {
     check(&shapes::clumps(), 0.06, 0.03, 0.97..=1.03);
     check(&shapes::fur(), 0.06, 0.03, 0.97..=1.03);
     check(&shapes::sheet(), 0.06, 0.03, 0.97..=1.03);
-    check(&shapes::ball(), 0.06, 0.03, 0.97..=1.04);
+    check(&shapes::ball(), 0.06, 0.03, 0.97..=1.03);
     check_filled(&shapes::ball(), Fill::Surface, 0.06, 0.03, 0.97..=1.03);
+}
+
+/// Voxels at a solid's rim are in each other's way more than chance has it, which no correlation from 0 to 1 says; what is
+/// inside must not make it worse. Measured at 32^3, 16^3 and 8^3: .007 .020 .026, .005 .014 .012, area 1.00 1.02 1.03.
+#[test]
+fn coarse_solids_cover_little_more_than_they_should() {
+    for d in errors(&shapes::ball(), Fill::Solid, 4) {
+        let at_4 = d.opacity_at_4.unwrap();
+        // 312 pixels: as above.
+        assert!(d.opacity.spread.mean <= 0.035 && at_4.spread.mean <= 0.025, "{d:?}");
+        assert!((0.985..=1.04).contains(&d.opacity.area) && d.sigma.unwrap().mean < 0.03, "{d:?}");
+    }
 }
 
 /// Slats narrower than a voxel of the coarser depth hide one another in one direction and fill each other's gaps in another;
@@ -69,4 +81,14 @@ fn what_the_law_can_hold_meets_the_aims() {
 #[test]
 fn blinds_are_as_near_as_one_correlation_gets() {
     check(&shapes::blinds(), 0.09, 0.065, 0.88..=1.04);
+}
+
+#[test]
+fn options_are_compared_by_value() {
+    // As `--window 200,900` is stored, and as it is read from the command line.
+    let stored: Value = serde_json::from_str(r#"{"window": [200, 900.5], "fill": "auto"}"#).unwrap();
+    assert!(same(&stored, &json!({ "window": [200.0, 900.5], "fill": "auto" })));
+    assert!(!same(&stored, &json!({ "window": [200.0, 900.0], "fill": "auto" })));
+    assert!(!same(&stored, &json!({ "window": [200.0], "fill": "auto" })));
+    assert!(!same(&stored, &json!({ "window": [200.0, 900.5], "iso": "auto" })));
 }
