@@ -141,12 +141,24 @@ fn differences(args: &Args, reader: &Reader) -> Result<Warnings> {
     let mut mine = json!({});
     args.how.provenance(&mut mine);
     for (name, value) in mine.as_object().into_iter().flatten() {
-        if known.get(name).is_some_and(|k| k != value) || known.get(name).is_none() {
+        if !known.get(name).is_some_and(|k| same(k, value)) {
             let was = known.get(name).map_or("without it".into(), Value::to_string);
             warnings.add(format!("the texel was baked with another {name} ({was}): give the same options"));
         }
     }
     Ok(warnings)
+}
+
+/// Whether two options are alike; a number that is whole may be stored without a point.
+fn same(a: &Value, b: &Value) -> bool {
+    match (a, b) {
+        (Value::Number(a), Value::Number(b)) => a.as_f64() == b.as_f64(),
+        (Value::Array(a), Value::Array(b)) => a.len() == b.len() && a.iter().zip(b).all(|(a, b)| same(a, b)),
+        (Value::Object(a), Value::Object(b)) => {
+            a.len() == b.len() && a.iter().all(|(name, a)| b.get(name).is_some_and(|b| same(a, b)))
+        }
+        _ => a == b,
+    }
 }
 
 /// The worst and the aims, in words that scripts can ask for.
