@@ -8,8 +8,8 @@ use std::time::Instant;
 use vtex::geom::{DVec3, Vec3};
 use vtex::render::shade::{Group, Shader};
 use vtex::render::{DepthChoice, MarchStats, Stretch, march, transmittance};
-use vtex::volume::{Channels, Depth, Info, Model, Octree, Sggx, Volume, Voxel, voxel};
-use vtex::{format, geom::Aabb, morton};
+use vtex::volume::{Channels, Depth, Info, Octree, Sggx, Volume, Voxel, voxel};
+use vtex::{format, morton};
 
 fn main() -> vtex::Result<()> {
     let file = std::env::args().skip(1).find(|a| !a.starts_with('-'));
@@ -182,16 +182,9 @@ fn crown(depth: usize, leaves: usize) -> Volume {
     }
     depths.reverse();
     let info = Info {
-        bounds: Aabb::UNIT,
-        metres_per_unit: 1.0,
-        up: 1,
-        cyclic: [false; 3],
-        model: Model::Coverage,
-        content: Aabb::UNIT,
         facet_size: 4.0 / side,
         channels: Channels { correlation: true, albedo: true, ..Channels::default() },
-        materials: Vec::new(),
-        meta: Default::default(),
+        ..Info::default()
     };
     Volume { info, depths }
 }

@@ -21,6 +21,7 @@ pub mod geom;
 pub mod morton;
 pub mod par;
 pub mod progress;
+pub mod random;
 
 pub mod format;
 pub mod scene;

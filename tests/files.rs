@@ -4,8 +4,7 @@ use std::path::{Path, PathBuf};
 
 use assert_cmd::Command;
 use vtex::format::{WriteOptions, write};
-use vtex::geom::Aabb;
-use vtex::volume::{Channels, Depth, Info, Model, Volume, Voxel};
+use vtex::volume::{Channels, Depth, Info, Volume, Voxel};
 
 /// A full diagonal of 8 voxels at depth 3.
 fn diagonal(dir: &Path) -> PathBuf {
@@ -15,18 +14,7 @@ fn diagonal(dir: &Path) -> PathBuf {
         masks: vec![if d < 3 { 0b1000_0001 } else { 0 }; 1 << d],
         voxels: (0..1 << d).map(|i| Voxel { rate: 100 + i, ..voxel }).collect(),
     });
-    let info = Info {
-        bounds: Aabb::UNIT,
-        metres_per_unit: 1.0,
-        up: 1,
-        cyclic: [false; 3],
-        model: Model::Coverage,
-        content: Aabb::UNIT,
-        facet_size: 0.0,
-        channels: Channels { albedo: true, ..Channels::default() },
-        materials: Vec::new(),
-        meta: Default::default(),
-    };
+    let info = Info { channels: Channels { albedo: true, ..Channels::default() }, ..Info::default() };
     let path = dir.join("diagonal é.vtex");
     write(&Volume { info, depths: depths.collect() }, &path, &WriteOptions::default()).unwrap();
     path

@@ -11,7 +11,7 @@ use vtex::render::{Ambient, CameraChoice, Options, render_with};
 use vtex::scene::shell::{CellWrap, Discrete, Environment, Layer, Orientations, ShellMaterial, TexelRef, Variant};
 use vtex::scene::{Alpha, Instance, Light, LightKind, Material, Model, Part, Scene, Texture, TextureRef};
 use vtex::volume::palette::Restyled;
-use vtex::volume::{Channels, Depth, Info, Octree, Palette, Sggx, Style, Volume, Voxel, voxel};
+use vtex::volume::{Depth, Info, Octree, Palette, Sggx, Style, Volume, Voxel, voxel};
 
 const SIDE: u32 = 64;
 
@@ -70,16 +70,9 @@ fn figure() -> Octree {
         }
     }
     let info = Info {
-        bounds: Aabb::UNIT,
-        metres_per_unit: 1.0,
-        up: 1,
-        cyclic: [false; 3],
-        model: vtex::volume::Model::Coverage,
         content: Aabb::new(DVec3::new(0.25, 0.25, 0.0), DVec3::new(0.9375, 0.9375, 0.875)),
         facet_size: 0.05,
-        channels: Channels::default(),
-        materials: Vec::new(),
-        meta: Default::default(),
+        ..Info::default()
     };
     Octree::new(Volume { info, depths }).unwrap()
 }

@@ -4,17 +4,18 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// What each part may use of the crate, besides itself, `error`, `progress` and what those re-export.
-const MAY_USE: [(&str, &[&str]); 10] = [
+const MAY_USE: [(&str, &[&str]); 11] = [
     ("geom", &[]),
     ("morton", &[]),
     ("par", &[]),
     ("error", &[]),
     ("progress", &[]),
+    ("random", &[]),
     ("volume", &["geom", "morton"]),
     ("format", &["geom", "morton", "par", "volume"]),
     ("scene", &["geom", "volume", "format"]),
-    ("bake", &["geom", "morton", "par", "volume", "format", "scene"]),
-    ("render", &["geom", "morton", "par", "volume", "format", "scene"]),
+    ("bake", &["geom", "morton", "par", "random", "volume", "format", "scene"]),
+    ("render", &["geom", "morton", "par", "random", "volume", "format", "scene"]),
 ];
 /// Names at the crate's root that every part may use.
 const COMMON: [&str; 5] = ["Error", "Result", "Warnings", "error", "progress"];

@@ -8,22 +8,16 @@ use vtex::format;
 use vtex::geom::{Aabb, DVec3};
 use vtex::scene::Scene;
 use vtex::scene::gltf::{self, ReadOptions};
-use vtex::volume::{Channels, Depth, Info, Model, Volume, Voxel};
+use vtex::volume::{Depth, Info, Volume, Voxel};
 
 /// A texel of one voxel: `size` metres wide, its content up to `top` of the cube.
 fn texel(path: &Path, size: f64, top: f64) {
     let half = size / 2.0;
     let info = Info {
         bounds: Aabb::new(DVec3::new(-half, 0.0, -half), DVec3::new(half, size, half)),
-        metres_per_unit: 1.0,
-        up: 1,
-        cyclic: [false; 3],
-        model: Model::Coverage,
         content: Aabb::new(DVec3::ZERO, DVec3::new(1.0, 1.0, top)),
         facet_size: 0.01,
-        channels: Channels::default(),
-        materials: Vec::new(),
-        meta: Default::default(),
+        ..Info::default()
     };
     let depths = vec![Depth { masks: vec![0], voxels: vec![Voxel::default()], mixes: Vec::new() }];
     format::write(&Volume { info, depths }, path, &Default::default()).unwrap();

@@ -7,7 +7,7 @@ use vtex::format;
 use vtex::geom::{Aabb, DVec3};
 use vtex::render::image_io::read;
 use vtex::scene::gltf;
-use vtex::volume::{Channels, Depth, Info, Model, Volume, Voxel};
+use vtex::volume::{Depth, Info, Volume, Voxel};
 
 fn vtex(folder: &Path, arguments: &str) -> (i32, String, String) {
     let output =
@@ -27,18 +27,7 @@ fn texel(mesh: &Path, path: &Path) {
     let edge = content.size().max_element();
     let mut min = content.centre() - 0.5 * edge;
     min.y = content.min.y;
-    let info = Info {
-        bounds: Aabb::new(min, min + edge),
-        metres_per_unit: 1.0,
-        up: 1,
-        cyclic: [false; 3],
-        model: Model::Coverage,
-        content: Aabb::UNIT,
-        facet_size: 0.01,
-        channels: Channels::default(),
-        materials: Vec::new(),
-        meta: Default::default(),
-    };
+    let info = Info { bounds: Aabb::new(min, min + edge), facet_size: 0.01, ..Info::default() };
     let depths = vec![Depth { masks: vec![0], voxels: vec![Voxel::default()], mixes: Vec::new() }];
     format::write(&Volume { info, depths }, path, &Default::default()).unwrap();
 }

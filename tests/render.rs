@@ -5,22 +5,16 @@ use std::process::Command;
 
 use vtex::format;
 use vtex::geom::{Aabb, DVec3};
-use vtex::volume::{Channels, Depth, Info, Model, Volume, Voxel};
+use vtex::volume::{Depth, Info, Volume, Voxel};
 
 /// A folder with land.gltf: the sample terrain under bushes of nine voxels.
 fn land() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     let info = Info {
         bounds: Aabb::new(DVec3::new(-4.0, 0.0, -4.0), DVec3::new(4.0, 8.0, 4.0)),
-        metres_per_unit: 1.0,
-        up: 1,
-        cyclic: [false; 3],
-        model: Model::Coverage,
         content: Aabb::new(DVec3::ZERO, DVec3::new(1.0, 1.0, 0.5)),
         facet_size: 0.01,
-        channels: Channels::default(),
-        materials: Vec::new(),
-        meta: Default::default(),
+        ..Info::default()
     };
     let voxel = Voxel { rate: 140, ..Voxel::default() };
     let depths = vec![

@@ -365,8 +365,8 @@ impl<const N: usize> Plane<N> {
         let Some(last) = corners.last() else {
             return Plane { at, lines: [[0; N]; COORDINATES], ranges: [(0, 0); COORDINATES], count: 0 };
         };
-        for i in 0..room {
-            let scaled = corners.get(i).unwrap_or(last).to_array().map(|v| v as f32 * LINES as f32);
+        for (i, corner) in corners.iter().chain(std::iter::repeat(last)).take(room).enumerate() {
+            let scaled = corner.to_array().map(|v| v as f32 * LINES as f32);
             (at[0][i], at[1][i], at[2][i]) = scaled.into();
         }
         for (drop, q) in [(0, 1), (0, 2), (1, 2)] {

@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 
 use super::curve::{Section, Strand};
 use crate::geom::DVec3;
+use crate::random::SplitMix64;
 use crate::{Error, Result};
 
 /// What is emitted and how it flies. Lengths are in source units, times in seconds; `±` parts are the most that a particle
@@ -153,11 +154,11 @@ const MOST_POINTS: f64 = 5e7;
 pub fn strands(spec: &EmitterSpec) -> Result<Vec<Strand>> {
     check(spec)?;
     let section = spec.section.section(spec.angle, spec.thickness);
-    if Chance::new(spec.seed, u64::MAX).next() >= spec.chance {
+    if chances(spec.seed, u64::MAX).unit() >= spec.chance {
         return Ok(Vec::new());
     }
     let fly = |n: u32| {
-        let mut chance = Chance::new(spec.seed, u64::from(n));
+        let mut chance = chances(spec.seed, u64::from(n));
         let (start, away) = leave(spec, n, &mut chance);
         let away = spec.direction.map_or(away, DVec3::from).try_normalize().unwrap_or(DVec3::Y);
         let speed = spec.speed + spec.speed_jitter * chance.signed();
@@ -215,8 +216,8 @@ pub fn check(spec: &EmitterSpec) -> Result<()> {
 }
 
 /// Where particle `n` starts, and what is away from the shape there.
-fn leave(spec: &EmitterSpec, n: u32, chance: &mut Chance) -> (DVec3, DVec3) {
-    let random = [chance.next(), chance.next(), chance.next()];
+fn leave(spec: &EmitterSpec, n: u32, chance: &mut SplitMix64) -> (DVec3, DVec3) {
+    let random = [chance.unit(), chance.unit(), chance.unit()];
     let parts = match spec.shape {
         Shape::Point { .. } => 0,
         Shape::Box { min, max } => (0..3).filter(|&a| max[a] != min[a]).count(),
@@ -225,8 +226,8 @@ fn leave(spec: &EmitterSpec, n: u32, chance: &mut Chance) -> (DVec3, DVec3) {
     };
     // Roots of x^(d+1) = x + 1: sequences that fill d dimensions evenly.
     let root = [1.618_033_988_749_895, 1.618_033_988_749_895, 1.324_717_957_244_746, 1.220_744_084_605_759_5][parts];
-    let mut offset = Chance::new(spec.seed, u64::MAX - 1);
-    let offsets: [f64; 3] = std::array::from_fn(|_| offset.next());
+    let mut offset = chances(spec.seed, u64::MAX - 1);
+    let offsets: [f64; 3] = std::array::from_fn(|_| offset.unit());
     let even = |i: usize| (offsets[i] + f64::from(n) * libm::pow(root, -(i as f64 + 1.0))).fract();
     let [a, b, c] = if spec.even { std::array::from_fn(even) } else { random };
     let sphere = || {
@@ -263,10 +264,10 @@ fn leave(spec: &EmitterSpec, n: u32, chance: &mut Chance) -> (DVec3, DVec3) {
 }
 
 /// A direction drawn evenly from the cone about `axis` of the half angle `half`.
-fn within_cone(axis: DVec3, half: f64, chance: &mut Chance) -> DVec3 {
+fn within_cone(axis: DVec3, half: f64, chance: &mut SplitMix64) -> DVec3 {
     let (u, v) = axis.any_orthonormal_pair();
-    let z = 1.0 - chance.next() * (1.0 - libm::cos(half));
-    let (r, angle) = ((1.0 - z * z).max(0.0).sqrt(), TAU * chance.next());
+    let z = 1.0 - chance.unit() * (1.0 - libm::cos(half));
+    let (r, angle) = ((1.0 - z * z).max(0.0).sqrt(), TAU * chance.unit());
     r * (libm::cos(angle) * u + libm::sin(angle) * v) + z * axis
 }
 
@@ -290,35 +291,11 @@ fn along<T: Copy>(keys: &[T], t: f64, mix: impl Fn(T, T, f32) -> T) -> Option<T>
     Some(mix(*keys.get(i)?, keys[(i + 1).min(last)], (at - i as f64) as f32))
 }
 
-/// Random numbers of one particle, the same on every machine (SplitMix64).
-struct Chance(u64);
-
-impl Chance {
-    fn new(seed: u64, particle: u64) -> Chance {
-        let mut chance = Chance(seed ^ particle.wrapping_mul(0xd134_2543_de82_ef95));
-        chance.next();
-        chance
-    }
-
-    /// In [0, 1).
-    fn next(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ z >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ z >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ z >> 31) >> 11) as f64 / (1u64 << 53) as f64
-    }
-
-    /// In [−1, 1).
-    fn signed(&mut self) -> f64 {
-        2.0 * self.next() - 1.0
-    }
-
-    /// Of mean 0 and deviation 1 (Box and Muller).
-    fn normal(&mut self) -> f64 {
-        let r = libm::sqrt(-2.0 * libm::log(1.0 - self.next()));
-        r * libm::cos(TAU * self.next())
-    }
+/// Random numbers of one particle.
+fn chances(seed: u64, particle: u64) -> SplitMix64 {
+    let mut chance = SplitMix64::new(seed ^ particle.wrapping_mul(0xd134_2543_de82_ef95));
+    chance.bits();
+    chance
 }
 
 #[cfg(test)]

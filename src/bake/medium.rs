@@ -13,6 +13,7 @@ use std::sync::LazyLock;
 use super::beams::{Beams, PROJECTIONS, axis_length, box_area, crossing};
 use super::chord::Chords;
 use crate::geom::{DVec3, directions13};
+use crate::random::SplitMix64;
 use crate::volume::Mix;
 
 /// Matter that fills a cube of voxels evenly.
@@ -139,12 +140,9 @@ fn thresholds(order: usize, k: usize) -> Vec<(usize, usize, f64)> {
         .collect()
 }
 
-/// A fixed number for every number (Stafford's finisher of 64 bits).
+/// A fixed number for every number.
 fn mix(v: u64) -> u64 {
-    let v = v.wrapping_add(0x9e37_79b9_7f4a_7c15);
-    let v = (v ^ v >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    let v = (v ^ v >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
-    v ^ v >> 31
+    SplitMix64::new(v).bits()
 }
 
 /// What `medium` adds to the cube of `2^levels` voxels at the voxel `at`, which is a part of its own cube.

@@ -4,19 +4,20 @@ use proptest::prelude::*;
 
 use super::*;
 use crate::geom::{Aabb, DVec3};
+use crate::random::SplitMix64;
 use crate::volume::octree::Pages;
-use crate::volume::{Channels, Depth, Info, Model, Volume, Voxel};
+use crate::volume::{Channels, Depth, Info, Volume, Voxel};
 
-/// Numbers that look random and are the same everywhere (splitmix64).
-pub struct Dice(pub u64);
+/// Voxels of any codes, the same everywhere.
+pub struct Dice(SplitMix64);
 
 impl Dice {
+    pub fn new(seed: u64) -> Dice {
+        Dice(SplitMix64::new(seed))
+    }
+
     pub fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ z >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ z >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ z >> 31
+        self.0.bits()
     }
     fn byte(&mut self) -> u8 {
         self.next() as u8
@@ -41,15 +42,12 @@ pub fn info(channels: Channels) -> Info {
     meta.insert("error".into(), serde_json::json!({ "mean": 0.25 }));
     Info {
         bounds: Aabb::new(DVec3::new(-1.5, 0.0, 2.0), DVec3::new(1.5, 3.0, 5.0)),
-        metres_per_unit: 1.0,
-        up: 1,
         cyclic: [true, false, false],
-        model: Model::Coverage,
         content: Aabb::new(DVec3::splat(0.1), DVec3::splat(0.9)),
         facet_size: 0.02,
         channels,
-        materials: Vec::new(),
         meta,
+        ..Info::default()
     }
 }
 
@@ -57,7 +55,7 @@ pub const ALL_CHANNELS: Channels = Channels { correlation: true, support: true, 
 
 /// A tree of `depths` depths whose nodes have about 4 children, none with a chance of 1 in 16.
 pub fn volume(seed: u64, depths: usize, channels: Channels) -> Volume {
-    let mut dice = Dice(seed);
+    let mut dice = Dice::new(seed);
     let mut out = Vec::new();
     let mut nodes = 1usize;
     for d in 0..depths {
@@ -133,7 +131,10 @@ fn an_empty_texel_and_a_lone_terminal_root() {
         Volume { info: info(ALL_CHANNELS), depths: vec![Depth::default()] },
         Volume {
             info: info(ALL_CHANNELS),
-            depths: vec![Depth { masks: vec![0], voxels: vec![Dice(1).voxel()], mixes: Vec::new() }, Depth::default()],
+            depths: vec![
+                Depth { masks: vec![0], voxels: vec![Dice::new(1).voxel()], mixes: Vec::new() },
+                Depth::default(),
+            ],
         },
     ] {
         let (_dir, path) = written(&volume, Quality::Full);

@@ -1,11 +1,11 @@
 //! Whole scenes with closed-form answers.
 
 use super::*;
-use crate::geom::{Aabb, DAffine3, DVec3};
+use crate::geom::{DAffine3, DVec3};
 use crate::progress::Quiet;
 use crate::scene::shell::{Environment, Layer, ShellMaterial, TexelRef};
 use crate::scene::{Instance, Light, LightKind, Material, Model, Part};
-use crate::volume::{Channels, Depth, Info, Volume, Voxel, voxel};
+use crate::volume::{Depth, Info, Volume, Voxel, voxel};
 
 /// A texel that is the same voxel everywhere inside `fill` (texel units), down to `finest`.
 fn texel(finest: usize, proto: Voxel, fill: impl Fn(DVec3) -> bool) -> Octree {
@@ -33,18 +33,7 @@ fn texel(finest: usize, proto: Voxel, fill: impl Fn(DVec3) -> bool) -> Octree {
             depths[d - 1].masks = masks.iter().map(|m| m.1).collect();
         }
     }
-    let info = Info {
-        bounds: Aabb::UNIT,
-        metres_per_unit: 1.0,
-        up: 1,
-        cyclic: [false; 3],
-        model: crate::volume::Model::Coverage,
-        content: Aabb::UNIT,
-        facet_size: 0.0,
-        channels: Channels::default(),
-        materials: Vec::new(),
-        meta: Default::default(),
-    };
+    let info = Info::default();
     Octree::new(Volume { info, depths }).unwrap()
 }
 

@@ -65,7 +65,7 @@ mod tests {
     #[test]
     fn stored_levels_read_back() {
         let level = Level::new([0.5, 0.75, 1.25]);
-        let mut info = crate::volume::octree::tests::info();
+        let mut info = crate::volume::Info::default();
         store(&[Level::PLAIN, level], &mut info.meta);
         let back = levels(&info);
         assert_eq!((back[0], back[1], back[2]), (Level::PLAIN, level, Level::PLAIN));
@@ -74,7 +74,7 @@ mod tests {
 
     #[test]
     fn whatever_meta_holds_is_bounded() {
-        let mut info = crate::volume::octree::tests::info();
+        let mut info = crate::volume::Info::default();
         for hostile in ["7", "[]", "[null]", r#"[{"light":[-1,"x",1e300]}]"#, r#"[{"light":{}}]"#] {
             info.meta.insert(KEY.into(), serde_json::from_str(hostile).unwrap());
             for level in levels(&info) {

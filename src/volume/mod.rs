@@ -57,6 +57,24 @@ pub struct Info {
     pub meta: serde_json::Map<String, serde_json::Value>,
 }
 
+/// Of a texel that fills the unit cube, +Y up, in metres, with none of the channels.
+impl Default for Info {
+    fn default() -> Info {
+        Info {
+            bounds: Aabb::UNIT,
+            metres_per_unit: 1.0,
+            up: 1,
+            cyclic: [false; 3],
+            model: Model::Coverage,
+            content: Aabb::UNIT,
+            facet_size: 0.0,
+            channels: Channels::default(),
+            materials: Vec::new(),
+            meta: serde_json::Map::new(),
+        }
+    }
+}
+
 /// Which of a voxel's fields were measured; a field that was not is left at its default by every reader.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
 pub struct Channels {

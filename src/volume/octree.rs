@@ -350,25 +350,9 @@ impl Octree {
 }
 
 #[cfg(test)]
-pub(super) mod tests {
-    use super::super::{Channels, Depth, Model};
+mod tests {
+    use super::super::Depth;
     use super::*;
-    use crate::geom::Aabb;
-
-    pub fn info() -> Info {
-        Info {
-            bounds: Aabb::UNIT,
-            metres_per_unit: 1.0,
-            up: 1,
-            cyclic: [false; 3],
-            model: Model::Coverage,
-            content: Aabb::UNIT,
-            facet_size: 0.0,
-            channels: Channels::default(),
-            materials: Vec::new(),
-            meta: Default::default(),
-        }
-    }
 
     fn depth(masks: &[u8]) -> Depth {
         let voxels = (0..masks.len()).map(|i| Voxel { rate: i as u8 + 1, ..Default::default() }).collect();
@@ -378,7 +362,7 @@ pub(super) mod tests {
     /// Root → children 0 and 7; child 0 is terminal, child 7 has grandchildren 1 and 3.
     fn small() -> Octree {
         let depths = vec![depth(&[0b1000_0001]), depth(&[0, 0b1010]), depth(&[0, 0])];
-        Octree::new(Volume { info: info(), depths }).unwrap()
+        Octree::new(Volume { info: Info::default(), depths }).unwrap()
     }
 
     #[test]
@@ -409,7 +393,7 @@ pub(super) mod tests {
 
     #[test]
     fn empty_texel_has_no_depth() {
-        let tree = Octree::new(Volume { info: info(), depths: vec![] }).unwrap();
+        let tree = Octree::new(Volume { info: Info::default(), depths: vec![] }).unwrap();
         assert_eq!(tree.finest(), None);
     }
 }

@@ -138,7 +138,7 @@ mod tests {
     use super::*;
 
     fn texel(materials: &[(&str, [f64; 3])], voxels: &[([f64; 3], Mix)]) -> Volume {
-        let mut info = crate::volume::octree::tests::info();
+        let mut info = crate::volume::Info::default();
         let of = |(name, albedo): &(&str, [f64; 3])| Material { name: (*name).into(), albedo: *albedo, share: 0.5 };
         info.materials = materials.iter().map(of).collect();
         let voxel = |(albedo, _): &([f64; 3], Mix)| {

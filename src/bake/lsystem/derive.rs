@@ -5,8 +5,8 @@
 //! and Formal Languages*, SIGGRAPH 1984.
 
 use super::context::Text;
-use super::expr::Rng;
 use super::grammar::{Considered, Grammar, Module, Production, Rules};
+use crate::random::SplitMix64;
 use crate::{Error, Result};
 
 /// What a derivation may take.
@@ -78,7 +78,7 @@ enum Stage {
 /// Chooses productions.
 pub struct Chooser<'g> {
     considered: &'g Considered,
-    rng: Rng,
+    rng: SplitMix64,
     /// Production and weight of those that match.
     matching: Vec<(usize, f64)>,
 }
@@ -171,7 +171,7 @@ fn bind(
 /// # Errors
 /// [`Error::Limit`] where the budget does not last, and what `each` gives.
 pub fn derive(grammar: &Grammar, iterations: u64, seed: u64, budget: &mut Budget, each: &mut Each) -> Result<()> {
-    let chooser = Chooser { considered: &grammar.considered, rng: Rng::new(seed), matching: Vec::new() };
+    let chooser = Chooser { considered: &grammar.considered, rng: SplitMix64::new(seed), matching: Vec::new() };
     let mut deriver = Deriver { grammar, chooser, frames: Vec::new(), parameters: Vec::new(), bound: Vec::new() };
     if !grammar.rules.in_context() {
         let stage = Stage::Steps(iterations);

@@ -5,6 +5,7 @@ use super::grammar::{Action, Considered, Giver, Grammar, Surface};
 use super::lexer::{Char, Cursor, Parsed};
 use super::parser::symbols;
 use crate::geom::DVec3;
+use crate::random::SplitMix64;
 use crate::scene::texture::srgb_to_linear;
 
 /// All directives, for messages.
@@ -89,7 +90,7 @@ fn value(cursor: &mut Cursor, grammar: &Grammar) -> Parsed<f64> {
     if expr.random() {
         return Err(place.fault("what is drawn by lot stands in productions, not here"));
     }
-    let value = expr.value(&[], &mut expr::Rng::new(0));
+    let value = expr.value(&[], &mut SplitMix64::new(0));
     if value.is_finite() { Ok(value) } else { Err(place.fault("this is not a finite number")) }
 }
 

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use super::lexer::{Cursor, Fault, Parsed};
+use crate::random::SplitMix64;
 
 /// A number that may depend on a symbol's parameters. Truth is any number but 0. Angles are in degrees.
 #[derive(Debug, Clone, PartialEq)]
@@ -105,33 +106,6 @@ const LEVELS: [&[(&str, Binary)]; 5] = [
 /// Operators, calls and parentheses of one expression: bounds how deep evaluating it goes.
 const MOST_TERMS: usize = 256;
 
-/// Pseudo-random numbers: SplitMix64.
-///
-/// Based on: G. Steele, D. Lea, C. Flood, *Fast Splittable Pseudorandom Number Generators*, OOPSLA 2014.
-#[derive(Debug, Clone)]
-pub struct Rng(u64);
-
-impl Rng {
-    pub fn new(seed: u64) -> Rng {
-        Rng(seed)
-    }
-
-    /// In [0, 1).
-    pub fn unit(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ z >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ z >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ z >> 31) >> 11) as f64 / (1u64 << 53) as f64
-    }
-
-    /// Mean 0, deviation 1 (Box and Muller).
-    fn normal(&mut self) -> f64 {
-        let radius = libm::sqrt(-2.0 * libm::log(1.0 - self.unit()));
-        radius * libm::cos(std::f64::consts::TAU * self.unit())
-    }
-}
-
 /// Sine and cosine of an angle in degrees, exact at right angles.
 pub fn sin_cos(degrees: f64) -> (f64, f64) {
     let turn = libm::fmod(degrees, 360.0);
@@ -144,7 +118,7 @@ pub fn sin_cos(degrees: f64) -> (f64, f64) {
 }
 
 impl Expr {
-    pub fn value(&self, parameters: &[f64], rng: &mut Rng) -> f64 {
+    pub fn value(&self, parameters: &[f64], rng: &mut SplitMix64) -> f64 {
         match self {
             Expr::Number(v) => *v,
             Expr::Parameter(i) => parameters.get(*i).copied().unwrap_or(0.0),
@@ -193,7 +167,7 @@ fn binary(op: Binary, a: f64, b: f64) -> f64 {
     }
 }
 
-fn call(f: Function, a: f64, b: f64, rng: &mut Rng) -> f64 {
+fn call(f: Function, a: f64, b: f64, rng: &mut SplitMix64) -> f64 {
     match f {
         Function::Sin => sin_cos(a).0,
         Function::Cos => sin_cos(a).1,
@@ -372,7 +346,7 @@ mod tests {
         let mut cursor = Cursor::new(&chars, Char { c: ' ', line: 1, column: 0 });
         let expr = parse(&mut cursor, &Names { constants: &constants, parameters: &parameters })?;
         assert!(cursor.at_end(), "{text}");
-        Ok(expr.value(&[3.0, 4.0], &mut Rng::new(1)))
+        Ok(expr.value(&[3.0, 4.0], &mut SplitMix64::new(1)))
     }
 
     #[test]
@@ -421,7 +395,7 @@ mod tests {
 
     #[test]
     fn lots_are_fair() {
-        let mut rng = Rng::new(7);
+        let mut rng = SplitMix64::new(7);
         let n = 10_000;
         let mean = (0..n).map(|_| rng.unit()).sum::<f64>() / f64::from(n);
         // Deviation of the mean: 1 / sqrt(12 n) = .0029.

@@ -6,6 +6,7 @@ use super::expr::{self, Names};
 use super::grammar::{Action, Considered, Grammar};
 use super::lexer::{Char, Cursor, Parsed, characters};
 use super::parser::{Reader, START_OF_FILE, arrow, symbols};
+use crate::random::SplitMix64;
 
 /// Parse a file. It does not say how often its productions are applied.
 pub fn grammar(text: &str) -> Parsed<Grammar> {
@@ -31,7 +32,7 @@ pub fn grammar(text: &str) -> Parsed<Grammar> {
             "axiom" => reader.axiom(&mut cursor)?,
             "angle" => {
                 let names = Names { constants: &BTreeMap::new(), parameters: &[] };
-                reader.grammar.angle = expr::parse(&mut cursor, &names)?.value(&[], &mut expr::Rng::new(0));
+                reader.grammar.angle = expr::parse(&mut cursor, &names)?.value(&[], &mut SplitMix64::new(0));
             }
             "ignore" => reader.grammar.considered = Considered::AllBut(symbols(&mut cursor)?),
             "a" => action(cursor.rest(), place, &mut reader.grammar)?,

@@ -1,34 +1,16 @@
 //! Where scattered copies lie.
 //!
-//! Based on: G. Steele, D. Lea, C. Flood, *Fast Splittable Pseudorandom Number Generators*, OOPSLA 2014 (the generator);
-//! R. Cook, *Stochastic Sampling in Computer Graphics*, TOG 5, 1986 (darts that keep a distance).
+//! Based on: R. Cook, *Stochastic Sampling in Computer Graphics*, TOG 5, 1986 (darts that keep a distance).
 
 use std::collections::BTreeMap;
 
 use super::checks::about;
 use super::model::Scatter;
 use crate::geom::{DAffine3, DMat3, DVec3};
+use crate::random::SplitMix64;
 
 /// Trials for each copy until it is far enough from the others.
 const TRIALS: usize = 30;
-
-/// SplitMix64.
-pub struct Random(u64);
-
-impl Random {
-    pub fn new(seed: u64) -> Random {
-        Random(seed)
-    }
-
-    /// In [0, 1).
-    pub fn unit(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ z >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ z >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ z >> 31) >> 11) as f64 / (1u64 << 53) as f64
-    }
-}
 
 /// The copies' transforms.
 pub fn places(scatter: &Scatter) -> Vec<DAffine3> {
@@ -37,7 +19,7 @@ pub fn places(scatter: &Scatter) -> Vec<DAffine3> {
     let mut places = Vec::new();
     for copy in 0..scatter.count {
         // A stream of its own for each: one more copy leaves the others where they are.
-        let mut random = Random::new(scatter.seed ^ u64::from(copy).wrapping_mul(0xd605_bbb5_8c8a_bc2b));
+        let mut random = SplitMix64::new(scatter.seed ^ u64::from(copy).wrapping_mul(0xd605_bbb5_8c8a_bc2b));
         random.unit();
         let mut origin = None;
         for _ in 0..TRIALS {

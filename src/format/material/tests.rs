@@ -58,7 +58,7 @@ proptest! {
 
 /// The same with mixes of `count` materials.
 fn mixed(mut volume: Volume, count: usize) -> Volume {
-    let mut dice = Dice(count as u64);
+    let mut dice = Dice::new(count as u64);
     let named = |i| Material { name: format!("m{i}"), albedo: [0.25, 0.5, 1.0], share: 0.5 };
     volume.info.materials = (0..count).map(named).collect();
     for depth in &mut volume.depths {

@@ -4,22 +4,11 @@ use super::*;
 use crate::geom::{Aabb, Ray};
 use crate::progress::Quiet;
 use crate::volume::voxel::RATE_MAX;
-use crate::volume::{Channels, Depth, Info, Model, Volume, Voxel};
+use crate::volume::{Depth, Info, Volume, Voxel};
 
 /// All voxels of `depth` alike, at every depth.
 fn full(depth: usize, voxel: Voxel) -> Octree {
-    let info = Info {
-        bounds: Aabb::UNIT,
-        metres_per_unit: 1.0,
-        up: 1,
-        cyclic: [false; 3],
-        model: Model::Coverage,
-        content: Aabb::UNIT,
-        facet_size: 0.01,
-        channels: Channels::default(),
-        materials: Vec::new(),
-        meta: Default::default(),
-    };
+    let info = Info { facet_size: 0.01, ..Info::default() };
     let depths = (0..=depth).map(|d| {
         let n = 1usize << (3 * d);
         Depth { masks: vec![if d == depth { 0 } else { 255 }; n], voxels: vec![voxel; n], mixes: Vec::new() }

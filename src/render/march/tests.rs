@@ -3,23 +3,12 @@
 use proptest::prelude::*;
 
 use super::*;
-use crate::geom::{Aabb, DVec3};
+use crate::geom::DVec3;
 use crate::morton;
-use crate::volume::{Channels, Depth, Info, Sggx, Volume, voxel};
+use crate::volume::{Depth, Info, Sggx, Volume, voxel};
 
 fn info(model: Model) -> Info {
-    Info {
-        bounds: Aabb::UNIT,
-        metres_per_unit: 1.0,
-        up: 1,
-        cyclic: [false; 3],
-        model,
-        content: Aabb::UNIT,
-        facet_size: 0.0,
-        channels: Channels::default(),
-        materials: Vec::new(),
-        meta: Default::default(),
-    }
+    Info { model, ..Info::default() }
 }
 
 /// A texel whose finest voxels, at `depth`, are those given by Morton code (sorted, distinct); coarser voxels are `coarse`.

@@ -8,21 +8,10 @@ use crate::progress::Quiet;
 use crate::render::{Ambient, CameraChoice};
 use crate::scene::shell::{Environment, Layer, ShellMaterial};
 use crate::scene::{Alpha, Instance, Light, LightKind, Material, Model, Part, Texture, TextureRef};
-use crate::volume::{Channels, Info, Model as Appearance, Volume};
+use crate::volume::{Info, Volume};
 
 fn info(bounds: Aabb) -> Info {
-    Info {
-        bounds,
-        metres_per_unit: 1.0,
-        up: 1,
-        cyclic: [false; 3],
-        model: Appearance::Coverage,
-        content: Aabb::UNIT,
-        facet_size: 0.0,
-        channels: Channels::default(),
-        materials: Vec::new(),
-        meta: Default::default(),
-    }
+    Info { bounds, ..Info::default() }
 }
 
 /// A cube of 2 m standing on the ground around the origin.

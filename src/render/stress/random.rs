@@ -1,28 +1,25 @@
-//! Numbers that are the same in every run (S. Vigna, *splitmix64*), and the awkward points and directions made of them.
+//! Random numbers that are the same in every run, and the awkward points and directions made of them.
 
 use crate::geom::{DVec3, Vec3};
+use crate::random::SplitMix64;
 
-pub struct Random(u64);
+pub struct Random(SplitMix64);
 
 impl Random {
     pub fn new(seed: u64, suite: u64, batch: u64) -> Random {
-        let mut random =
-            Random(seed ^ suite.wrapping_mul(0x9e6c_63d0_676a_9a99) ^ batch.wrapping_mul(0xd1b5_4a32_d192_ed03));
+        let seed = seed ^ suite.wrapping_mul(0x9e6c_63d0_676a_9a99) ^ batch.wrapping_mul(0xd1b5_4a32_d192_ed03);
+        let mut random = Random(SplitMix64::new(seed));
         random.bits();
         random
     }
 
     pub fn bits(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ z >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ z >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ z >> 31
+        self.0.bits()
     }
 
     /// In [0, 1).
     pub fn unit(&mut self) -> f64 {
-        (self.bits() >> 11) as f64 / (1u64 << 53) as f64
+        self.0.unit()
     }
 
     /// In [a, b).

@@ -3,13 +3,13 @@
 use std::sync::Arc;
 
 use super::{Random, Tally};
-use crate::geom::{Aabb, DAffine3, DVec3};
+use crate::geom::{DAffine3, DVec3};
 use crate::morton;
 use crate::progress::Quiet;
 use crate::render::{CameraChoice, Options, render_with};
 use crate::scene::shell::{Environment, Layer, ShellMaterial, TexelRef};
 use crate::scene::{Instance, Light, LightKind, Material, Model, Part, Scene};
-use crate::volume::{self, Channels, Depth, Info, Octree, Volume, Voxel};
+use crate::volume::{Channels, Depth, Info, Octree, Volume, Voxel};
 
 /// Pixels a side: three pictures are 3072 rays.
 const SIDE: u32 = 32;
@@ -42,18 +42,7 @@ fn ball(depth: usize, seed: u64) -> Option<Octree> {
         masks = up.iter().map(|u| u.1).collect();
     }
     depths.reverse();
-    let info = Info {
-        bounds: Aabb::UNIT,
-        metres_per_unit: 1.0,
-        up: 1,
-        cyclic: [false; 3],
-        model: volume::Model::Coverage,
-        content: Aabb::UNIT,
-        facet_size: 0.02,
-        channels: Channels { albedo: true, ..Channels::default() },
-        materials: Vec::new(),
-        meta: Default::default(),
-    };
+    let info = Info { facet_size: 0.02, channels: Channels { albedo: true, ..Channels::default() }, ..Info::default() };
     Octree::new(Volume { info, depths }).ok()
 }
 

@@ -1,12 +1,12 @@
 //! Marches through octrees, against every voxel's chord in f64.
 
 use super::{Random, Tally};
-use crate::geom::{Aabb, DVec3, Vec3};
+use crate::geom::{DVec3, Vec3};
 use crate::morton;
 use crate::render::march::{DepthChoice, Hit, MarchStats, Sink, Stretch, run, transmittance};
 use crate::volume::opacity::advance_f64;
 use crate::volume::voxel::{RATE_MAX, rate_table};
-use crate::volume::{Channels, Depth, Info, Model, Octree, Sggx, Volume, Voxel};
+use crate::volume::{Depth, Info, Octree, Sggx, Volume, Voxel};
 
 /// How far a position along a ray may be off, cube edges: two roundings of values up to 2.5 at the origin, one at each face.
 const POSITION: f64 = 6e-7;
@@ -44,18 +44,7 @@ impl Cells {
             level = parents;
         }
         depths.reverse();
-        let info = Info {
-            bounds: Aabb::UNIT,
-            metres_per_unit: 1.0,
-            up: 1,
-            cyclic: [false; 3],
-            model: Model::Coverage,
-            content: Aabb::UNIT,
-            facet_size: 0.0,
-            channels: Channels::default(),
-            materials: Vec::new(),
-            meta: Default::default(),
-        };
+        let info = Info::default();
         let tree = Octree::new(Volume { info, depths }).ok()?;
         Some(Cells { tree, depth, codes, voxels })
     }
