@@ -9,7 +9,7 @@ use super::chord::{Chords, Lanes, MAX_RATE, box_areas, depth_for, exp_neg};
 use super::ellipsoid::{fit_weighted, sigmas};
 use super::measure::Measure;
 use super::refine::Passed;
-use crate::geom::Vec3;
+use crate::geom::{DVec3, Vec3};
 use crate::volume::voxel::{RATE_MAX, encode_rate};
 use crate::volume::{Model, Sggx, Voxel};
 
@@ -17,6 +17,11 @@ use crate::volume::{Model, Sggx, Voxel};
 const OPAQUE: f32 = 0.996;
 /// What a box that is opaque is taken to lose at least where its rate falls, by the rate's logarithm.
 const LEAST_SLOPE: f32 = 0.15;
+/// Fits of normals after the first; the factor from which on an opaque axis is taken for larger than asked for, and what its error
+/// then weighs.
+const ROUNDS: usize = 3;
+const FREE: f32 = 1.02;
+const LITTLE: f64 = 1e-4;
 /// Lines a voxel edge on which a block is marched.
 const MARCH_LINES: usize = 2;
 /// Correlations at which a block is marched; the law is smooth in between.
@@ -51,7 +56,13 @@ struct Seen {
     chords: Chords,
     /// Area of the box as it is seen.
     area: Lanes,
+    /// `blocked` and `chords` of the box of what is there, before it is rounded outward: a layer that no line along it gets
+    /// through is opaque that way, and not what is left when it is spread over a wider box.
+    tight: (Lanes, Chords),
 }
+
+/// Thinnest tight box, voxel edges.
+const THIN: f64 = 1e-3;
 
 impl Seen {
     fn new(cell: &Measure, voxel: &mut Voxel) -> Seen {
@@ -59,28 +70,45 @@ impl Seen {
         let (lo, hi) = voxel.support_box();
         let e = (hi - lo).as_dvec3();
         let oblique = box_areas(e);
-        let (mut blocked, mut area) = ([0.0; 16], [0.0; 16]);
+        let tight = (cell.hi - cell.lo).max(DVec3::splat(THIN));
+        let narrow = box_areas(tight);
+        let (mut blocked, mut area, mut inner) = ([0.0; 16], [0.0; 16], [0.0; 16]);
         for k in 0..13 {
             blocked[k] = (cell.cover[k] as f32 / oblique[k]).clamp(0.0, OPAQUE);
             area[k] = oblique[k] / axis_length(k) as f32;
+            inner[k] = (cell.cover[k] as f32 / narrow[k]).clamp(0.0, OPAQUE);
         }
-        Seen { lo, hi, blocked, chords: Chords::new(e), area }
+        Seen { lo, hi, blocked, chords: Chords::new(e), area, tight: (inner, Chords::new(tight)) }
     }
 
     /// How much an error of a rate counts along each axis, by what it changes of the area that is blocked, from 1 where little
     /// is: rates at which a box is opaque may be larger, and a thin sheet seen edge-on has no area.
     fn weights(&self, rates: &Lanes, slopes: &Lanes) -> [f64; 13] {
-        let e = self.hi - self.lo;
+        let (blocked, chords) = &self.tight;
         std::array::from_fn(|k| {
             if rates[k] <= 0.0 {
                 return 1.0;
             }
             // Towards opaque nothing is gained, but a lower rate loses.
-            let slope = slopes[k].max(LEAST_SLOPE * self.blocked[k]);
-            // The area times the mean chord is the volume.
-            let change = f64::from(self.area[k] * slope / (rates[k] * e.x * e.y * e.z));
+            let slope = slopes[k].max(LEAST_SLOPE * blocked[k]);
+            let change = f64::from(chords.inverse_mean[k] * slope / rates[k]);
             (change * change).clamp(1e-4, 1.0)
         })
+    }
+
+    /// The ellipsoid of normals whose rates are nearest to `rates`. Where the box is opaque, they may be any larger.
+    fn normals(&self, rates: &Lanes, weights: [f64; 13]) -> Option<Sggx> {
+        let values = std::array::from_fn(|k| f64::from(rates[k]));
+        let mut s = fit_weighted(&values, &weights)?;
+        for _ in 0..ROUNDS {
+            let sigma = sigmas(&s);
+            let free = |k: usize| self.tight.0[k] >= OPAQUE && sigma[k] > FREE * rates[k];
+            if !(0..13).any(free) {
+                break;
+            }
+            s = fit_weighted(&values, &std::array::from_fn(|k| weights[k] * if free(k) { LITTLE } else { 1.0 }))?;
+        }
+        Some(s)
     }
 }
 
@@ -161,9 +189,10 @@ pub fn fit_block(
             along[i] = [MAX_RATE; 16];
             continue;
         }
-        let (rates, slopes) = seen.chords.rates(&seen.blocked, c);
+        let (inner, chords) = &seen.tight;
+        let (rates, slopes) = chords.rates(inner, c);
         let weights = seen.weights(&rates, &slopes);
-        if let Some(s) = fit_weighted(&std::array::from_fn(|k| f64::from(rates[k])), &weights) {
+        if let Some(s) = seen.normals(&rates, weights) {
             voxel.ndf = s.encode();
             let sigma = sigmas(&Sggx::decode(voxel.ndf));
             levels[i] = level(&sigma, s.scale(), seen, c);
