@@ -61,8 +61,8 @@ struct Seen {
     tight: (Lanes, Chords),
 }
 
-/// Thinnest tight box, voxel edges.
-const THIN: f64 = 1e-3;
+/// Thinnest tight box, voxel edges: as thin as a support box is. Rates beyond [`MAX_RATE`] would all be the same.
+const THIN: f64 = 1.0 / 16.0;
 
 impl Seen {
     fn new(cell: &Measure, voxel: &mut Voxel) -> Seen {
