@@ -16,13 +16,13 @@ fn a_bench_writes_its_points_and_plots() {
     assert_eq!(csv.lines().count(), 1 + 4 + 3 + 3 + 3, "{csv}");
     assert!(csv.lines().skip(1).all(|row| flip(row).is_finite()));
     let found = |start: &str| csv.lines().find(|l| l.starts_with(start)).map(flip).unwrap();
-    assert!(found("sheet,render,coverage,128,2,all,4") < found("sheet,render,neyret,128,2,all,1"), "{csv}");
+    assert!(found("sheet,render,coverage,128,10,all,4") < found("sheet,render,neyret,128,10,all,1"), "{csv}");
     assert!(dir.path().join("b/bench.svg").exists() && dir.path().join("b/bench.png").exists());
     // Again: nothing is baked or traced a second time.
     let made = |name: &str| std::fs::metadata(dir.path().join("b").join(name)).unwrap().modified().unwrap();
-    let before = [made("sheet-128-coverage-2.vtex"), made("sheet-32x32.exr")];
+    let before = [made("sheet-128-coverage-10.vtex"), made("sheet-32x32.exr")];
     run();
-    assert_eq!([made("sheet-128-coverage-2.vtex"), made("sheet-32x32.exr")], before);
+    assert_eq!([made("sheet-128-coverage-10.vtex"), made("sheet-32x32.exr")], before);
 }
 
 #[test]
