@@ -131,8 +131,11 @@ impl Passed {
         self.at[gain][start(k) * square..(start(k) + wa * wb) * square].iter().map(|passes| 1.0 - passes).sum()
     }
 
-    /// Half of the lines each way, the rows by turns.
-    fn thinned(&self) -> Passed {
+    /// As a larger cube takes it in: with half of the lines each way, the rows by turns, where there would be too many.
+    pub fn thinned(self) -> Passed {
+        if self.lines <= MOST_LINES / 2 {
+            return self;
+        }
         let (lines, half) = (self.lines, self.lines / 2);
         let at = std::array::from_fn(|g| {
             let mut at = Vec::with_capacity(start(13) * half * half);
@@ -148,10 +151,9 @@ impl Passed {
         Passed { lines: half, at, areas: self.areas, voxels: self.voxels }
     }
 
-    /// Of the cube of up to eight, in child order; of those that are `solid`, nothing comes through. `None` if none is known.
+    /// Of the cube of up to eight that are [`thinned`](Passed::thinned), in child order; of those that are `solid`, nothing comes through. `None` if none is known.
     pub fn unite(children: &[Option<&Passed>; 8], solid: [bool; 8]) -> Option<Passed> {
-        let first = children.iter().flatten().next()?.lines;
-        let small = first.min(MOST_LINES / 2);
+        let small = children.iter().flatten().next()?.lines;
         let lines = 2 * small;
         let mut whole = Passed {
             lines,
@@ -162,9 +164,7 @@ impl Passed {
         // What the children cover one by one: as it is known, and in lines.
         let (mut known, mut found) = ([[0.0f32; 13]; GAINS.len()], [[0.0f32; 13]; GAINS.len()]);
         for (j, child) in children.iter().enumerate() {
-            if let Some(child) = child.filter(|c| c.lines == first) {
-                let thinned = (first > small).then(|| child.thinned());
-                let child = thinned.as_ref().unwrap_or(child);
+            if let Some(child) = child.filter(|c| c.lines == small) {
                 whole.cover(j, |g| &child.at[g]);
                 for g in 0..GAINS.len() {
                     for k in 0..13 {
@@ -379,6 +379,7 @@ mod tests {
             let square = (passed.lines * passed.lines) as f32;
             // Sums of up to 1024 f32 that are 1/2 or 0, exact; a ratio's rounding.
             assert!((passed.areas[0][0] / want - 1.0).abs() < 1e-5 && passed.blocked(0, 0) == want * square);
+            passed = passed.thinned();
         }
     }
 

@@ -271,7 +271,7 @@ pub fn join(depth: usize, children: [Option<Box<Node>>; 8], output: &mut Output)
     for level in 1..=refine {
         let groups = children.each_ref().map(|c| c.as_ref().and_then(|c| c.passed.get(level - 1)));
         let Some(group) = output.refine(depth + 2 + level, &groups, solid, &cover) else { break };
-        passed.push(group);
+        passed.push(group.thinned());
     }
     // What no level above asks for.
     passed.truncate(output.how.refine);
