@@ -182,7 +182,7 @@ impl Gather {
         (m.lo, m.hi) = (m.lo.min(share.lo), m.hi.max(share.hi));
         self.areas.iter_mut().zip(&share.cover).for_each(|(sum, c)| *sum += c);
         m.total += share.area;
-        m.soft += share.area;
+        m.soft += if medium.scattered { share.area } else { 0.0 };
         m.mean += share.facing;
         let albedo = DVec3::from(medium.albedo.map(f64::from));
         m.albedo += share.area * albedo;

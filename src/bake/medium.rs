@@ -34,6 +34,9 @@ pub struct Medium {
     pub normal: DVec3,
     /// How far it faces that way, in [0, 1]: the length of the mean normal of what is seen.
     pub facing: f64,
+    /// Whether chance alone has put its matter where it is, as in smoke; else it stands for surfaces, which go on from cube to
+    /// cube and whose coverage is corrected as a surface's is.
+    pub scattered: bool,
     /// Linear Rec. 709.
     pub albedo: [f32; 3],
     /// Of which materials it is, among those of its source.
@@ -52,6 +55,7 @@ impl Medium {
             flat: 0.0,
             normal: DVec3::ZERO,
             facing: 0.0,
+            scattered: true,
             albedo,
             materials: Mix::default(),
         }

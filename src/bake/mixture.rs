@@ -51,11 +51,13 @@ fn sum(parts: &[Medium]) -> Option<Medium> {
     }
     let (lo, hi) = parts.iter().fold((first.lo, first.hi), |(lo, hi), p| (lo.min(p.lo), hi.max(p.hi)));
     let volume = |lo: DVec3, hi: DVec3| (hi - lo).element_product();
-    let (mut matter, mut flat, mut facing, mut normal) = (0.0, 0.0, DVec3::ZERO, DVec3::ZERO);
+    let (mut matter, mut scattered, mut flat) = (0.0, 0.0, 0.0);
+    let (mut facing, mut normal) = (DVec3::ZERO, DVec3::ZERO);
     let mut albedo = DVec3::ZERO;
     for p in parts {
         let own = p.extinction * volume(p.lo, p.hi);
         matter += own;
+        scattered += if p.scattered { own } else { 0.0 };
         flat += own * p.flat;
         // Opposite normals are the same to flakes: turned to the first's side.
         normal += own * p.flat * p.normal * if p.normal.dot(first.normal) < 0.0 { -1.0 } else { 1.0 };
@@ -77,6 +79,7 @@ fn sum(parts: &[Medium]) -> Option<Medium> {
         extinction: matter / volume(lo, hi),
         flat: if flat > 0.0 { normal.length() / matter } else { 0.0 },
         normal: way,
+        scattered: scattered > 0.5 * matter,
         facing: (facing.dot(way) / matter).clamp(0.0, 1.0),
         albedo: (albedo / matter).as_vec3().to_array(),
         ..*first

@@ -276,6 +276,7 @@ impl StagedTexel {
                         flat,
                         normal,
                         facing,
+                        scattered: false,
                         materials: leaf.materials,
                         ..Medium::even(at.as_uvec3().to_array(), 0, 1.0, albedo)
                     };
