@@ -177,6 +177,22 @@ pub fn box_areas(e: DVec3) -> Lanes {
     std::array::from_fn(|k| if k < 13 { box_area(k, e) as f32 } else { 1.0 })
 }
 
+/// The sum of `f` of all values, eight sums side by side.
+#[inline]
+pub fn sum(values: &[f32], f: impl Fn(f32) -> f32) -> f32 {
+    let mut sums = [0.0f32; 8];
+    let (whole, rest) = values.as_chunks::<8>();
+    for chunk in whole {
+        for (sum, &value) in sums.iter_mut().zip(chunk) {
+            *sum += f(value);
+        }
+    }
+    for (sum, &value) in sums.iter_mut().zip(rest) {
+        *sum += f(value);
+    }
+    sums.iter().sum()
+}
+
 #[cfg(test)]
 mod tests {
     use super::super::beams::{PROJECTIONS, crossing};

@@ -5,7 +5,7 @@
 //! LoDs for All-Scale Pre-Filtering*, EG 2017.
 
 use super::beams::{Beams, PROJECTIONS, axis_length};
-use super::chord::{Chords, Lanes, MAX_RATE, box_areas, depth_for, exp_neg};
+use super::chord::{Chords, Lanes, MAX_RATE, box_areas, depth_for, exp_neg, sum};
 use super::ellipsoid::{fit_weighted, sigmas};
 use super::measure::Measure;
 use super::refine::Passed;
@@ -377,20 +377,4 @@ fn covered(depths: &[f32], c: f32) -> f32 {
     }
     // T = (E − c) / (1 − c), E = e^−(1−c)τ.
     sum(depths, |tau| ((1.0 - exp_neg(d * tau)) / d).min(1.0))
-}
-
-/// The sum of `f` of all values, eight sums side by side.
-#[inline]
-fn sum(values: &[f32], f: impl Fn(f32) -> f32) -> f32 {
-    let mut sums = [0.0f32; 8];
-    let (whole, rest) = values.as_chunks::<8>();
-    for chunk in whole {
-        for (sum, &value) in sums.iter_mut().zip(chunk) {
-            *sum += f(value);
-        }
-    }
-    for (sum, &value) in sums.iter_mut().zip(rest) {
-        *sum += f(value);
-    }
-    sums.iter().sum()
 }

@@ -8,7 +8,7 @@
 use std::sync::OnceLock;
 
 use super::beams::{Beams, LINES, PROJECTIONS, axis_length, box_area, crossing};
-use super::chord::{exp_neg, ln};
+use super::chord::{exp_neg, ln, sum};
 use crate::geom::DVec3;
 use crate::volume::Voxel;
 use crate::volume::voxel::RATE_MAX;
@@ -128,7 +128,7 @@ impl Passed {
     fn blocked(&self, k: usize, gain: usize) -> f32 {
         let (wa, wb) = PROJECTIONS[k].extent();
         let square = self.lines * self.lines;
-        self.at[gain][start(k) * square..(start(k) + wa * wb) * square].iter().map(|passes| 1.0 - passes).sum()
+        sum(&self.at[gain][start(k) * square..(start(k) + wa * wb) * square], |passes| 1.0 - passes)
     }
 
     /// As a larger cube takes it in: with half of the lines each way, the rows by turns, where there would be too many.
