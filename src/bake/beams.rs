@@ -362,11 +362,9 @@ impl<const N: usize> Plane<N> {
         let mut at = [[0.0f32; N]; COORDINATES];
         // The last corner fills up to a multiple of four.
         let room = corners.len().next_multiple_of(4).min(N);
-        let Some(last) = corners.last() else {
-            return Plane { at, lines: [[0; N]; COORDINATES], ranges: [(0, 0); COORDINATES], count: 0 };
-        };
-        for (i, corner) in corners.iter().chain(std::iter::repeat(last)).take(room).enumerate() {
-            let scaled = corner.to_array().map(|v| v as f32 * LINES as f32);
+        let repeated = corners.iter().chain(corners.last().into_iter().cycle());
+        for (i, c) in repeated.take(room).enumerate() {
+            let scaled = c.to_array().map(|v| v as f32 * LINES as f32);
             (at[0][i], at[1][i], at[2][i]) = scaled.into();
         }
         for (drop, q) in [(0, 1), (0, 2), (1, 2)] {

@@ -136,7 +136,7 @@ impl CutOut {
         let (mut inside, mut there) = (0u32, 0.0);
         let (mut least, mut most) = ([usize::MAX; 2], [0; 2]);
         // Where most is there.
-        let (mut densest, mut densest_share) = (corners.iter().sum::<DVec3>() / corners.len().max(1) as f64, 0.0);
+        let (mut densest, mut densest_share) = (polygon.middle(), 0.0);
         let seed = hash(polygon.facet);
         let mut alpha = [0.0f32; CELLS];
         for (j, bits) in cells.iter_mut().enumerate().take(size[1]) {
