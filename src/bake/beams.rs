@@ -11,9 +11,11 @@
 
 use std::sync::LazyLock;
 
+use multiversion::multiversion;
+
 use super::clip::{Polygon, ROOM};
 use super::cutout::CutOut;
-use crate::geom::{AXES13, DVec3, Vec3};
+use crate::geom::{AXES13, DVec3, Vec3, larger, smaller};
 
 /// Lines a voxel edge.
 pub const LINES: usize = 16;
@@ -71,6 +73,52 @@ const fn coordinate(q: usize, s: i32, drop: usize) -> usize {
     3 + 2 * (drop + q - 1) + if s < 0 { 1 } else { 0 }
 }
 
+/// Where lines, `N` / 2 a voxel edge in each of the planes' coordinates, are within a box, by the dropped coordinate; empty
+/// stretches end before they begin.
+pub struct Slabs<const N: usize> {
+    from: [[f32; N]; COORDINATES],
+    to: [[f32; N]; COORDINATES],
+    lo: Vec3,
+    hi: Vec3,
+}
+
+impl<const N: usize> Slabs<N> {
+    #[inline(always)]
+    pub fn new(lo: Vec3, hi: Vec3) -> Slabs<N> {
+        let at = |i: usize| (i as f32 + 0.5) * (2.0 / N as f32);
+        let mut slabs =
+            Slabs { from: [[f32::INFINITY; N]; COORDINATES], to: [[f32::NEG_INFINITY; N]; COORDINATES], lo, hi };
+        for q in 0..3 {
+            for i in 0..N {
+                let within = at(i) >= lo[q] && at(i) < hi[q];
+                slabs.from[q][i] = if within { f32::NEG_INFINITY } else { f32::INFINITY };
+                slabs.to[q][i] = if within { f32::INFINITY } else { f32::NEG_INFINITY };
+            }
+        }
+        for (drop, q) in [(0, 1), (0, 2), (1, 2)] {
+            let on = coordinate(q, 1, drop);
+            for i in 0..N {
+                // q = v + s d, where v begins at Projection::base(s).
+                let v = at(i) - 1.0;
+                (slabs.from[on][i], slabs.to[on][i]) = (lo[q] - v, hi[q] - v);
+                let v = at(i);
+                (slabs.from[on + 1][i], slabs.to[on + 1][i]) = (v - hi[q], v - lo[q]);
+            }
+        }
+        slabs
+    }
+
+    /// The stretch of the line in the column `x` and the row `y` of the projection `p` that lies in the box, in the dropped
+    /// coordinate; below 0 where there is none.
+    #[inline(always)]
+    pub fn stretch(&self, p: &Projection, x: usize, y: usize) -> f32 {
+        let [a, b] = p.on;
+        let from = larger(larger(self.from[a][x], self.from[b][y]), self.lo[p.drop]);
+        let to = smaller(smaller(self.to[a][x], self.to[b][y]), self.hi[p.drop]);
+        to - from
+    }
+}
+
 /// Of [`AXES13`], in order.
 pub const PROJECTIONS: [Projection; 13] = projections();
 const ROWS: usize = PROJECTIONS[12].first + PROJECTIONS[12].rows;
@@ -90,24 +138,13 @@ impl Projection {
         p
     }
 
-    /// Where the lines of each column and each row, `N` / 2 a voxel edge, are within the box `lo..hi`, by the dropped
-    /// coordinate; empty intervals end before they begin.
-    #[inline]
-    pub fn slabs<const N: usize>(&self, lo: Vec3, hi: Vec3) -> [[(f32, f32); N]; 2] {
-        let across = (lo[self.drop], hi[self.drop]);
-        [(self.a, self.sa), (self.b, self.sb)].map(|(q, s)| {
-            std::array::from_fn(|i| {
-                let v = (i as f32 + 0.5) * (2.0 / N as f32) + Self::base(s) as f32;
-                // q = v + s d
-                let (from, to) = match s {
-                    0 if v >= lo[q] && v < hi[q] => across,
-                    0 => (f32::INFINITY, f32::NEG_INFINITY),
-                    1 => (lo[q] - v, hi[q] - v),
-                    _ => (v - hi[q], v - lo[q]),
-                };
-                (from.max(across.0), to.min(across.1))
-            })
-        })
+    /// From one unit of the dropped coordinate to the next, along the axis.
+    fn along(&self) -> DVec3 {
+        let mut step = DVec3::ZERO;
+        step[self.drop] = 1.0;
+        step[self.a] = f64::from(self.sa);
+        step[self.b] = f64::from(self.sb);
+        step
     }
 
     /// Where child `j`'s plane origin lies in its parent's plane, in child edges.
@@ -130,7 +167,7 @@ impl Projection {
     }
 
     /// Width of the voxel's plane, in voxel edges: (a, b).
-    pub fn extent(&self) -> (usize, usize) {
+    pub const fn extent(&self) -> (usize, usize) {
         (if self.sa == 0 { 1 } else { 2 }, if self.sb == 0 { 1 } else { 2 })
     }
 }
@@ -186,14 +223,10 @@ impl Beams {
     /// Add the lines through `polygon` (voxel edges, within the unit voxel), or through what `cut` leaves of it. Adds the
     /// lines found, before they are united, to `parts`.
     pub fn add(&mut self, polygon: &Polygon, parts: &mut [u32; 13], cut: Option<&CutOut>) {
-        match polygon.corners().len() {
-            ..=4 => self.add_plane(&Plane::<4>::new(polygon.corners()), parts, cut),
-            5..=8 => self.add_plane(&Plane::<8>::new(polygon.corners()), parts, cut),
-            _ => self.add_plane(&Plane::<MOST_CORNERS>::new(polygon.corners()), parts, cut),
-        }
+        add(self, polygon.corners(), parts, cut);
     }
 
-    #[inline]
+    #[inline(always)]
     fn add_plane<const N: usize>(&mut self, plane: &Plane<N>, parts: &mut [u32; 13], cut: Option<&CutOut>) {
         let mut found = [0u32; 32];
         for (k, p) in PROJECTIONS.iter().enumerate() {
@@ -204,20 +237,21 @@ impl Beams {
                 continue;
             }
             let count = plane.rows(a, b, &mut found);
-            let rows = self.rows[p.first..].iter_mut().zip(&mut found).enumerate().take(last).skip(first);
+            let Some(rows) = self.rows.get_mut(p.first + first..p.first + last) else { continue };
             match cut {
                 None => {
                     parts[k] += count;
-                    for (_, (row, found)) in rows {
-                        *row |= std::mem::take(found);
+                    for (n, row) in rows.iter_mut().enumerate() {
+                        *row |= std::mem::take(&mut found[(first + n) & 31]);
                     }
                 }
                 Some(cut) => {
                     let cells = Cells::new(p, cut);
-                    for (n, (row, found)) in rows {
-                        let bits = std::mem::take(found);
+                    for (n, row) in rows.iter_mut().enumerate() {
+                        let bits = std::mem::take(&mut found[(first + n) & 31]);
                         if bits != 0 {
-                            let bits = bits & cells.row(cut, n, bits.trailing_zeros(), 32 - bits.leading_zeros());
+                            let bits =
+                                bits & cells.row(cut, first + n, bits.trailing_zeros(), 32 - bits.leading_zeros());
                             parts[k] += bits.count_ones();
                             *row |= bits;
                         }
@@ -291,32 +325,59 @@ impl Beams {
 
     /// Unite up to eight children (in child order) whose voxels are of depth `depth`.
     pub fn unite(children: &[Option<&Beams>; 8], depth: usize) -> Union {
-        let mut all =
-            Union { beams: Beams::default(), lines: [0; 13], parts: [0; 13], children: [[Seen::default(); 13]; 8] };
-        for (k, p) in PROJECTIONS.iter().enumerate() {
-            match p.rows {
-                16 => all.unite_axis::<8>(k, children, depth & 1),
-                _ => all.unite_axis::<16>(k, children, depth & 1),
-            }
-        }
-        all
+        unite(children, depth & 1)
     }
 }
 
+#[multiversion(targets("x86_64+avx2+bmi1+bmi2+lzcnt+popcnt"))]
+fn add(beams: &mut Beams, corners: &[DVec3], parts: &mut [u32; 13], cut: Option<&CutOut>) {
+    match corners.len() {
+        ..=4 => beams.add_plane(&Plane::<4>::new(corners), parts, cut),
+        5..=8 => beams.add_plane(&Plane::<8>::new(corners), parts, cut),
+        _ => beams.add_plane(&Plane::<MOST_CORNERS>::new(corners), parts, cut),
+    }
+}
+
+#[multiversion(targets("x86_64+avx2+bmi1+bmi2+lzcnt+popcnt"))]
+fn unite(children: &[Option<&Beams>; 8], phase: usize) -> Union {
+    if phase == 0 { unite_from::<0>(children) } else { unite_from::<1>(children) }
+}
+
+#[inline(always)]
+fn unite_from<const PHASE: usize>(children: &[Option<&Beams>; 8]) -> Union {
+    let mut all =
+        Union { beams: Beams::default(), lines: [0; 13], parts: [0; 13], children: [[Seen::default(); 13]; 8] };
+    for (k, p) in PROJECTIONS.iter().enumerate() {
+        match p.rows {
+            16 => all.unite_axis::<8, 16, PHASE>(k, children),
+            _ => all.unite_axis::<16, 32, PHASE>(k, children),
+        }
+    }
+    all
+}
+
 impl Union {
-    /// Unite the axis `k`, of which each child gives every other row, `HALF` in all, from the row `phase` on.
-    fn unite_axis<const HALF: usize>(&mut self, k: usize, children: &[Option<&Beams>; 8], phase: usize) {
+    /// Unite the axis `k`, of which each child gives every other of its `ALL` rows, `HALF` in all, from the row `PHASE` on.
+    /// All numbers are fixed, so that many rows are handled at once.
+    #[inline(always)]
+    fn unite_axis<const HALF: usize, const ALL: usize, const PHASE: usize>(
+        &mut self,
+        k: usize,
+        children: &[Option<&Beams>; 8],
+    ) {
         let p = &PROJECTIONS[k];
         let count = |rows: &[u32; HALF]| rows.iter().map(|r| r.count_ones()).sum::<u32>();
         // By child: its rows as the parent has them, the first of those, and its lines.
         let mut thinned = [([0u32; HALF], 0, 0); 8];
         for (j, (child, (rows, first, lines))) in children.iter().zip(&mut thinned).enumerate() {
-            let Some(child) = child else { continue };
+            let Some(own) = child.and_then(|c| c.rows[p.first..].first_chunk::<ALL>()) else { continue };
             let (oa, ob) = p.child_offset(j);
             *first = 8 * ob;
-            let own = child.axis(k).iter().skip(phase).step_by(2);
-            for (n, (to, row)) in rows.iter_mut().zip(own).enumerate() {
-                *to = even_bits(row >> ((n + phase) & 1)) << (8 * oa);
+            for n in 0..HALF {
+                rows[n] = own[2 * n + PHASE];
+            }
+            for n in 0..HALF {
+                rows[n] = even_bits(rows[n] >> ((n + PHASE) & 1)) << (8 * oa);
             }
             *lines = count(rows);
             self.children[j][k].lines = *lines;
@@ -327,19 +388,17 @@ impl Union {
             united = [0; 32];
             for &j in order(k, way) {
                 let (rows, first, lines) = &thinned[j];
-                if *lines == 0 {
-                    continue;
-                }
+                let Some(united) = united[*first..].first_chunk_mut::<HALF>().filter(|_| *lines > 0) else { continue };
                 let mut new = [0; HALF];
-                for ((u, t), new) in united[*first..].iter_mut().zip(rows).zip(&mut new) {
-                    *new = t & !*u;
-                    *u |= t;
+                for n in 0..HALF {
+                    new[n] = rows[n] & !united[n];
+                    united[n] |= rows[n];
                 }
                 self.children[j][k].first += count(&new);
             }
         }
         self.lines[k] = united.iter().map(|r| r.count_ones()).sum();
-        self.beams.rows[p.first..p.first + p.rows].copy_from_slice(&united[..p.rows]);
+        self.beams.rows[p.first..p.first + ALL].copy_from_slice(&united[..ALL]);
     }
 }
 
@@ -357,24 +416,22 @@ struct Plane<const N: usize> {
 const MOST_CORNERS: usize = ROOM.next_multiple_of(4);
 
 impl<const N: usize> Plane<N> {
-    #[inline]
+    #[inline(always)]
     fn new(corners: &[DVec3]) -> Plane<N> {
         let mut at = [[0.0f32; N]; COORDINATES];
         // The last corner fills up to a multiple of four.
         let room = corners.len().next_multiple_of(4).min(N);
-        let repeated = corners.iter().chain(corners.last().into_iter().cycle());
-        for (i, c) in repeated.take(room).enumerate() {
-            let scaled = c.to_array().map(|v| v as f32 * LINES as f32);
-            (at[0][i], at[1][i], at[2][i]) = scaled.into();
+        for i in 0..room {
+            let Some(c) = corners.get(i).or(corners.last()) else { break };
+            for (at, v) in at.iter_mut().zip(c.to_array()) {
+                at[i] = v as f32 * LINES as f32;
+            }
         }
         for (drop, q) in [(0, 1), (0, 2), (1, 2)] {
             let on = coordinate(q, 1, drop);
-            let (p, d) = (at[q], at[drop]);
-            for (minus, (p, d)) in at[on][..room].iter_mut().zip(p.iter().zip(&d)) {
-                *minus = p - d + LINES as f32;
-            }
-            for (plus, (p, d)) in at[on + 1][..room].iter_mut().zip(p.iter().zip(&d)) {
-                *plus = p + d;
+            for i in 0..room {
+                let (p, d) = (at[q][i], at[drop][i]);
+                (at[on][i], at[on + 1][i]) = (p - d + LINES as f32, p + d);
             }
         }
         let mut lines = [[0; N]; COORDINATES];
@@ -398,7 +455,7 @@ impl<const N: usize> Plane<N> {
     }
 
     /// The lines in the plane of the coordinates `a` and `b`, row by row, into `found`, which is empty; gives their number.
-    #[inline]
+    #[inline(always)]
     fn rows(&self, a: usize, b: usize, found: &mut [u32; 32]) -> u32 {
         let (x, y, rows) = (&self.at[a][..self.count], &self.at[b][..self.count], &self.lines[b][..self.count]);
         let mut total = 0;
@@ -413,12 +470,13 @@ impl<const N: usize> Plane<N> {
             let up = rows[i] < rows[next];
             let (low, high) = if up { (i, next) } else { (next, i) };
             let slope = (x[high] - x[low]) / (y[high] - y[low]);
-            let mut sum = 0;
-            for row in rows[low]..rows[high] {
+            let (mut sum, mut row) = (0, rows[low]);
+            while row < rows[high] {
                 let line = line_after(x[low] + (row as f32 + 0.5 - y[low]) * slope);
                 sum += line;
                 // Twice a row: what is between both remains.
                 found[row as usize & 31] ^= (u64::MAX << (line & 63)) as u32;
+                row += 1;
             }
             total += if up { sum } else { -sum };
         }
@@ -442,19 +500,18 @@ struct Cells {
 }
 
 impl Cells {
+    #[inline(always)]
     fn new(p: &Projection, cut: &CutOut) -> Cells {
         let (normal, offset) = cut.plane();
-        let along = p.lift(0.0, 0.0, 1.0) - p.lift(0.0, 0.0, 0.0);
-        let slope = normal.dot(along);
-        let at = |x: f64, y: f64| {
-            let start = p.lift(x / LINES as f64, y / LINES as f64, 0.0);
-            cut.cell(start + (offset - normal.dot(start)) / slope * along)
-        };
-        let (first, line, row) = (at(0.5, 0.5), at(1.5, 0.5), at(0.5, 1.5));
-        Cells { first, line: [0, 1].map(|i| line[i] - first[i]), row: [0, 1].map(|i| row[i] - first[i]) }
+        let along = p.along();
+        let along = along / normal.dot(along);
+        let start = p.lift(0.5 / LINES as f64, 0.5 / LINES as f64, 0.0);
+        let beside = |q: usize| cut.cells_along((DVec3::AXES[q] - normal[q] * along) / LINES as f64);
+        Cells { first: cut.cell(start + (offset - normal.dot(start)) * along), line: beside(p.a), row: beside(p.b) }
     }
 
     /// Which of the lines `from..to` of row `n` meet what is there.
+    #[inline(always)]
     fn row(&self, cut: &CutOut, n: usize, from: u32, to: u32) -> u32 {
         // Seen edge-on it has hardly a line: casts saturate, and the cells that are met are clamped.
         let fixed = |v: f64| (v * 65536.0) as i32;
@@ -539,9 +596,9 @@ pub fn box_area(k: usize, e: DVec3) -> f64 {
 
 /// |W| of axis `k`.
 #[inline]
-pub fn axis_length(k: usize) -> f64 {
+pub const fn axis_length(k: usize) -> f64 {
     const LENGTH: [f64; 3] = [1.0, std::f64::consts::SQRT_2, 1.732_050_807_568_877_2];
-    LENGTH[usize::from(k > 2) + usize::from(k > 8)]
+    LENGTH[(k > 2) as usize + (k > 8) as usize]
 }
 
 /// Oblique area of `area` (an area vector) along axis `k`.

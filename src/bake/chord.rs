@@ -4,8 +4,8 @@
 //! Based on: the chord-length distribution of a convex body along a direction is minus the derivative of its covariogram
 //! (Matheron, *Random Sets and Integral Geometry*, 1975); a box's covariogram is the product of three ramps.
 
-use super::beams::{axis_length, box_area};
-use crate::geom::{AXES13, DVec3};
+use super::beams::axis_length;
+use crate::geom::{AXES13, DVec3, larger, smaller};
 
 /// A value an axis; the last three are of no axis, so that four fit a register.
 pub type Lanes = [f32; 16];
@@ -19,6 +19,36 @@ pub struct Chords {
     /// 1 over the mean chord.
     pub inverse_mean: Lanes,
 }
+
+/// |w| of each coordinate, of the axes as unit vectors; what follows on the last axis is the first again, so that no box has no
+/// chords there.
+const SHARES: [Lanes; 3] = shares();
+
+const fn shares() -> [Lanes; 3] {
+    let mut out = [[0.0; 16]; 3];
+    let mut k = 0;
+    while k < 16 {
+        let axis = if k < 13 { k } else { 0 };
+        let mut i = 0;
+        while i < 3 {
+            out[i][k] = AXES13[axis][i].abs() as f32 / axis_length(axis) as f32;
+            i += 1;
+        }
+        k += 1;
+    }
+    out
+}
+
+/// [`axis_length`] of all of them.
+pub const LENGTHS: Lanes = {
+    let mut out = [1.0; 16];
+    let mut k = 0;
+    while k < 13 {
+        out[k] = axis_length(k) as f32;
+        k += 1;
+    }
+    out
+};
 
 /// Largest rate that is asked for, hits per voxel edge.
 pub const MAX_RATE: f32 = 118.0;
@@ -37,34 +67,34 @@ const SMALL: f32 = 0.03;
 
 impl Chords {
     /// Of a box with edges `e` > 0.
+    #[inline(always)]
     pub fn new(e: DVec3) -> Chords {
         let mut chords = Chords { b: [0.0; 16], d: [0.0; 16], longest: [1.0; 16], inverse_mean: [1.0; 16] };
         let q = e.recip().as_vec3();
-        for (k, w) in AXES13.iter().enumerate() {
-            let scale = 1.0 / axis_length(k) as f32;
-            let on = |i: usize| if w[i] != 0 { q[i] * scale } else { 0.0 };
-            let (x, y, z) = (on(0), on(1), on(2));
+        for k in 0..16 {
+            let (x, y, z) = (q.x * SHARES[0][k], q.y * SHARES[1][k], q.z * SHARES[2][k]);
             let sum = x + y + z;
             chords.b[k] = 2.0 * (x * y + x * z + y * z) / sum;
             chords.d[k] = 3.0 * x * y * z / sum;
-            chords.longest[k] = 1.0 / x.max(y).max(z);
+            chords.longest[k] = 1.0 / larger(larger(x, y), z);
             chords.inverse_mean[k] = sum;
         }
         chords
     }
 
     /// Share of the lines through the box that matter of the rates `r` > 0 and correlation `c` blocks.
+    #[inline(always)]
     pub fn blocked(&self, r: &Lanes, c: f32) -> Lanes {
         self.blocked_and_slope(r, c).0
     }
 
     /// [`Chords::blocked`], and its derivative by log r.
-    #[inline]
+    #[inline(always)]
     fn blocked_and_slope(&self, r: &Lanes, c: f32) -> (Lanes, Lanes) {
         let (mut share, mut slope) = ([0.0; 16], [0.0; 16]);
         if c > 0.999 {
             for i in 0..16 {
-                let m = self.longest[i].min(1.0 / r[i]);
+                let m = smaller(self.longest[i], 1.0 / r[i]);
                 let (b, d) = (self.b[i], self.d[i]);
                 share[i] = r[i] * m * (1.0 - m * (0.5 * b - m * d * (1.0 / 3.0)));
                 // Where the longest chord is not blocked throughout, all of it grows; else what is beyond.
@@ -79,7 +109,7 @@ impl Chords {
         let zero = if c > 0.0 { ln(1.0 / c).min(12.0) } else { 12.0 };
         for i in 0..16 {
             let k = (1.0 - c) * r[i];
-            let m = self.longest[i].min(zero / k);
+            let m = smaller(self.longest[i], zero / k);
             let (b, d) = (self.b[i], self.d[i]);
             let (mut sum, mut part) = (0.0, 0.0);
             for (x, w) in GAUSS {
@@ -99,14 +129,15 @@ impl Chords {
 
     /// The rates with which the box blocks the shares `p` in [0, 1) of its lines, at most [`MAX_RATE`]; and the derivatives of
     /// the shares by the rates' logarithms, near there.
+    #[inline(always)]
     pub fn rates(&self, p: &Lanes, c: f32) -> (Lanes, Lanes) {
         let mut rates = [0.0; 16];
         let mut slopes = [0.0; 16];
         let mut goal = [0.0; 16];
         for i in 0..16 {
-            let want = depth_for(p[i], c).max(1e-12);
+            let want = larger(depth_for(p[i], c), 1e-12);
             goal[i] = ln(want);
-            rates[i] = (want * self.inverse_mean[i]).min(MAX_RATE);
+            rates[i] = smaller(want * self.inverse_mean[i], MAX_RATE);
         }
         // Newton's steps on log depth over log rate, whose slope is 1 while little is blocked and falls towards opaque.
         for _ in 0..STEPS {
@@ -119,22 +150,25 @@ impl Chords {
                 let slope = slope[i] / (depth * (1.0 - share * (1.0 - c)));
                 let step = ((goal[i] - ln(depth)) / slope.clamp(0.02, 1.0)).clamp(-3.0, 3.0);
                 let e = exp_neg(step.abs());
-                let next = (if step < 0.0 { rates[i] * e } else { rates[i] / e }).min(MAX_RATE);
+                let next = smaller(if step < 0.0 { rates[i] * e } else { rates[i] / e }, MAX_RATE);
                 let moved = if rates[i] < MAX_RATE || next < MAX_RATE { step.abs() } else { 0.0 };
                 largest[i] = if p[i] > 0.0 { moved } else { 0.0 };
                 rates[i] = next;
             }
-            if largest.iter().all(|&s| s < SMALL) {
+            if largest.into_iter().fold(0.0, larger) < SMALL {
                 break;
             }
         }
-        (std::array::from_fn(|i| if p[i] > 0.0 { rates[i] } else { 0.0 }), slopes)
+        for i in 0..16 {
+            rates[i] = if p[i] > 0.0 { rates[i] } else { 0.0 };
+        }
+        (rates, slopes)
     }
 }
 
 /// The optical depth that blocks the share `p` in [0, 1) at correlation `c`: that of
 /// [`opacity::depth_for`](crate::volume::opacity::depth_for), to 1e-6 of it.
-#[inline]
+#[inline(always)]
 pub fn depth_for(p: f32, c: f32) -> f32 {
     let d = 1.0 - c;
     if d < 1e-3 {
@@ -150,7 +184,7 @@ pub fn depth_for(p: f32, c: f32) -> f32 {
 
 /// Natural logarithm of a normal x > 0, to 2e-7 of it or of 1: by the series of artanh; no library's, so the same
 /// everywhere, and many at once.
-#[inline]
+#[inline(always)]
 pub fn ln(x: f32) -> f32 {
     const HALF_ROOT: u32 = 0x3f35_04f3;
     let shifted = x.to_bits().wrapping_sub(HALF_ROOT) as i32;
@@ -162,9 +196,9 @@ pub fn ln(x: f32) -> f32 {
 }
 
 /// e^−x for x ≥ 0, to 1e-5: Taylor's series at x/64 and six squarings; no library's exp, so the same everywhere.
-#[inline]
+#[inline(always)]
 pub fn exp_neg(x: f32) -> f32 {
-    let y = -x.min(40.0) / 64.0;
+    let y = -smaller(x, 40.0) / 64.0;
     let mut e = 1.0 + y * (1.0 + y * (0.5 + y * (1.0 / 6.0 + y * (1.0 / 24.0))));
     for _ in 0..6 {
         e *= e;
@@ -172,13 +206,20 @@ pub fn exp_neg(x: f32) -> f32 {
     e
 }
 
-/// [`box_area`] of all axes.
+/// [`box_area`](super::beams::box_area) of all axes.
+#[inline(always)]
 pub fn box_areas(e: DVec3) -> Lanes {
-    std::array::from_fn(|k| if k < 13 { box_area(k, e) as f32 } else { 1.0 })
+    let e = e.as_vec3();
+    let (x, y, z) = (e.y * e.z, e.x * e.z, e.x * e.y);
+    let mut areas = [0.0; 16];
+    for k in 0..16 {
+        areas[k] = (x * SHARES[0][k] + y * SHARES[1][k] + z * SHARES[2][k]) * LENGTHS[k];
+    }
+    areas
 }
 
 /// The sum of `f` of all values, eight sums side by side.
-#[inline]
+#[inline(always)]
 pub fn sum(values: &[f32], f: impl Fn(f32) -> f32) -> f32 {
     let mut sums = [0.0f32; 8];
     let (whole, rest) = values.as_chunks::<8>();

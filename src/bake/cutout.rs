@@ -88,7 +88,8 @@ pub struct CutOut {
     min: [f64; 2],
     /// Cells a voxel edge.
     scale: [f64; 2],
-    cells: [u32; CELLS],
+    /// Row by row, `CELLS` bits each.
+    cells: u64,
     size: [usize; 2],
     /// Normal, with 1 along its longest axis, and the plane's offset.
     plane: (DVec3, f64),
@@ -132,14 +133,14 @@ impl CutOut {
         };
         let along = at(step[0], 0.0) - at(0.0, 0.0);
         let width = libm::sqrt(step[0] * step[1] * normal.length());
-        let mut cells = [0; CELLS];
+        let mut cells = 0;
         let (mut inside, mut there) = (0u32, 0.0);
         let (mut least, mut most) = ([usize::MAX; 2], [0; 2]);
         // Where most is there.
         let (mut densest, mut densest_share) = (polygon.middle(), 0.0);
         let seed = hash(polygon.facet);
         let mut alpha = [0.0f32; CELLS];
-        for (j, bits) in cells.iter_mut().enumerate().take(size[1]) {
+        for j in 0..size[1] {
             let y = lo[b] + (j as f64 + 0.5) * step[1];
             let alpha = &mut alpha[..size[0]];
             cut.row(origin + at(lo[a] + 0.5 * step[0], y), along, width, alpha);
@@ -150,7 +151,7 @@ impl CutOut {
                 // The plastic number's recurrence: an even dither for what is there in part.
                 let sum = seed + 0.754_877_666 * i as f64 + 0.569_840_291 * j as f64;
                 let threshold = sum - f64::from(sum as u32);
-                *bits |= u32::from(share > threshold) << i;
+                cells |= u64::from(share > threshold) << (j * CELLS + i);
                 if x >= from && x < to {
                     inside += 1;
                     there += share;
@@ -215,7 +216,8 @@ impl CutOut {
         // What is there and within the polygon, row by row.
         let mut inner = [0u32; CELLS];
         let mut count = 0;
-        for (j, (bits, inner)) in self.cells.iter().zip(&mut inner).enumerate().take(self.size[1]) {
+        for (j, inner) in inner.iter_mut().enumerate().take(self.size[1]) {
+            let bits = self.cells >> (j * CELLS);
             let (from, to) = span(corners, self.axes[0], self.axes[1], place(0, j)[1]);
             for i in (0..self.size[0]).filter(|i| bits >> i & 1 != 0) {
                 let x = place(i, j)[0];
@@ -254,19 +256,32 @@ impl CutOut {
         self.plane
     }
 
+    /// What a step by `p` is in cells, of both axes.
+    pub fn cells_along(&self, p: DVec3) -> [f64; 2] {
+        [0, 1].map(|i| p[self.axes[i]] * self.scale[i])
+    }
+
     /// Of the lines `from..to` of a row, those that meet what is there; `cell` and `step` are of the first line and from one
-    /// to the next, in 65536ths of a cell.
-    #[inline]
-    pub fn row(&self, from: u32, to: u32, mut cell: [i32; 2], step: [i32; 2]) -> u32 {
+    /// to the next, in 65536ths of a cell. What is said of lines beyond `to` means nothing.
+    #[inline(always)]
+    pub fn row(&self, from: u32, to: u32, cell: [i32; 2], step: [i32; 2]) -> u32 {
         let last = self.size.map(|s| s as i32 - 1);
-        let mut bits = 0;
-        for i in from..to {
-            let x = (cell[0] >> 16).clamp(0, last[0]);
-            let y = (cell[1] >> 16).clamp(0, last[1]);
-            bits |= (self.cells[y as usize & (CELLS - 1)] >> x & 1) << i;
-            cell = [cell[0].wrapping_add(step[0]), cell[1].wrapping_add(step[1])];
+        let (low, high) = (self.cells as u32, (self.cells >> 32) as u32);
+        let (mut bits, mut first) = (0, 0);
+        while first < to - from {
+            let mut lanes = [0; 8];
+            for n in 0..8u32 {
+                let along = |axis: usize| {
+                    let at = cell[axis].wrapping_add(((first + n) as i32).wrapping_mul(step[axis]));
+                    (at >> 16).clamp(0, last[axis]) as u32
+                };
+                let at = CELLS as u32 * along(1) + along(0);
+                lanes[n as usize] = (if at < 32 { low } else { high } >> (at & 31) & 1) << n;
+            }
+            bits |= lanes.iter().fold(0, |all, lane| all | lane) << first;
+            first += 8;
         }
-        bits
+        bits << from
     }
 }
 

@@ -4,7 +4,7 @@
 //! for Volumetric Textures*, GI 1995.
 
 use super::chord::Lanes;
-use crate::geom::AXES13;
+use crate::geom::{AXES13, larger};
 use crate::volume::Sggx;
 
 /// What the six numbers of S are multiplied with to give w^T S w, for each of the 13 directions w.
@@ -22,13 +22,52 @@ const fn features() -> [[f64; 6]; 13] {
     out
 }
 
+/// [`FEATURES`] by number, in lanes.
+const LANES: [Lanes; 6] = {
+    let mut out = [[0.0; 16]; 6];
+    let mut k = 0;
+    while k < 13 {
+        let mut i = 0;
+        while i < 6 {
+            out[i][k] = FEATURES[k][i] as f32;
+            i += 1;
+        }
+        k += 1;
+    }
+    out
+};
+
+/// The products of two features each, row by row of the upper half of their matrix.
+const PRODUCTS: [[f64; 24]; 13] = {
+    let mut out = [[0.0; 24]; 13];
+    let mut k = 0;
+    while k < 13 {
+        let (mut n, mut i) = (0, 0);
+        while i < 6 {
+            let mut j = i;
+            while j < 6 {
+                out[k][n] = FEATURES[k][i] * FEATURES[k][j];
+                (n, j) = (n + 1, j + 1);
+            }
+            i += 1;
+        }
+        k += 1;
+    }
+    out
+};
+
 /// Projected areas of `s` along the 13 axes.
+#[inline(always)]
 pub fn sigmas(s: &Sggx) -> Lanes {
     let values = [s.xx, s.yy, s.zz, s.xy, s.xz, s.yz];
     let mut out = [0.0; 16];
-    for (sigma, features) in out.iter_mut().zip(&FEATURES) {
-        let quad: f32 = (0..6).map(|i| features[i] as f32 * values[i]).sum();
-        *sigma = quad.max(0.0).sqrt();
+    for (features, value) in LANES.iter().zip(values) {
+        for k in 0..16 {
+            out[k] += features[k] * value;
+        }
+    }
+    for sigma in &mut out {
+        *sigma = larger(*sigma, 0.0).sqrt();
     }
     out
 }
@@ -39,22 +78,29 @@ pub fn fit_sggx(values: &[f64; 13]) -> Option<Sggx> {
 }
 
 /// [`fit_sggx`] with how much an error in each direction counts, in [0, 1].
+#[inline(always)]
 pub fn fit_weighted(values: &[f64; 13], weights: &[f64; 13]) -> Option<Sggx> {
     let mean = values.iter().sum::<f64>() / 13.0;
     if !mean.is_finite() || mean <= 1e-12 {
         return None;
     }
     // Normal equations of w^T S w = y^2, weighted by 1 / y^2 so that relative errors of y count.
-    let mut eq = [[0.0f64; 7]; 6];
-    for ((f, &value), &counts) in FEATURES.iter().zip(values).zip(weights) {
+    let (mut products, mut right) = ([0.0; 24], [0.0; 6]);
+    for (k, (&value, &counts)) in values.iter().zip(weights).enumerate() {
         let y2 = (value / mean) * (value / mean);
         let weight = counts / (y2 + 0.01);
-        for i in 0..6 {
-            for j in i..6 {
-                eq[i][j] += weight * f[i] * f[j];
-            }
-            eq[i][6] += weight * f[i] * y2;
+        for (sum, product) in products.iter_mut().zip(&PRODUCTS[k]) {
+            *sum += weight * product;
         }
+        for (sum, feature) in right.iter_mut().zip(&FEATURES[k]) {
+            *sum += weight * feature * y2;
+        }
+    }
+    let mut eq = [[0.0f64; 7]; 6];
+    let mut next = products.into_iter();
+    for (i, (row, right)) in eq.iter_mut().zip(right).enumerate() {
+        row[6] = right;
+        row[i..6].iter_mut().zip(&mut next).for_each(|(to, product)| *to = product);
     }
     let x = solve(eq);
     let [xx, yy, zz, xy, xz, yz] = positive(x).map(|v| (v * mean * mean) as f32);
@@ -62,26 +108,30 @@ pub fn fit_weighted(values: &[f64; 13], weights: &[f64; 13]) -> Option<Sggx> {
 }
 
 /// Solve the symmetric positive 6×6 system, given by its upper half and the right-hand side, by Gauss's elimination.
+#[inline(always)]
 fn solve(mut eq: [[f64; 7]; 6]) -> [f64; 6] {
     for i in 0..6 {
         eq[i][i] += 1e-9;
         for r in i + 1..6 {
-            let pivot = eq[i];
-            let f = pivot[r] / pivot[i];
-            for (x, p) in eq[r].iter_mut().zip(pivot).skip(r) {
-                *x -= f * p;
+            let f = eq[i][r] / eq[i][i];
+            for c in r..7 {
+                eq[r][c] -= f * eq[i][c];
             }
         }
     }
     let mut x = [0.0; 6];
     for i in (0..6).rev() {
-        let rest: f64 = (i + 1..6).map(|j| eq[i][j] * x[j]).sum();
+        let mut rest = 0.0;
+        for j in i + 1..6 {
+            rest += eq[i][j] * x[j];
+        }
         x[i] = (eq[i][6] - rest) / eq[i][i];
     }
     x
 }
 
 /// Whether all eigenvalues of the matrix are at least 1e-4 of their sum: by the minors of the rest.
+#[inline(always)]
 fn is_positive([xx, yy, zz, xy, xz, yz]: [f64; 6]) -> bool {
     let least = 1e-4 * (xx + yy + zz);
     let (x, y, z) = (xx - least, yy - least, zz - least);

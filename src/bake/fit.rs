@@ -4,12 +4,15 @@
 //! Transmittance Model for Volumetric Scene Representations*, SIGGRAPH 2021; G. Loubet, F. Neyret, *Hybrid Mesh-Volume
 //! LoDs for All-Scale Pre-Filtering*, EG 2017.
 
-use super::beams::{Beams, PROJECTIONS, axis_length};
-use super::chord::{Chords, Lanes, MAX_RATE, box_areas, depth_for, exp_neg, sum};
+use multiversion::multiversion;
+
+use super::beams::Beams;
+use super::chord::{Chords, LENGTHS, Lanes, MAX_RATE, box_areas, depth_for, exp_neg};
 use super::ellipsoid::{fit_weighted, sigmas};
+use super::march::{Lines, MARCH_LINES, MOST_LINES, covered};
 use super::measure::Measure;
 use super::refine::Passed;
-use crate::geom::{DVec3, Vec3};
+use crate::geom::{DVec3, Vec3, larger};
 use crate::volume::voxel::{RATE_MAX, encode_rate};
 use crate::volume::{Model, Sggx, Voxel};
 
@@ -22,8 +25,6 @@ const LEAST_SLOPE: f32 = 0.15;
 const ROUNDS: usize = 3;
 const FREE: f32 = 1.02;
 const LITTLE: f64 = 1e-4;
-/// Lines a voxel edge on which a block is marched.
-const MARCH_LINES: usize = 2;
 /// Correlations at which a block is marched; the law is smooth in between.
 const TRIALS: [f32; 3] = [0.0, 0.5, 1.0];
 
@@ -65,6 +66,7 @@ struct Seen {
 const THIN: f64 = 1.0 / 16.0;
 
 impl Seen {
+    #[inline(always)]
     fn new(cell: &Measure, voxel: &mut Voxel) -> Seen {
         voxel.set_support(cell.lo.to_array(), cell.hi.to_array());
         let (lo, hi) = voxel.support_box();
@@ -72,31 +74,34 @@ impl Seen {
         let oblique = box_areas(e);
         let tight = (cell.hi - cell.lo).max(DVec3::splat(THIN));
         let narrow = box_areas(tight);
+        let mut cover = [0.0; 16];
+        cover.iter_mut().zip(&cell.cover).for_each(|(to, &cover)| *to = cover as f32);
         let (mut blocked, mut area, mut inner) = ([0.0; 16], [0.0; 16], [0.0; 16]);
-        for k in 0..13 {
-            blocked[k] = (cell.cover[k] as f32 / oblique[k]).clamp(0.0, OPAQUE);
-            area[k] = oblique[k] / axis_length(k) as f32;
-            inner[k] = (cell.cover[k] as f32 / narrow[k]).clamp(0.0, OPAQUE);
+        for k in 0..16 {
+            blocked[k] = (cover[k] / oblique[k]).clamp(0.0, OPAQUE);
+            area[k] = oblique[k] / LENGTHS[k];
+            inner[k] = (cover[k] / narrow[k]).clamp(0.0, OPAQUE);
         }
         Seen { lo, hi, blocked, chords: Chords::new(e), area, tight: (inner, Chords::new(tight)) }
     }
 
     /// How much an error of a rate counts along each axis, by what it changes of the area that is blocked, from 1 where little
     /// is: rates at which a box is opaque may be larger, and a thin sheet seen edge-on has no area.
+    #[inline(always)]
     fn weights(&self, rates: &Lanes, slopes: &Lanes) -> [f64; 13] {
         let (blocked, chords) = &self.tight;
-        std::array::from_fn(|k| {
-            if rates[k] <= 0.0 {
-                return 1.0;
-            }
+        let mut weights = [1.0; 13];
+        for (k, weight) in weights.iter_mut().enumerate() {
             // Towards opaque nothing is gained, but a lower rate loses.
-            let slope = slopes[k].max(LEAST_SLOPE * blocked[k]);
+            let slope = larger(slopes[k], LEAST_SLOPE * blocked[k]);
             let change = f64::from(chords.inverse_mean[k] * slope / rates[k]);
-            (change * change).clamp(1e-4, 1.0)
-        })
+            *weight = if rates[k] > 0.0 { (change * change).clamp(1e-4, 1.0) } else { 1.0 };
+        }
+        weights
     }
 
     /// The ellipsoid of normals whose rates are nearest to `rates`. Where the box is opaque, they may be any larger.
+    #[inline(always)]
     fn normals(&self, rates: &Lanes, weights: [f64; 13]) -> Option<Sggx> {
         let values = std::array::from_fn(|k| f64::from(rates[k]));
         let mut s = fit_weighted(&values, &weights)?;
@@ -112,22 +117,28 @@ impl Seen {
     }
 }
 
+/// Steps in which errors are summed: far below what they are, and 2^40 errors fit.
+const UNIT: f32 = 16_777_216.0;
+
 /// How far fitted blocks are from what was measured: |share of a square one voxel wide that is covered, marched − measured|, of
 /// all squares in which there is anything, along 13 axes.
 #[derive(Debug, Clone, Default)]
 pub struct Certificate {
     count: u64,
-    sum: f64,
+    /// In parts of 1 / `UNIT`.
+    sum: u64,
     /// Squares by error, in steps of 1/256.
     histogram: Vec<u64>,
 }
 
 impl Certificate {
-    fn add(&mut self, error: f64) {
+    fn add(&mut self, error: f32) {
         self.count += 1;
         // Summed in fixed steps, so that the order in which regions are joined cannot show.
-        self.sum += (error * 65536.0).round();
-        self.histogram.resize(257, 0);
+        self.sum += (error * UNIT) as u64;
+        if self.histogram.is_empty() {
+            self.histogram.resize(257, 0);
+        }
         self.histogram[(error * 256.0).clamp(0.0, 256.0) as usize] += 1;
     }
 
@@ -142,7 +153,7 @@ impl Certificate {
 
     /// Mean and 95th percentile; 0 where there are no voxels.
     pub fn figures(&self) -> (f64, f64) {
-        let mean = self.sum / 65536.0 / self.count.max(1) as f64;
+        let mean = self.sum as f64 / f64::from(UNIT) / self.count.max(1) as f64;
         let mut left = self.count - self.count * 95 / 100;
         for (step, &n) in self.histogram.iter().enumerate().rev() {
             if n >= left {
@@ -155,6 +166,7 @@ impl Certificate {
 }
 
 /// Fit all cells of one block. Voxels come in the order of the cells. Gives what a ray finds of them, where `march` asks for it.
+#[multiversion(targets("x86_64+avx2+bmi1+bmi2+lzcnt+popcnt"))]
 pub fn fit_block(
     cells: &[Cell],
     of: &Block,
@@ -169,7 +181,7 @@ pub fn fit_block(
     for (voxel, cell) in fitted.iter_mut().zip(cells) {
         seen.push(Seen::new(cell.measure, voxel));
     }
-    let lines = Lines::new(cells, &seen, width);
+    let lines = Lines::new(cells.iter().zip(&seen).map(|(cell, seen)| (cell.at, seen.lo, seen.hi)), width);
     // Specks are independent by nature, and known exactly; which lines they meet is drawn by chance.
     let soft = block.is_soft();
     let code = if soft { 0 } else { correlation(cells, &seen, &lines, block, width) };
@@ -196,12 +208,13 @@ pub fn fit_block(
             voxel.ndf = s.encode();
             let sigma = sigmas(&Sggx::decode(voxel.ndf));
             levels[i] = level(&sigma, s.scale(), seen, c);
-            along[i] = sigma.map(|s| levels[i] * s);
+            for k in 0..16 {
+                along[i][k] = levels[i] * sigma[k];
+            }
         }
     }
-    let mut chords = Vec::new();
-    let mut through = Passed::of_block(MARCH_LINES * width, c, (cells.len(), of.closed), |k| {
-        lines.depths(k, |cell| along[cell][k], &mut chords)
+    let mut through = Passed::of_block(MARCH_LINES * width, c, (cells.len(), of.closed), |k, depths| {
+        lines.depths(k, |cell| along[cell][k], depths);
     });
     let mut log = 0.0;
     if cells.len() > 1 && !soft {
@@ -209,7 +222,7 @@ pub fn fit_block(
         through.change(log);
     }
     if model == Model::Coverage {
-        through.compare(of.beams, MARCH_LINES, &mut |error| certificate.add(error));
+        through.compare(of.beams, MARCH_LINES, |error| certificate.add(error));
     }
     for ((voxel, cell), &rate) in fitted.iter_mut().zip(cells).zip(&levels) {
         if rate > 0.0 {
@@ -226,14 +239,15 @@ pub fn fit_block(
 
 /// The rate, near `rate`, with which a voxel whose normals have the projected areas `sigma` covers the area that was measured,
 /// summed over the 13 axes.
+#[inline(always)]
 fn level(sigma: &Lanes, rate: f32, seen: &Seen, c: f32) -> f32 {
     // By area: a thin sheet seen edge-on has next to none.
-    let total = |shares: &Lanes| (0..13).map(|k| shares[k] * seen.area[k]).sum::<f32>();
-    let blocked = |rate: f32| total(&seen.chords.blocked(&sigma.map(|s| (rate * s).max(1e-12)), c));
-    let want = total(&seen.blocked);
+    let want = sum_areas(&seen.blocked, seen);
     let mut rate = rate;
     for _ in 0..2 {
-        let more = want / blocked(rate);
+        let mut rates = *sigma;
+        rates.iter_mut().for_each(|r| *r = larger(*r * rate, 1e-12));
+        let more = want / sum_areas(&seen.chords.blocked(&rates, c), seen);
         if (more - 1.0).abs() < 0.005 {
             break;
         }
@@ -241,6 +255,12 @@ fn level(sigma: &Lanes, rate: f32, seen: &Seen, c: f32) -> f32 {
         rate = (rate * more.clamp(0.5, 2.0)).min(MAX_RATE);
     }
     rate
+}
+
+/// What `shares` of a box cover, summed over the 13 axes.
+#[inline(always)]
+fn sum_areas(shares: &Lanes, seen: &Seen) -> f32 {
+    (0..13).map(|k| shares[k] * seen.area[k]).sum()
 }
 
 /// The paper's own model: one isotropic opacity, the mean of what is covered, as a rate that takes that much away over a
@@ -254,69 +274,8 @@ fn neyret(voxel: &mut Voxel, m: &Measure) {
     }
 }
 
-/// The lines of all axes through the support boxes of a block's cells: of each chord its cell, line and length.
-struct Lines {
-    cells: Vec<u8>,
-    lines: Vec<u8>,
-    chords: Vec<f32>,
-    /// Where each axis ends in these.
-    ends: [usize; 13],
-    /// Lines of each axis.
-    counts: [usize; 13],
-}
-
-impl Lines {
-    fn new(cells: &[Cell], seen: &[Seen], width: usize) -> Lines {
-        let room = 110 * cells.len();
-        let mut all = Lines {
-            cells: Vec::with_capacity(room),
-            lines: Vec::with_capacity(room),
-            chords: Vec::with_capacity(room),
-            ends: [0; 13],
-            counts: [0; 13],
-        };
-        for (k, p) in PROJECTIONS.iter().enumerate() {
-            let (wa, wb) = p.extent();
-            let na = wa * width * MARCH_LINES;
-            let length = axis_length(k) as f32;
-            for (i, (cell, s)) in cells.iter().zip(seen).enumerate() {
-                let (oa, ob) = p.place(cell.at, width);
-                // Where the lines of each column and row are in the box, by the dropped coordinate.
-                let [columns, rows] = p.slabs::<{ 2 * MARCH_LINES }>(s.lo, s.hi);
-                for (y, row) in rows.iter().enumerate().take(wb * MARCH_LINES) {
-                    for (x, column) in columns.iter().enumerate().take(wa * MARCH_LINES) {
-                        let chord = row.1.min(column.1) - row.0.max(column.0);
-                        if chord > 0.0 {
-                            // At most 16 lines each way: below 256.
-                            let line = (ob * MARCH_LINES + y) * na + oa * MARCH_LINES + x;
-                            all.cells.push(i as u8);
-                            all.lines.push(line as u8);
-                            all.chords.push(chord * length);
-                        }
-                    }
-                }
-            }
-            all.ends[k] = all.chords.len();
-            all.counts[k] = na * wb * width * MARCH_LINES;
-        }
-        all
-    }
-
-    /// Optical depths along axis `k`: of each chord into `alone`, with what the cells have as `rate`, and of each line.
-    fn depths(&self, k: usize, rate: impl Fn(usize) -> f32, alone: &mut Vec<f32>) -> [f32; 256] {
-        let range = if k == 0 { 0 } else { self.ends[k - 1] }..self.ends[k];
-        let mut depths = [0.0; 256];
-        alone.clear();
-        let chords = self.chords[range.clone()].iter().zip(&self.cells[range.clone()]);
-        alone.extend(chords.map(|(chord, &cell)| rate(usize::from(cell)) * chord));
-        for (&tau, &line) in alone.iter().zip(&self.lines[range]) {
-            depths[usize::from(line)] += tau;
-        }
-        depths
-    }
-}
-
 /// Share of the cells' coverage along axis `k` that hides behind other cells of the block, as measured; and the coverage.
+#[inline(always)]
 fn hidden(k: usize, cells: &[Cell], block: &Measure, width: usize) -> (f32, f32) {
     let parts: f64 = cells.iter().map(|c| c.measure.cover[k]).sum();
     let share = if parts > 0.0 { 1.0 - (width * width) as f64 * block.cover[k] / parts } else { 0.0 };
@@ -324,57 +283,45 @@ fn hidden(k: usize, cells: &[Cell], block: &Measure, width: usize) -> (f32, f32)
 }
 
 /// The code of the c with which the marched block best covers what was measured, in 13 directions.
+#[inline(always)]
 fn correlation(cells: &[Cell], seen: &[Seen], lines: &Lines, block: &Measure, width: usize) -> u8 {
     if cells.len() < 2 {
         return 15;
     }
-    let mut overlap = [[0.0f32; 3]; 13];
-    let mut wanted = [0.0f32; 13];
-    let mut weight = [0.0f32; 13];
     // By the mean chord: what hides behind what hardly depends on it.
-    let rate = |s: &Seen, c: f32| -> Lanes {
-        let mut rates = s.chords.inverse_mean;
-        for (rate, &blocked) in rates.iter_mut().zip(&s.blocked) {
-            *rate *= depth_for(blocked, c);
+    let mut rates = vec![[[0.0f32; 16]; TRIALS.len()]; cells.len()];
+    for (rates, s) in rates.iter_mut().zip(seen) {
+        for (rates, c) in rates.iter_mut().zip(TRIALS) {
+            for k in 0..16 {
+                rates[k] = s.chords.inverse_mean[k] * depth_for(s.blocked[k], c);
+            }
         }
-        rates
-    };
-    let rates = TRIALS.map(|c| seen.iter().map(|s| rate(s, c)).collect::<Vec<_>>());
-    let mut alone = Vec::new();
+    }
+    let (mut overlap, mut wanted, mut weight) = ([[0.0f32; 16]; TRIALS.len()], [0.0f32; 16], [0.0f32; 16]);
+    let mut depths = [0.0; MOST_LINES];
     for k in 0..13 {
         let parts;
         (wanted[k], parts) = hidden(k, cells, block, width);
         if parts <= 0.0 {
             continue;
         }
-        weight[k] = parts / axis_length(k) as f32;
-        for ((overlap, rates), c) in overlap[k].iter_mut().zip(&rates).zip(TRIALS) {
-            let depths = lines.depths(k, |cell| rates[cell][k], &mut alone);
-            let (union, alone) = (covered(&depths[..lines.counts[k]], c), covered(&alone, c));
-            *overlap = if alone > 0.0 { 1.0 - union / alone } else { wanted[k] };
+        weight[k] = parts / LENGTHS[k];
+        for (trial, c) in TRIALS.into_iter().enumerate() {
+            lines.depths(k, |cell| rates[cell][trial][k], &mut depths);
+            let union = covered(&depths[..lines.count(k)], c);
+            let alone = lines.alone(k, |cell| rates[cell][trial][k], c);
+            overlap[trial][k] = if alone > 0.0 { 1.0 - union / alone } else { wanted[k] };
         }
     }
-    let error = |code: u8| -> f32 {
-        let c = f32::from(code) / 15.0;
+    let mut errors = [0.0f32; 16];
+    for (code, error) in errors.iter_mut().enumerate() {
+        let c = code as f32 / 15.0;
         // Through the three trials: Lagrange's parabola at 0, 1/2, 1.
         let (a, b, d) = ((1.0 - c) * (1.0 - 2.0 * c), 4.0 * c * (1.0 - c), c * (2.0 * c - 1.0));
-        (0..13)
-            .map(|k| {
-                let o = overlap[k];
-                let miss = weight[k] * (a * o[0] + b * o[1] + d * o[2] - wanted[k]);
-                miss * miss
-            })
-            .sum()
-    };
-    (0..16u8).min_by(|&a, &b| error(a).total_cmp(&error(b))).unwrap_or(0)
-}
-
-/// The sum of what optical depths block at correlation `c`.
-fn covered(depths: &[f32], c: f32) -> f32 {
-    let d = 1.0 - c;
-    if d < 1e-3 {
-        return sum(depths, |tau| tau.min(1.0));
+        for k in 0..13 {
+            let miss = weight[k] * (a * overlap[0][k] + b * overlap[1][k] + d * overlap[2][k] - wanted[k]);
+            *error += miss * miss;
+        }
     }
-    // T = (E − c) / (1 − c), E = e^−(1−c)τ.
-    sum(depths, |tau| ((1.0 - exp_neg(d * tau)) / d).min(1.0))
+    (0..16u8).min_by(|&a, &b| errors[usize::from(a)].total_cmp(&errors[usize::from(b)])).unwrap_or(0)
 }

@@ -22,6 +22,7 @@ mod kept;
 pub mod layers;
 mod lines;
 pub mod lsystem;
+mod march;
 pub mod materials;
 mod measure;
 mod medium;

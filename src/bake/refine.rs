@@ -7,9 +7,12 @@
 
 use std::sync::OnceLock;
 
+use multiversion::multiversion;
+
 use super::beams::{Beams, LINES, PROJECTIONS, axis_length, box_area, crossing};
-use super::chord::{exp_neg, ln, sum};
-use crate::geom::DVec3;
+use super::chord::{LENGTHS, exp_neg, ln, sum};
+use super::march;
+use crate::geom::{DVec3, larger, smaller};
 use crate::volume::Voxel;
 use crate::volume::voxel::RATE_MAX;
 
@@ -46,8 +49,17 @@ pub struct Passed {
 }
 
 /// How many times the square of `Passed::lines` come before axis `k`.
-fn start(k: usize) -> usize {
-    PROJECTIONS[..k].iter().map(|p| p.extent().0 * p.extent().1).sum()
+const fn start(k: usize) -> usize {
+    const STARTS: [usize; 14] = {
+        let (mut out, mut k) = ([0; 14], 0);
+        while k < 13 {
+            let (wa, wb) = PROJECTIONS[k].extent();
+            out[k + 1] = out[k] + wa * wb;
+            k += 1;
+        }
+        out
+    };
+    STARTS[k]
 }
 
 /// For each of the lines of a cube with `lines` an edge, whether it meets the cube: 0, or misses it: 1.
@@ -68,39 +80,47 @@ fn misses(lines: usize) -> &'static [f32] {
 }
 
 impl Passed {
-    /// Of a block with `lines` an edge and the correlation `c`; `depths(k)` are the optical depths of axis `k`. Nothing comes
+    /// Of a block with `lines` an edge and the correlation `c`; `depths(k, …)` gives the optical depths of axis `k`. Nothing comes
     /// through its octants that are `closed`.
+    #[inline(always)]
     pub fn of_block(
         lines: usize,
         c: f32,
         (voxels, closed): (usize, [bool; 8]),
-        mut depths: impl FnMut(usize) -> [f32; 256],
+        depths: impl Fn(usize, &mut [f32; march::MOST_LINES]),
     ) -> Passed {
-        let room = start(13) * lines * lines;
-        let mut at = GAINS.map(|_| Vec::with_capacity(room));
+        let square = lines * lines;
+        let mut at: [Vec<f32>; GAINS.len()] = Default::default();
+        for at in &mut at {
+            *at = vec![0.0; start(13) * square];
+        }
         let d = 1.0 - c;
-        for (k, p) in PROJECTIONS.iter().enumerate() {
-            let all = depths(k);
-            let all = &all[..p.extent().0 * p.extent().1 * lines * lines];
+        let mut all = [0.0; march::MOST_LINES];
+        for k in 0..13 {
+            depths(k, &mut all);
+            let range = start(k) * square..start(k + 1) * square;
             for (at, gain) in at.iter_mut().zip(GAINS) {
+                let passes = at[range.clone()].iter_mut().zip(&all);
                 if d < 1e-3 {
-                    at.extend(all.iter().map(|tau| (1.0 - gain * tau).max(0.0)));
+                    passes.for_each(|(passes, tau)| *passes = larger(1.0 - gain * tau, 0.0));
                 } else {
                     // T = (E − c) / (1 − c), E = e^−(1−c)τ.
-                    at.extend(all.iter().map(|tau| ((exp_neg(d * gain * tau) - c) / d).max(0.0)));
+                    passes.for_each(|(passes, tau)| *passes = larger((exp_neg(d * gain * tau) - c) / d, 0.0));
                 }
             }
         }
         let mut passed = Passed { lines, at, areas: Default::default(), voxels };
         (0..8).filter(|&j| closed[j]).for_each(|j| passed.close(j));
         for g in 0..GAINS.len() {
-            passed.areas[g] =
-                std::array::from_fn(|k| passed.blocked(k, g) / ((lines * lines) as f32 * axis_length(k) as f32));
+            for k in 0..13 {
+                passed.areas[g][k] = passed.blocked(k, g) / (square as f32 * LENGTHS[k]);
+            }
         }
         passed
     }
 
     /// Multiply what comes through by that of the child `j`, which has half the lines: at the gain `g`, `of(g)`.
+    #[inline(always)]
     fn cover<'a>(&mut self, j: usize, of: impl Fn(usize) -> &'a [f32]) {
         let (lines, small) = (self.lines, self.lines / 2);
         for (k, p) in PROJECTIONS.iter().enumerate() {
@@ -125,6 +145,7 @@ impl Passed {
     }
 
     /// What an axis blocks, in lines.
+    #[inline(always)]
     fn blocked(&self, k: usize, gain: usize) -> f32 {
         let (wa, wb) = PROJECTIONS[k].extent();
         let square = self.lines * self.lines;
@@ -132,6 +153,7 @@ impl Passed {
     }
 
     /// As a larger cube takes it in: with half of the lines each way, the rows by turns, where there would be too many.
+    #[inline(always)]
     pub fn thinned(self) -> Passed {
         if self.lines <= MOST_LINES / 2 {
             return self;
@@ -152,6 +174,7 @@ impl Passed {
     }
 
     /// Of the cube of up to eight that are [`thinned`](Passed::thinned), in child order; of those that are `solid`, nothing comes through. `None` if none is known.
+    #[inline(always)]
     pub fn unite(children: &[Option<&Passed>; 8], solid: [bool; 8]) -> Option<Passed> {
         let small = children.iter().flatten().next()?.lines;
         let lines = 2 * small;
@@ -195,7 +218,8 @@ impl Passed {
 
     /// Compare with the lines that are met in `beams`: calls `each` with the difference of what is covered of every square one
     /// voxel wide that either finds something in; a voxel is `per_voxel` of the cube's lines wide.
-    pub fn compare(&self, beams: &Beams, per_voxel: usize, each: &mut dyn FnMut(f64)) {
+    #[inline(always)]
+    pub fn compare(&self, beams: &Beams, per_voxel: usize, mut each: impl FnMut(f32)) {
         let step = LINES * per_voxel / self.lines;
         let all = (step * step) as f32;
         for (k, p) in PROJECTIONS.iter().enumerate() {
@@ -204,11 +228,14 @@ impl Passed {
             let at = &self.at[0][start(k) * self.lines * self.lines..][..wide * wb * self.lines];
             for (j, rows) in at.chunks_exact(per_voxel * wide).enumerate() {
                 for i in 0..wide / per_voxel {
-                    let squares = rows.chunks_exact(wide).map(|row| &row[i * per_voxel..][..per_voxel]);
-                    let passes = squares.flatten().sum::<f32>() / (per_voxel * per_voxel) as f32;
+                    let mut passes = 0.0;
+                    for row in rows.chunks_exact(wide) {
+                        row[i * per_voxel..][..per_voxel].iter().for_each(|p| passes += p);
+                    }
+                    passes /= (per_voxel * per_voxel) as f32;
                     let met = beams.met(k, j * step, i * step, step);
                     if met > 0 || passes < CLEAR {
-                        each(f64::from((1.0 - passes - met as f32 / all).abs()));
+                        each((1.0 - passes - met as f32 / all).abs());
                     }
                 }
             }
@@ -217,6 +244,7 @@ impl Passed {
 
     /// Correct the rates of blocks side by side, which were measured to cover `cover` (oblique areas in squares of the cube's
     /// edge): gives steps of the rates' codes.
+    #[inline(always)]
     pub fn correct(&mut self, cover: &[f64; 13]) -> i32 {
         let steps = (self.wish(cover) / STEP).round();
         self.change(steps * STEP);
@@ -228,6 +256,7 @@ impl Passed {
     /// hide one another along some axes only. So what all axes ask for together is not followed farther than `APART` from their
     /// median, and no farther than it is sure: less by the share that the mean's own variance, by the axes' spread, has of its
     /// square. That also keeps what chance has put into a measure of soft matter from being followed.
+    #[inline(always)]
     pub fn wish(&self, cover: &[f64; 13]) -> f32 {
         let want: [f32; 13] = std::array::from_fn(|k| (cover[k] / axis_length(k)) as f32);
         let mut each = Vec::with_capacity(13); // (logarithm, weight)
@@ -250,23 +279,33 @@ impl Passed {
     }
 
     /// Change what comes through as rates that are e^`log` times as large do.
+    #[inline(always)]
     pub fn change(&mut self, log: f32) {
         if log == 0.0 {
             return;
         }
-        let moved = |at: [f32; 3]| {
-            let curve = Curve::new(at);
-            GAINS_AT.map(|gain| curve.at(log / ln(TRIAL) + gain))
-        };
+        let steps = GAINS_AT.map(|gain| Step::new(log / ln(TRIAL) + gain));
         let [as_is, up, down] = &mut self.at;
         for ((as_is, up), down) in as_is.iter_mut().zip(up).zip(down) {
-            [*as_is, *up, *down] = moved([*as_is, *up, *down]).map(|t| t.clamp(0.0, 1.0));
+            let curve = Curve::new([*as_is, *up, *down]);
+            *as_is = curve.at(&steps[0]).clamp(0.0, 1.0);
+            *up = curve.at(&steps[1]).clamp(0.0, 1.0);
+            *down = curve.at(&steps[2]).clamp(0.0, 1.0);
         }
         for k in 0..13 {
-            let areas = moved(self.areas.map(|a| a[k]));
-            (0..GAINS.len()).for_each(|g| self.areas[g][k] = areas[g].max(0.0));
+            let curve = Curve::new(self.areas.map(|a| a[k]));
+            (0..GAINS.len()).for_each(|g| self.areas[g][k] = curve.at(&steps[g]).max(0.0));
         }
     }
+}
+
+/// The group of `children` (see [`Passed::unite`]), which was measured to cover `cover`, corrected; and by how many steps of the
+/// rates' codes.
+#[multiversion(targets("x86_64+avx2+bmi1+bmi2+lzcnt+popcnt"))]
+pub fn group(children: &[Option<&Passed>; 8], solid: [bool; 8], cover: &[f64; 13]) -> Option<(Passed, i32)> {
+    let mut group = Passed::unite(children, solid)?;
+    let steps = group.correct(cover);
+    Some((group, steps))
 }
 
 /// A quantity over the logarithm of the gain, in steps of ln `TRIAL`, between and beyond those tried: parabolas that meet with
@@ -279,9 +318,29 @@ struct Curve {
     ends: [f32; 2],
 }
 
+/// A place on curves, as what it counts of each of their parts.
+struct Step {
+    /// Within −1 to 1; its square, below 0 and above; and how far it lies beyond −1 and 1.
+    inner: f32,
+    below: f32,
+    above: f32,
+    lower: f32,
+    higher: f32,
+}
+
+impl Step {
+    #[inline(always)]
+    fn new(x: f32) -> Step {
+        let inner = x.clamp(-1.0, 1.0);
+        let (below, above) = (smaller(inner, 0.0), larger(inner, 0.0));
+        let (lower, higher) = (smaller(x + 1.0, 0.0), larger(x - 1.0, 0.0));
+        Step { inner, below: below * below, above: above * above, lower, higher }
+    }
+}
+
 impl Curve {
     /// Through the values at `GAINS`.
-    #[inline]
+    #[inline(always)]
     fn new([as_is, up, down]: [f32; 3]) -> Curve {
         let (below, above) = (as_is - down, up - as_is);
         // The harmonic mean.
@@ -290,19 +349,20 @@ impl Curve {
         Curve { middle: as_is, slope, bend, ends: [2.0 * below - slope, 2.0 * above - slope] }
     }
 
-    #[inline]
-    fn at(&self, x: f32) -> f32 {
-        let i = usize::from(x > 0.0);
-        let inner = x.clamp(-1.0, 1.0);
-        self.middle + inner * (self.slope + inner * self.bend[i]) + (x - inner) * self.ends[i]
+    #[inline(always)]
+    fn at(&self, step: &Step) -> f32 {
+        let bend = step.below * self.bend[0] + step.above * self.bend[1];
+        let end = step.lower * self.ends[0] + step.higher * self.ends[1];
+        self.middle + step.inner * self.slope + bend + end
     }
 
     /// The logarithm of the gain at which a quantity that rises is `want`, within `LEAST` to `MOST`.
+    #[inline(always)]
     fn find(&self, want: f32) -> f32 {
         let (mut low, mut high) = (LEAST, MOST);
         for _ in 0..16 {
             let middle = 0.5 * (low + high);
-            *(if self.at(middle / ln(TRIAL)) < want { &mut low } else { &mut high }) = middle;
+            *(if self.at(&Step::new(middle / ln(TRIAL))) < want { &mut low } else { &mut high }) = middle;
         }
         0.5 * (low + high)
     }
@@ -332,7 +392,9 @@ mod tests {
 
     /// What comes through a wall in the plane x = 0 of share `p` in each line along x, and of nothing along others.
     fn wall(p: f32) -> Passed {
-        Passed::of_block(8, 1.0, (3, [false; 8]), |k| if k == 0 { [p; 256] } else { [0.0; 256] })
+        Passed::of_block(8, 1.0, (3, [false; 8]), |k, depths| {
+            depths.fill(if k == 0 { p } else { 0.0 });
+        })
     }
 
     #[test]
@@ -359,7 +421,11 @@ mod tests {
     #[test]
     fn axes_that_disagree_are_not_followed() {
         // Walls along two axes, of which one should be closed and the other opened.
-        let walls = || Passed::of_block(8, 1.0, (6, [false; 8]), |k| [if k < 2 { 0.5 } else { 0.0 }; 256]);
+        let walls = || {
+            Passed::of_block(8, 1.0, (6, [false; 8]), |k, depths| {
+                depths.fill(if k < 2 { 0.5 } else { 0.0 });
+            })
+        };
         let mut cover = [0.0; 13];
         (cover[0], cover[1]) = (0.7, 0.32);
         assert_eq!(walls().correct(&cover), 0);

@@ -90,8 +90,7 @@ impl Output {
         solid: [bool; 8],
         cover: &[f64; 13],
     ) -> Option<Passed> {
-        let mut group = Passed::unite(children, solid)?;
-        let steps = group.correct(cover);
+        let (group, steps) = refine::group(children, solid, cover)?;
         let voxels = &mut self.depths[depth].voxels;
         let first = voxels.len().saturating_sub(group.voxels);
         refine::scale(&mut voxels[first..], steps);

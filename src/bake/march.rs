@@ -1,0 +1,172 @@
+//! The lines, along all axes, on which a block is marched while it is fitted, and what its voxels' boxes put in their way.
+//!
+//! A voxel's own lines are so few that all of them are kept, also those that miss its box: their numbers are fixed, and many are
+//! handled at once.
+
+use super::beams::{PROJECTIONS, Projection, Slabs, axis_length};
+use super::chord::{exp_neg, sum};
+use crate::geom::{Vec3, larger, smaller};
+
+/// Lines a voxel edge.
+pub const MARCH_LINES: usize = 2;
+/// Lines along an edge of the widest plane that a voxel has.
+const WIDE: usize = 2 * MARCH_LINES;
+/// Lines along all axes that a voxel's planes have.
+const LINES_OF_VOXEL: usize = STARTS[13];
+/// Where the lines of each axis begin.
+const STARTS: [usize; 14] = starts();
+/// Most lines of one axis that a block has, which is four voxels wide.
+pub const MOST_LINES: usize = WIDE * WIDE * 16;
+
+const fn starts() -> [usize; 14] {
+    let mut out = [0; 14];
+    let mut k = 0;
+    while k < 13 {
+        let (wa, wb) = PROJECTIONS[k].extent();
+        out[k + 1] = out[k] + wa * wb * MARCH_LINES * MARCH_LINES;
+        k += 1;
+    }
+    out
+}
+
+/// Of each voxel of a block the chords, in its support box, of its lines, axis by axis and row by row; 0 of those that miss it.
+pub struct Lines {
+    chords: Vec<[f32; LINES_OF_VOXEL]>,
+    /// Where each voxel's lines begin in the block's plane.
+    firsts: Vec<[u8; 13]>,
+    /// Voxels along the block's edge, at most 4.
+    width: usize,
+}
+
+impl Lines {
+    /// Of voxels with these places in the block and support boxes.
+    #[inline(always)]
+    pub fn new(boxes: impl ExactSizeIterator<Item = ([u8; 3], Vec3, Vec3)>, width: usize) -> Lines {
+        let mut all = Lines { chords: Vec::with_capacity(boxes.len()), firsts: Vec::with_capacity(boxes.len()), width };
+        for (at, lo, hi) in boxes {
+            let mut chords = [0.0; LINES_OF_VOXEL];
+            let mut firsts = [0; 13];
+            let slabs = Slabs::<WIDE>::new(lo, hi);
+            for (k, p) in PROJECTIONS.iter().enumerate() {
+                let (oa, ob) = p.place(at, width);
+                // At most 16 lines each way: below 256.
+                firsts[k] = (MARCH_LINES * (ob * MARCH_LINES * p.extent().0 * width + oa)) as u8;
+                let chords = &mut chords[STARTS[k]..STARTS[k + 1]];
+                match p.extent() {
+                    (1, _) => crossings::<{ WIDE / 2 }>(chords, &slabs, p, axis_length(k) as f32),
+                    _ => crossings::<WIDE>(chords, &slabs, p, axis_length(k) as f32),
+                }
+            }
+            all.chords.push(chords);
+            all.firsts.push(firsts);
+        }
+        all
+    }
+
+    /// Lines of the axis `k`.
+    #[inline(always)]
+    pub fn count(&self, k: usize) -> usize {
+        (STARTS[k + 1] - STARTS[k]) * self.width * self.width
+    }
+
+    /// Optical depths of the lines of the axis `k`, row by row, where the voxels have the rates `rate` that way; into `depths`,
+    /// of which those beyond the axis' lines are 0.
+    #[inline(always)]
+    pub fn depths(&self, k: usize, rate: impl Fn(usize) -> f32, depths: &mut [f32; MOST_LINES]) {
+        *depths = [0.0; MOST_LINES];
+        match (PROJECTIONS[k].extent(), self.width) {
+            ((1, _), 4) => self.add::<{ WIDE / 2 }, 4, 4>(k, rate, depths),
+            ((1, _), 2) => self.add::<{ WIDE / 2 }, 4, 2>(k, rate, depths),
+            ((1, _), _) => self.add::<{ WIDE / 2 }, 4, 1>(k, rate, depths),
+            ((_, 1), 4) => self.add::<WIDE, 8, 4>(k, rate, depths),
+            ((_, 1), 2) => self.add::<WIDE, 8, 2>(k, rate, depths),
+            ((_, 1), _) => self.add::<WIDE, 8, 1>(k, rate, depths),
+            (_, 4) => self.add::<WIDE, 16, 4>(k, rate, depths),
+            (_, 2) => self.add::<WIDE, 16, 2>(k, rate, depths),
+            _ => self.add::<WIDE, 16, 1>(k, rate, depths),
+        }
+    }
+
+    /// [`Lines::depths`] of an axis of which a voxel has `ALL` lines, `N` a row, in a block `WIDTH` wide.
+    #[inline(always)]
+    fn add<const N: usize, const ALL: usize, const WIDTH: usize>(
+        &self,
+        k: usize,
+        rate: impl Fn(usize) -> f32,
+        depths: &mut [f32; MOST_LINES],
+    ) {
+        for (cell, (chords, firsts)) in self.chords.iter().zip(&self.firsts).enumerate() {
+            let rate = rate(cell);
+            let first = usize::from(firsts[k]);
+            let Some(chords) = chords[STARTS[k]..].first_chunk::<ALL>() else { continue };
+            let Some(depths) = depths.get_mut(first..first + (ALL / N - 1) * N * WIDTH + N) else { continue };
+            for row in 0..ALL / N {
+                let at = row * N * WIDTH;
+                let mut more = [0.0; N];
+                for n in 0..N {
+                    more[n] = depths[at + n] + rate * chords[row * N + n];
+                }
+                depths[at..at + N].copy_from_slice(&more);
+            }
+        }
+    }
+
+    /// What the voxels block of the lines of the axis `k`, each for itself, at the correlation `c`.
+    #[inline(always)]
+    pub fn alone(&self, k: usize, rate: impl Fn(usize) -> f32, c: f32) -> f32 {
+        match STARTS[k + 1] - STARTS[k] {
+            4 => self.sum_alone::<4>(k, rate, c),
+            8 => self.sum_alone::<8>(k, rate, c),
+            _ => self.sum_alone::<16>(k, rate, c),
+        }
+    }
+
+    /// [`Lines::alone`] of an axis of which a voxel has `ALL` lines.
+    #[inline(always)]
+    fn sum_alone<const ALL: usize>(&self, k: usize, rate: impl Fn(usize) -> f32, c: f32) -> f32 {
+        let d = 1.0 - c;
+        let mut sums = [0.0; ALL];
+        for (cell, chords) in self.chords.iter().enumerate() {
+            let rate = rate(cell);
+            let Some(chords) = chords[STARTS[k]..].first_chunk::<ALL>() else { continue };
+            let mut shares = [0.0; ALL];
+            if d < 1e-3 {
+                for n in 0..ALL {
+                    shares[n] = smaller(rate * chords[n], 1.0);
+                }
+            } else {
+                for n in 0..ALL {
+                    shares[n] = blocked(rate * chords[n], d);
+                }
+            }
+            for n in 0..ALL {
+                sums[n] += shares[n];
+            }
+        }
+        sums.iter().sum()
+    }
+}
+
+/// The chords of lines in `N` columns, row by row.
+#[inline(always)]
+fn crossings<const N: usize>(chords: &mut [f32], slabs: &Slabs<WIDE>, p: &Projection, length: f32) {
+    for (y, chords) in chords.as_chunks_mut::<N>().0.iter_mut().enumerate() {
+        for (x, chord) in chords.iter_mut().enumerate() {
+            *chord = larger(slabs.stretch(p, x, y), 0.0) * length;
+        }
+    }
+}
+
+/// What the optical depth `tau` blocks where 1 − c is `d`, of at least 1e-3.
+#[inline(always)]
+fn blocked(tau: f32, d: f32) -> f32 {
+    // T = (E − c) / (1 − c), E = e^−(1−c)τ.
+    smaller((1.0 - exp_neg(d * tau)) / d, 1.0)
+}
+
+/// The sum of what optical depths block at correlation `c`.
+#[inline(always)]
+pub fn covered(depths: &[f32], c: f32) -> f32 {
+    let d = 1.0 - c;
+    if d < 1e-3 { sum(depths, |tau| smaller(tau, 1.0)) } else { sum(depths, |tau| blocked(tau, d)) }
+}
