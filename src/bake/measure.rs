@@ -107,7 +107,7 @@ impl Measure {
 /// A finest voxel while its facets come in, one by one; nothing is kept of them but sums.
 pub struct Gather {
     measure: Measure,
-    beams: Beams,
+    beams: Box<Beams>,
     /// Lines of each facet, before they are united; and oblique areas, an axis.
     parts: [u32; 13],
     areas: [f64; 13],
@@ -123,7 +123,7 @@ impl Gather {
         Gather {
             materials,
             measure: Measure::empty(),
-            beams: Beams::default(),
+            beams: Box::default(),
             parts: [0; 13],
             areas: [0.0; 13],
             closed: [0.0; 13],
@@ -197,7 +197,7 @@ impl Gather {
     }
 
     /// The voxel's measure and lines; `None` where its facets have no area.
-    pub fn finish(self) -> Option<(Measure, Beams)> {
+    pub fn finish(self) -> Option<(Measure, Box<Beams>)> {
         let Gather { measure: mut m, beams, parts, areas, closed, facing, .. } = self;
         if m.total <= 0.0 {
             return None;

@@ -19,7 +19,7 @@ use crate::volume::{Depth, Model};
 /// A node whose voxel is not fitted yet, with its children, whose voxels are not either.
 pub struct Node {
     measure: Measure,
-    beams: Beams,
+    beams: Box<Beams>,
     /// Children that there are; 0 on the finest depth and for a terminal node.
     mask: u8,
     /// In child order.
@@ -161,8 +161,21 @@ impl Region<'_> {
         let faces = matter.voxels.peek().is_some_and(|v| v.0 < end);
         if levels > 0 && (faces || matter.media.peek().is_some_and(|m| m.0 < end)) {
             let step = 1 << (3 * (levels - 1));
-            let children =
-                std::array::from_fn(|j| self.cube(depth + 1, levels - 1, code + step * j as u32, within, matter));
+            let mut children: [Option<Box<Node>>; 8] = Default::default();
+            // Of children without matter, whether they are inside.
+            let mut bare: [Option<bool>; 8] = [None; 8];
+            for j in 0..8 {
+                let from = code + step * j as u32;
+                if within.is_some() || matter.comes_before(from + step) {
+                    children[j] = self.cube(depth + 1, levels - 1, from, within, matter);
+                    continue;
+                }
+                // No facet is between two neighbours that have none.
+                let known = [1, 2, 4].into_iter().filter(|side| j & side != 0).find_map(|side| bare[j ^ side]);
+                let inside = known.unwrap_or_else(|| self.is_inside(levels - 1, from));
+                bare[j] = Some(inside);
+                children[j] = inside.then(|| Box::new(Node::solid()));
+            }
             return join(depth, children, &mut self.output);
         }
         let mut gather = if faces { matter.voxels.next().map(|v| v.1) } else { None };
@@ -177,7 +190,7 @@ impl Region<'_> {
                 Some(Box::new(Node { measure, beams, mask: 0, children: Vec::new(), inside: None, passed: Vec::new() }))
             }
             // Facets of no area: as if there were none.
-            None => self.inner(levels, code),
+            None => self.is_inside(levels, code).then(|| Box::new(Node::solid())),
         }
     }
 
@@ -187,10 +200,10 @@ impl Region<'_> {
         std::array::from_fn(|axis| self.origin[axis] + low[axis])
     }
 
-    /// A cube without facets: opaque or nothing.
-    fn inner(&self, levels: usize, code: u32) -> Option<Box<Node>> {
+    /// Whether a cube without facets is opaque.
+    fn is_inside(&self, levels: usize, code: u32) -> bool {
         let centre = DVec3::from(self.lowest(code).map(f64::from)) + 0.5 * f64::from(1u32 << levels);
-        self.staged.inside(centre).then(|| Box::new(Node::solid()))
+        self.staged.inside(centre)
     }
 }
 
@@ -200,9 +213,16 @@ struct Matter {
     media: std::iter::Peekable<std::vec::IntoIter<(u32, Medium)>>,
 }
 
+impl Matter {
+    /// Whether there is any before the code `end`.
+    fn comes_before(&mut self, end: u32) -> bool {
+        self.voxels.peek().is_some_and(|v| v.0 < end) || self.media.peek().is_some_and(|m| m.0 < end)
+    }
+}
+
 impl Node {
     fn solid() -> Node {
-        let (measure, beams) = (Measure::full(), Beams::full().clone());
+        let (measure, beams) = (Measure::full(), Box::new(Beams::full().clone()));
         Node { measure, beams, mask: 0, children: Vec::new(), inside: None, passed: Vec::new() }
     }
 
@@ -241,12 +261,12 @@ pub fn join(depth: usize, children: [Option<Box<Node>>; 8], output: &mut Output)
     }
     let counts: [bool; 8] = std::array::from_fn(|j| counts(&children, j));
     let counted = |j: usize| children[j].as_ref().filter(|_| counts[j]);
-    let union = Beams::unite(&std::array::from_fn(|j| counted(j).map(|c| &c.beams)), depth);
+    let union = Beams::unite(&std::array::from_fn(|j| counted(j).map(|c| &*c.beams)), depth);
     let mut measure = Measure::of_children(&std::array::from_fn(|j| counted(j).map(|c| &c.measure)), &union);
     measure.averaged += (0..8).filter(|&j| children[j].is_some() && !counts[j]).count() as f64 / 8.0;
     let inside: [Option<&Beams>; 8] = std::array::from_fn(|j| match &children[j] {
         Some(child) if counts[j] => child.inside.as_deref(),
-        child => child.as_ref().map(|c| &c.beams),
+        child => child.as_ref().map(|c| &*c.beams),
     });
     let inside = inside.iter().any(Option::is_some).then(|| Box::new(Beams::unite(&inside, depth).beams));
     let (cover, all) = with_inside(&measure, &union.beams, inside.as_deref());
@@ -287,7 +307,7 @@ pub fn join(depth: usize, children: [Option<Box<Node>>; 8], output: &mut Output)
         Some((child.measure, child.mask))
     };
     let children = children.into_iter().enumerate().filter_map(own).collect();
-    Some(Box::new(Node { measure, beams: union.beams, mask, children, inside, passed }))
+    Some(Box::new(Node { measure, beams: Box::new(union.beams), mask, children, inside, passed }))
 }
 
 /// Up to eight nodes, in child order.
