@@ -111,7 +111,8 @@ impl Channel {
             Channel::BlockCorrelation => (15, 15),
             Channel::Support => (63, 15),
             Channel::OneSidedness => (15, 7),
-            Channel::MeanNormal => (63, 31),
+            // Of 64, the steps are seen on smooth solids.
+            Channel::MeanNormal => (255, 31),
             Channel::Albedo => (63, 31),
             // Not coarsened: it depends on how many there are.
             Channel::Material => (1, 1),

@@ -1,0 +1,95 @@
+//! A polygon in the planes of all axes at once, and the lines that meet it there.
+
+use super::{COORDINATES, LINES, coordinate};
+use crate::bake::clip::ROOM;
+use crate::geom::DVec3;
+
+/// A polygon of at most `N` corners, a multiple of 4, in all planes at once, in lines.
+pub(super) struct Plane<const N: usize> {
+    at: [[f32; N]; COORDINATES],
+    /// The first line beyond each corner.
+    lines: [[i32; N]; COORDINATES],
+    /// Lines between the least corner and the greatest.
+    pub(super) ranges: [(usize, usize); COORDINATES],
+    count: usize,
+}
+
+/// Room for all corners that a polygon may have.
+pub(super) const MOST_CORNERS: usize = ROOM.next_multiple_of(4);
+
+impl<const N: usize> Plane<N> {
+    #[inline(always)]
+    pub(super) fn new(corners: &[DVec3]) -> Plane<N> {
+        let mut at = [[0.0f32; N]; COORDINATES];
+        // The last corner fills up to a multiple of four.
+        let room = corners.len().next_multiple_of(4).min(N);
+        for i in 0..room {
+            let Some(c) = corners.get(i).or(corners.last()) else { break };
+            for (at, v) in at.iter_mut().zip(c.to_array()) {
+                at[i] = v as f32 * LINES as f32;
+            }
+        }
+        for (drop, q) in [(0, 1), (0, 2), (1, 2)] {
+            let on = coordinate(q, 1, drop);
+            for i in 0..room {
+                let (p, d) = (at[q][i], at[drop][i]);
+                (at[on][i], at[on + 1][i]) = (p - d + LINES as f32, p + d);
+            }
+        }
+        let mut lines = [[0; N]; COORDINATES];
+        let mut ranges = [(0, 0); COORDINATES];
+        for (on, range) in ranges.iter_mut().enumerate() {
+            let most = if on < 3 { LINES as i32 } else { 2 * LINES as i32 };
+            let (mut first, mut last) = ([most; 4], [0; 4]);
+            for (lines, at) in lines[on][..room].chunks_exact_mut(4).zip(at[on].chunks_exact(4)) {
+                for i in 0..4 {
+                    let line = line_after(at[i]).clamp(0, most);
+                    lines[i] = line;
+                    first[i] = first[i].min(line);
+                    last[i] = last[i].max(line);
+                }
+            }
+            let first = first[0].min(first[1]).min(first[2].min(first[3]));
+            let last = last[0].max(last[1]).max(last[2].max(last[3]));
+            *range = (first as usize, last as usize);
+        }
+        Plane { at, lines, ranges, count: corners.len() }
+    }
+
+    /// The lines in the plane of the coordinates `a` and `b`, row by row, into `found`, which is empty; gives their number.
+    #[inline(always)]
+    pub(super) fn rows(&self, a: usize, b: usize, found: &mut [u32; 32]) -> u32 {
+        let (x, y, rows) = (&self.at[a][..self.count], &self.at[b][..self.count], &self.lines[b][..self.count]);
+        let mut total = 0;
+        let mut last = self.count - 1;
+        for next in 0..self.count {
+            let i = std::mem::replace(&mut last, next);
+            if rows[i] == rows[next] {
+                continue;
+            }
+            // From the lower end always, so that facets on both sides of an edge agree. In a convex polygon, edges that
+            // go up are on one side and those that go down on the other.
+            let up = rows[i] < rows[next];
+            let (low, high) = if up { (i, next) } else { (next, i) };
+            let slope = (x[high] - x[low]) / (y[high] - y[low]);
+            let (mut sum, mut row) = (0, rows[low]);
+            while row < rows[high] {
+                let line = line_after(x[low] + (row as f32 + 0.5 - y[low]) * slope);
+                sum += line;
+                // Twice a row: what is between both remains.
+                found[row as usize & 31] ^= (u64::MAX << (line & 63)) as u32;
+                row += 1;
+            }
+            total += if up { sum } else { -sum };
+        }
+        total.unsigned_abs()
+    }
+}
+
+/// The first line, at i + 1/2, beyond `x`, for |x| < 2^22; one right at `x` may be taken for either, the same always.
+#[inline]
+fn line_after(x: f32) -> i32 {
+    // Where the last bit is worth 1, adding rounds.
+    const ROUND: f32 = 12_582_912.0;
+    (x + ROUND).to_bits().wrapping_sub(ROUND.to_bits()) as i32
+}
