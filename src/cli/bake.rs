@@ -63,7 +63,7 @@ pub struct Args {
     #[arg(long, value_enum, default_value = "full")]
     quality: QualityArg,
     /// zstd's level: 1 is quick, 19 small
-    #[arg(long, default_value_t = 9, value_name = "LEVEL", value_parser = clap::value_parser!(i32).range(1..=19))]
+    #[arg(long, default_value_t = WriteOptions::default().level, value_name = "LEVEL", value_parser = clap::value_parser!(i32).range(1..=19))]
     compress: i32,
     /// Memory that the bake may take, such as 800M or 2G; more is refused before work begins
     #[arg(long, value_name = "BYTES", value_parser = bytes)]

@@ -60,7 +60,7 @@ struct Common {
     #[arg(short, long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4096))]
     resolution: Option<u32>,
     /// zstd's level: 1 is quick, 19 small
-    #[arg(long, default_value_t = 9, value_name = "LEVEL", value_parser = clap::value_parser!(i32).range(1..=19))]
+    #[arg(long, default_value_t = WriteOptions::default().level, value_name = "LEVEL", value_parser = clap::value_parser!(i32).range(1..=19))]
     compress: i32,
     /// Memory that each input and the work may take, such as 800M or 2G
     #[arg(long, value_name = "BYTES", value_parser = bytes)]

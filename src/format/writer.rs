@@ -32,7 +32,8 @@ pub struct WriteOptions {
 
 impl Default for WriteOptions {
     fn default() -> Self {
-        WriteOptions { level: 12, quality: Quality::Full }
+        // From the level 12 on each costs a bake several per cent of its time.
+        WriteOptions { level: 11, quality: Quality::Full }
     }
 }
 

@@ -4,9 +4,10 @@
 //! the same lamps. Coarse matter that is clumped lets too much light in, and where the lamp stands behind the viewer it
 //! misses that what is seen is what is lit (the hot spot), so the light's factor depends on the angle between the two.
 //!
-//! What is stored is the root of what a texel on its own would need: among others like it, a forest's lower parts are dark
-//! anyway. 25 000 trees from afar against 48 samples of their triangles, 384×216, one cone a pixel: FLIP .0357 without
-//! factors (3.8 % too bright), .0311 with their roots (.2 % too dark), .0403 with all of them (3.5 % too dark).
+//! What is stored is the power 3/4 of what a texel on its own would need: among others like it, a forest's lower parts are dark
+//! anyway. 25 000 trees from afar against 1024 samples of their triangles, 384×216, one cone a pixel, and one tree alone: FLIP
+//! .0280, .0287 and .0325 with the power 1/2, 3/4 and 1, bias of luminance +.0026, −.0007 and −.0036; the tree's largest step between depths
+//! −1.8, −1.1 and −.2 %.
 
 use std::ops::AddAssign;
 
@@ -37,7 +38,7 @@ pub fn measure(tree: Octree) -> Result<Vec<Level>> {
         let deepest = finest.min(DEEPEST);
         let lit = lit(&tree, deepest);
         for depth in 0..deepest {
-            levels[depth] = Level::new(light(&lit[depth], &lit[deepest]).map(f64::sqrt));
+            levels[depth] = Level::new(light(&lit[depth], &lit[deepest]).map(|all| all.sqrt() * all.sqrt().sqrt()));
         }
     }
     tree.into_failure().map_or(Ok(levels), Err)
