@@ -170,3 +170,38 @@ pub fn covered(depths: &[f32], c: f32) -> f32 {
     let d = 1.0 - c;
     if d < 1e-3 { sum(depths, |tau| smaller(tau, 1.0)) } else { sum(depths, |tau| blocked(tau, d)) }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::beams::crossing;
+    use super::*;
+
+    #[test]
+    fn depths_are_those_of_lines_through_the_boxes() {
+        let (lo, hi) = (Vec3::new(0.125, 0.0, 0.25), Vec3::new(0.875, 0.6875, 1.0));
+        for (width, at) in [(4u8, [3u8, 1, 2]), (2, [1, 0, 1]), (1, [0, 0, 0])] {
+            let wide = usize::from(width);
+            let lines = Lines::new([(at, lo, hi)].into_iter(), wide);
+            let corner = Vec3::from(at.map(f32::from));
+            let (lo, hi) = ((corner + lo) / f32::from(width), (corner + hi) / f32::from(width));
+            for (k, p) in PROJECTIONS.iter().enumerate() {
+                let mut depths = [0.0; MOST_LINES];
+                lines.depths(k, |_| 2.0, &mut depths);
+                let (across, down) = p.extent();
+                let edge = wide * MARCH_LINES;
+                assert_eq!(lines.count(k), across * down * edge * edge);
+                let mut alone = 0.0;
+                for (n, &depth) in depths[..lines.count(k)].iter().enumerate() {
+                    let middle = |i: usize| (i as f64 + 0.5) / edge as f64;
+                    let (x, y) = (middle(n % (across * edge)), middle(n / (across * edge)));
+                    let met = crossing(k, x, y, lo.as_dvec3(), hi.as_dvec3()).map_or(0.0, |(from, to)| to - from);
+                    let want = 2.0 * met * axis_length(k) * f64::from(width);
+                    // All of it are a few roundings of numbers of up to 8, in f32.
+                    assert!((f64::from(depth) - want).abs() < 1e-5, "{width} {k} {n}: {depth} {want}");
+                    alone += want.min(1.0);
+                }
+                assert!((f64::from(lines.alone(k, |_| 2.0, 1.0)) - alone).abs() < 1e-4, "{width} {k}");
+            }
+        }
+    }
+}
