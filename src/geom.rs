@@ -108,6 +108,11 @@ pub const AXES13: [[i8; 3]; 13] = [
     [-1, 1, 1],
 ];
 
+/// [`AXES13`] as unit vectors.
+pub fn directions13() -> [DVec3; 13] {
+    AXES13.map(|a| DVec3::new(a[0].into(), a[1].into(), a[2].into()).normalize())
+}
+
 /// The larger of two numbers; of which one is returned where they do not compare is not said. One instruction, unlike [`f32::max`].
 #[inline(always)]
 pub fn larger(a: f32, b: f32) -> f32 {
@@ -118,11 +123,6 @@ pub fn larger(a: f32, b: f32) -> f32 {
 #[inline(always)]
 pub fn smaller(a: f32, b: f32) -> f32 {
     if a < b { a } else { b }
-}
-
-/// [`AXES13`] as unit vectors.
-pub fn directions13() -> [DVec3; 13] {
-    AXES13.map(|a| DVec3::new(a[0].into(), a[1].into(), a[2].into()).normalize())
 }
 
 #[cfg(test)]

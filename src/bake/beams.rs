@@ -175,6 +175,20 @@ impl Projection {
     }
 }
 
+/// How many squares, of the edge of a voxel or of any cube, the planes of the axes before `k` have.
+pub const fn planes_before(k: usize) -> usize {
+    const SQUARES: [usize; 14] = {
+        let (mut out, mut k) = ([0; 14], 0);
+        while k < 13 {
+            let (wa, wb) = PROJECTIONS[k].extent();
+            out[k + 1] = out[k] + wa * wb;
+            k += 1;
+        }
+        out
+    };
+    SQUARES[k]
+}
+
 /// The lattice lines, of all 13 axes, that meet matter in one voxel.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Beams {
@@ -331,6 +345,8 @@ impl Beams {
         unite(children, depth & 1)
     }
 }
+
+// Functions of their own, as no method can be compiled for several targets.
 
 #[multiversion(targets("x86_64+avx2+bmi1+bmi2+lzcnt+popcnt"))]
 fn add(beams: &mut Beams, corners: &[DVec3], parts: &mut [u32; 13], cut: Option<&CutOut>) {

@@ -3,7 +3,7 @@
 //! A voxel's own lines are so few that all of them are kept, also those that miss its box: their numbers are fixed, and many are
 //! handled at once.
 
-use super::beams::{PROJECTIONS, Projection, Slabs, axis_length};
+use super::beams::{PROJECTIONS, Projection, Slabs, axis_length, planes_before};
 use super::chord::{exp_neg, sum};
 use crate::geom::{Vec3, larger, smaller};
 
@@ -12,21 +12,13 @@ pub const MARCH_LINES: usize = 2;
 /// Lines along an edge of the widest plane that a voxel has.
 const WIDE: usize = 2 * MARCH_LINES;
 /// Lines along all axes that a voxel's planes have.
-const LINES_OF_VOXEL: usize = STARTS[13];
-/// Where the lines of each axis begin.
-const STARTS: [usize; 14] = starts();
+const LINES_OF_VOXEL: usize = start(13);
 /// Most lines of one axis that a block has, which is four voxels wide.
 pub const MOST_LINES: usize = WIDE * WIDE * 16;
 
-const fn starts() -> [usize; 14] {
-    let mut out = [0; 14];
-    let mut k = 0;
-    while k < 13 {
-        let (wa, wb) = PROJECTIONS[k].extent();
-        out[k + 1] = out[k] + wa * wb * MARCH_LINES * MARCH_LINES;
-        k += 1;
-    }
-    out
+/// Where the lines of the axis `k` begin.
+const fn start(k: usize) -> usize {
+    planes_before(k) * MARCH_LINES * MARCH_LINES
 }
 
 /// Of each voxel of a block the chords, in its support box, of its lines, axis by axis and row by row; 0 of those that miss it.
@@ -51,7 +43,7 @@ impl Lines {
                 let (oa, ob) = p.place(at, width);
                 // At most 16 lines each way: below 256.
                 firsts[k] = (MARCH_LINES * (ob * MARCH_LINES * p.extent().0 * width + oa)) as u8;
-                let chords = &mut chords[STARTS[k]..STARTS[k + 1]];
+                let chords = &mut chords[start(k)..start(k + 1)];
                 match p.extent() {
                     (1, _) => crossings::<{ WIDE / 2 }>(chords, &slabs, p, axis_length(k) as f32),
                     _ => crossings::<WIDE>(chords, &slabs, p, axis_length(k) as f32),
@@ -66,7 +58,7 @@ impl Lines {
     /// Lines of the axis `k`.
     #[inline(always)]
     pub fn count(&self, k: usize) -> usize {
-        (STARTS[k + 1] - STARTS[k]) * self.width * self.width
+        (start(k + 1) - start(k)) * self.width * self.width
     }
 
     /// Optical depths of the lines of the axis `k`, row by row, where the voxels have the rates `rate` that way; into `depths`,
@@ -98,7 +90,7 @@ impl Lines {
         for (cell, (chords, firsts)) in self.chords.iter().zip(&self.firsts).enumerate() {
             let rate = rate(cell);
             let first = usize::from(firsts[k]);
-            let Some(chords) = chords[STARTS[k]..].first_chunk::<ALL>() else { continue };
+            let Some(chords) = chords[start(k)..].first_chunk::<ALL>() else { continue };
             let Some(depths) = depths.get_mut(first..first + (ALL / N - 1) * N * WIDTH + N) else { continue };
             for row in 0..ALL / N {
                 let at = row * N * WIDTH;
@@ -114,7 +106,7 @@ impl Lines {
     /// What the voxels block of the lines of the axis `k`, each for itself, at the correlation `c`.
     #[inline(always)]
     pub fn alone(&self, k: usize, rate: impl Fn(usize) -> f32, c: f32) -> f32 {
-        match STARTS[k + 1] - STARTS[k] {
+        match start(k + 1) - start(k) {
             4 => self.sum_alone::<4>(k, rate, c),
             8 => self.sum_alone::<8>(k, rate, c),
             _ => self.sum_alone::<16>(k, rate, c),
@@ -128,7 +120,7 @@ impl Lines {
         let mut sums = [0.0; ALL];
         for (cell, chords) in self.chords.iter().enumerate() {
             let rate = rate(cell);
-            let Some(chords) = chords[STARTS[k]..].first_chunk::<ALL>() else { continue };
+            let Some(chords) = chords[start(k)..].first_chunk::<ALL>() else { continue };
             let mut shares = [0.0; ALL];
             if d < 1e-3 {
                 for n in 0..ALL {

@@ -9,7 +9,7 @@ use std::sync::OnceLock;
 
 use multiversion::multiversion;
 
-use super::beams::{Beams, LINES, PROJECTIONS, axis_length, box_area, crossing};
+use super::beams::{Beams, LINES, PROJECTIONS, axis_length, box_area, crossing, planes_before};
 use super::chord::{LENGTHS, exp_neg, ln, sum};
 use super::march;
 use crate::geom::{DVec3, larger, smaller};
@@ -48,26 +48,12 @@ pub struct Passed {
     pub voxels: usize,
 }
 
-/// How many times the square of `Passed::lines` come before axis `k`.
-const fn start(k: usize) -> usize {
-    const STARTS: [usize; 14] = {
-        let (mut out, mut k) = ([0; 14], 0);
-        while k < 13 {
-            let (wa, wb) = PROJECTIONS[k].extent();
-            out[k + 1] = out[k] + wa * wb;
-            k += 1;
-        }
-        out
-    };
-    STARTS[k]
-}
-
 /// For each of the lines of a cube with `lines` an edge, whether it meets the cube: 0, or misses it: 1.
 fn misses(lines: usize) -> &'static [f32] {
     static KNOWN: [OnceLock<Vec<f32>>; SIZES] = [const { OnceLock::new() }; SIZES];
     KNOWN[lines.ilog2() as usize].get_or_init(|| {
         let middle = |i: usize| (i as f64 + 0.5) / lines as f64;
-        let mut at = Vec::with_capacity(start(13) * lines * lines);
+        let mut at = Vec::with_capacity(planes_before(13) * lines * lines);
         for (k, p) in PROJECTIONS.iter().enumerate() {
             let (wa, wb) = p.extent();
             for y in 0..wb * lines {
@@ -92,13 +78,13 @@ impl Passed {
         let square = lines * lines;
         let mut at: [Vec<f32>; GAINS.len()] = Default::default();
         for at in &mut at {
-            *at = vec![0.0; start(13) * square];
+            *at = vec![0.0; planes_before(13) * square];
         }
         let d = 1.0 - c;
         let mut all = [0.0; march::MOST_LINES];
         for k in 0..13 {
             depths(k, &mut all);
-            let range = start(k) * square..start(k + 1) * square;
+            let range = planes_before(k) * square..planes_before(k + 1) * square;
             for (at, gain) in at.iter_mut().zip(GAINS) {
                 let passes = at[range.clone()].iter_mut().zip(&all);
                 if d < 1e-3 {
@@ -127,8 +113,8 @@ impl Passed {
             let (wa, wb) = p.extent();
             let (oa, ob) = p.child_offset(j);
             for y in 0..wb * small {
-                let from = start(k) * small * small + y * wa * small;
-                let to = start(k) * lines * lines + (ob * small + y) * wa * lines + oa * small;
+                let from = planes_before(k) * small * small + y * wa * small;
+                let to = planes_before(k) * lines * lines + (ob * small + y) * wa * lines + oa * small;
                 for (g, at) in self.at.iter_mut().enumerate() {
                     for (whole, passes) in at[to..to + wa * small].iter_mut().zip(&of(g)[from..from + wa * small]) {
                         *whole *= passes;
@@ -149,7 +135,7 @@ impl Passed {
     fn blocked(&self, k: usize, gain: usize) -> f32 {
         let (wa, wb) = PROJECTIONS[k].extent();
         let square = self.lines * self.lines;
-        sum(&self.at[gain][start(k) * square..(start(k) + wa * wb) * square], |passes| 1.0 - passes)
+        sum(&self.at[gain][planes_before(k) * square..(planes_before(k) + wa * wb) * square], |passes| 1.0 - passes)
     }
 
     /// As a larger cube takes it in: with half of the lines each way, the rows by turns, where there would be too many.
@@ -160,10 +146,10 @@ impl Passed {
         }
         let (lines, half) = (self.lines, self.lines / 2);
         let at = std::array::from_fn(|g| {
-            let mut at = Vec::with_capacity(start(13) * half * half);
+            let mut at = Vec::with_capacity(planes_before(13) * half * half);
             for (k, p) in PROJECTIONS.iter().enumerate() {
                 let (wa, wb) = p.extent();
-                let all = &self.at[g][start(k) * lines * lines..][..wa * lines * wb * lines];
+                let all = &self.at[g][planes_before(k) * lines * lines..][..wa * lines * wb * lines];
                 for (n, row) in all.chunks_exact(wa * lines).step_by(2).enumerate() {
                     at.extend(row.iter().skip(n & 1).step_by(2));
                 }
@@ -180,7 +166,7 @@ impl Passed {
         let lines = 2 * small;
         let mut whole = Passed {
             lines,
-            at: GAINS.map(|_| vec![1.0; start(13) * lines * lines]),
+            at: GAINS.map(|_| vec![1.0; planes_before(13) * lines * lines]),
             areas: Default::default(),
             voxels: children.iter().flatten().map(|c| c.voxels).sum(),
         };
@@ -198,7 +184,7 @@ impl Passed {
             } else if solid[j] {
                 whole.close(j);
                 for (k, p) in PROJECTIONS.iter().enumerate() {
-                    let all = &misses(small)[start(k) * small * small..];
+                    let all = &misses(small)[planes_before(k) * small * small..];
                     let met: f32 = all[..p.extent().0 * p.extent().1 * small * small].iter().map(|m| 1.0 - m).sum();
                     let area = 0.25 * (box_area(k, DVec3::ONE) / axis_length(k)) as f32;
                     for (known, found) in known.iter_mut().zip(&mut found) {
@@ -225,7 +211,7 @@ impl Passed {
         for (k, p) in PROJECTIONS.iter().enumerate() {
             let (wa, wb) = p.extent();
             let wide = wa * self.lines;
-            let at = &self.at[0][start(k) * self.lines * self.lines..][..wide * wb * self.lines];
+            let at = &self.at[0][planes_before(k) * self.lines * self.lines..][..wide * wb * self.lines];
             for (j, rows) in at.chunks_exact(per_voxel * wide).enumerate() {
                 for i in 0..wide / per_voxel {
                     let mut passes = 0.0;

@@ -158,8 +158,7 @@ impl Region<'_> {
         let end = code + (1 << (3 * levels));
         let own = matter.media.next_if(|m| m.0 == code && m.1.levels as usize >= levels);
         let within = own.as_ref().map(|m| &m.1).or(within);
-        let faces = matter.voxels.peek().is_some_and(|v| v.0 < end);
-        if levels > 0 && (faces || matter.media.peek().is_some_and(|m| m.0 < end)) {
+        if levels > 0 && matter.comes_before(end) {
             let step = 1 << (3 * (levels - 1));
             let mut children: [Option<Box<Node>>; 8] = Default::default();
             // Of children without matter, whether they are inside.
@@ -178,7 +177,7 @@ impl Region<'_> {
             }
             return join(depth, children, &mut self.output);
         }
-        let mut gather = if faces { matter.voxels.next().map(|v| v.1) } else { None };
+        let mut gather = matter.voxels.next_if(|v| v.0 < end).map(|v| v.1);
         if let Some(medium) = within
             && let Some(share) = share(medium, self.lowest(code), levels as u32)
         {
