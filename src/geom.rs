@@ -47,6 +47,16 @@ impl Aabb {
         Aabb::around((0..8).map(|i| map.transform_point3(corner(i))))
     }
 
+    pub fn overlaps(self, other: Aabb) -> bool {
+        !self.intersection(other).is_empty()
+    }
+
+    /// With room for what a few roundings of its coordinates move.
+    pub fn rounded_out(self) -> Self {
+        let room = 1e-9 * (1.0 + self.min.abs().max(self.max.abs()).max_element());
+        Aabb { min: self.min - room, max: self.max + room }
+    }
+
     pub fn is_empty(&self) -> bool {
         !(self.min.cmple(self.max)).all()
     }

@@ -39,9 +39,9 @@ pub struct GroupSource {
     warnings: Warnings,
 }
 
-/// Copies of a source up to which each is laid into the grid by itself.
-const FEW: usize = 4;
-/// How much finer than its largest copy the own grid is of a source that answers for the middles of its voxels.
+/// Copies of a source up to which each is laid into the grid by itself; and of one whose facets are made a facet a voxel.
+const FEW: [usize; 2] = [4, 2000];
+/// How much finer than its largest copy the own grid is of a source that is asked in the middles of its voxels.
 const FINER: f64 = 2.0;
 /// Largest depth of a source's own grid.
 const MAX_DEPTH: usize = 12;
@@ -144,7 +144,8 @@ impl Source for GroupSource {
         };
         let mut entries = Vec::new();
         for ((source, places), ids) in self.sources.iter().zip(&self.places).zip(&self.ids) {
-            let often = if places.len() > FEW { Piece::often(&**source, places, place, progress)? } else { None };
+            let few = FEW[usize::from(source.exact_inside())];
+            let often = if places.len() > few { Piece::often(&**source, places, place, progress)? } else { None };
             if let Some(piece) = often {
                 staged.add(Piece { ids, ..piece }, &mut entries)?;
                 continue;
@@ -280,10 +281,9 @@ impl<'a> Piece<'a> {
         });
     }
 
-    /// Regions of its own grid that may reach into the box `target` of the group's.
-    fn reaching(&self, copy: &Copy, target: Aabb, each: &mut dyn FnMut(usize)) {
+    /// Regions of its own grid that may reach into the box `box_` of that grid.
+    fn reaching(&self, box_: Aabb, each: &mut dyn FnMut(usize)) {
         let width = f64::from(1u32 << self.levels);
-        let box_ = target.transformed(copy.back);
         let regions = self.staged.regions();
         let Some(&last) = regions.last() else { return };
         // Codes grow with every coordinate, but the last code need not have the largest.
@@ -469,9 +469,15 @@ impl Staged for StagedGroup<'_> {
                 continue;
             };
             let first = piece.first + at * piece.facets;
-            piece.reaching(copy, target, &mut |own| {
+            let own_target = target.transformed(copy.back).rounded_out();
+            let mut carry = |corners: &[DVec3], facet: u32| {
+                if own_target.overlaps(Aabb::around(corners.iter().copied())) {
+                    carry(corners, copy, first + facet, each);
+                }
+            };
+            piece.reaching(own_target, &mut |own| {
                 if piece.staged.weight(own) > 0 {
-                    return piece.emit(own, &mut |p| carry(p.corners(), copy, first + p.facet, each));
+                    return piece.emit(own, &mut |p| carry(p.corners(), p.facet));
                 }
                 // Facets that are not in memory already take work: the copies share it.
                 let list = self.kept.get((index, own as u32), || {
@@ -479,7 +485,7 @@ impl Staged for StagedGroup<'_> {
                     piece.emit(own, &mut |p| list.push(p));
                     list
                 });
-                list.iter().for_each(|(corners, facet)| carry(corners, copy, first + facet, each));
+                list.iter().for_each(|(corners, facet)| carry(corners, facet));
             });
         }
     }

@@ -5,6 +5,7 @@
 
 mod alpha;
 mod beams;
+mod cells;
 mod chord;
 mod clip;
 pub mod curve;

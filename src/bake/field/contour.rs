@@ -1,12 +1,15 @@
-//! The surface of a field in a block of cells: a vertex in every cell that it passes, placed where the tangent planes at the
-//! cell's edges meet, and a facet around every edge that it crosses.
+//! The surface of a field in a block of cells: in every cell that it passes, the loop of points where it crosses the cell's
+//! edges; and where it has a crease or a tip between them, a vertex, placed where the tangent planes at these points meet.
 //!
-//! Based on: T. Ju, F. Losasso, S. Schaefer, J. Warren, *Dual Contouring of Hermite Data*, SIGGRAPH 2002 (sharp edges and
-//! corners are kept); S. Gibson, *Constrained Elastic Surface Nets*, MICCAI 1998.
+//! Based on: L. Kobbelt, M. Botsch, U. Schwanecke, H.-P. Seidel, *Feature Sensitive Surface Extraction from Volume Data*,
+//! SIGGRAPH 2001 (a fan around a vertex in cells with features); T. Ju, F. Losasso, S. Schaefer, J. Warren, *Dual Contouring
+//! of Hermite Data*, SIGGRAPH 2002 (where the vertex is, and creases that go from vertex to vertex).
 //!
-//! All that is asked of the field depends on the cell alone, not on the block, so blocks that touch agree on every bit.
+//! All that is asked of the field depends on the cell alone, not on the block, so blocks that touch agree on every bit; and no
+//! facet leaves its cell, so none is cut when cells are voxels.
 
-use super::super::clip::Polygon;
+use crate::bake::cells::{EDGES, Loops, facets, plane_of};
+use crate::bake::clip::Polygon;
 use crate::geom::{DMat3, DVec3};
 
 /// A field in a grid of cells.
@@ -27,14 +30,16 @@ const NEAR: f64 = 1e-5;
 /// Weight with which a vertex is held to the mean of its cell's crossings, and passes that take this back.
 const HOLD: f64 = 0.05;
 const PASSES: usize = 4;
-/// How far from one plane a facet of four corners may be, in cells. Its area vector is that of any surface within its edges.
-const PLANAR: f64 = 0.01;
+/// Where normals in a cell are farther apart than the angle of this cosine, there is a crease or a tip; below, the surface may
+/// as well be bent as tightly as a ball two cells across.
+const CREASE: f64 = 0.7;
+/// How far a vertex is at least from the plane of its cell's points, in cells, to be kept.
+const OFF: f64 = 0.005;
 
-/// The facets around all edges that touch the cells `lo .. lo + size`, in cells; `size` cells beyond 0.
+/// The facets in the cells `lo .. lo + size`; `size` cells beyond 0.
 pub fn contour(cells: &dyn Cells, lo: [i64; 3], size: i64, each: &mut dyn FnMut(&Polygon)) {
-    // A margin of one cell: facets reach from cell to cell.
-    let base = lo.map(|v| v - 1);
-    let mut block = Block::new(cells, base, size + 2);
+    // A margin of one cell: creases go on from cell to cell.
+    let mut block = Block::new(cells, lo.map(|v| v - 1), size + 2);
     block.descend([0; 3], [size + 2; 3]);
     block.facets(each);
 }
@@ -46,26 +51,29 @@ struct Block<'a> {
     size: i64,
     /// At corners, x fastest; NaN until it is asked for.
     values: Vec<f64>,
-    /// Cells with a vertex: their place in `vertices`, from 1 on.
+    /// Of cells that the surface passes: their place in `passed`, from 1 on.
     places: Vec<u32>,
-    /// In cells from the block's base.
-    vertices: Vec<DVec3>,
+    passed: Vec<Passed>,
     /// Of the edges from each corner along x, y, z: the place in `crossings`, from 1 on.
     edges: Vec<[u32; 3]>,
     crossings: Vec<Crossing>,
 }
 
+/// A cell that the surface passes.
+struct Passed {
+    cell: [i64; 3],
+    /// Corners that are within.
+    within: u8,
+    /// Where a crease or a tip is, in cells; then there is one loop.
+    vertex: Option<DVec3>,
+}
+
 #[derive(Clone, Copy)]
 struct Crossing {
-    /// Corner from which the edge starts, and its axis.
-    corner: [i64; 3],
-    axis: usize,
     /// Along the edge, [0, 1].
     t: f64,
     /// Unit, out of the matter.
     normal: DVec3,
-    /// Whether the edge's start is within.
-    out: bool,
 }
 
 impl<'a> Block<'a> {
@@ -77,7 +85,7 @@ impl<'a> Block<'a> {
             size,
             values: vec![f64::NAN; corners],
             places: vec![0; corners],
-            vertices: Vec::new(),
+            passed: Vec::new(),
             edges: vec![[0; 3]; corners],
             crossings: Vec::new(),
         }
@@ -127,38 +135,56 @@ impl<'a> Block<'a> {
     }
 
     fn cell(&mut self, p: [i64; 3]) {
-        let mut within = 0u32;
+        let mut within = 0;
         for j in 0..8i64 {
-            within |= u32::from(self.corner([p[0] + (j & 1), p[1] + (j >> 1 & 1), p[2] + (j >> 2)]) < 0.0) << j;
+            within |= u8::from(self.corner([p[0] + (j & 1), p[1] + (j >> 1 & 1), p[2] + (j >> 2)]) < 0.0) << j;
         }
         if within == 0 || within == 255 {
             return;
         }
-        let (mut points, mut normals) = ([DVec3::ZERO; 12], [DVec3::ZERO; 12]);
-        let mut count = 0;
-        for axis in 0..3 {
-            for j in (0..8usize).filter(|j| j >> axis & 1 == 0) {
-                if (within >> j ^ within >> (j | 1 << axis)) & 1 == 0 {
-                    continue;
-                }
-                let offset = [(j & 1) as i64, (j >> 1 & 1) as i64, (j >> 2) as i64];
-                let crossing = self.crossing([p[0] + offset[0], p[1] + offset[1], p[2] + offset[2]], axis);
-                points[count] = DVec3::from(offset.map(|v| v as f64));
-                points[count][axis] = crossing.t;
-                normals[count] = crossing.normal;
-                count += 1;
+        for (edge, [a, b]) in EDGES.into_iter().enumerate() {
+            if (within >> a ^ within >> b) & 1 != 0 {
+                let (from, axis) = start(p, edge);
+                self.crossing(from, axis);
             }
         }
-        self.vertices.push(meeting(&points[..count], &normals[..count]) + DVec3::from(p.map(|v| v as f64)));
+        let mut loops = Loops::known().of(within);
+        let vertex = loops.next().filter(|_| loops.next().is_none()).and_then(|l| self.vertex(p, l));
+        self.passed.push(Passed { cell: p, within, vertex });
         let at = self.index(p);
-        self.places[at] = self.vertices.len() as u32;
+        self.places[at] = self.passed.len() as u32;
+    }
+
+    /// The vertex of the cell `p`, whose loop is `edges`, if it needs one.
+    fn vertex(&self, p: [i64; 3], edges: &[u8]) -> Option<DVec3> {
+        let (mut points, mut normals) = ([DVec3::ZERO; 12], [DVec3::ZERO; 12]);
+        let (points, normals) = (points.get_mut(..edges.len())?, normals.get_mut(..edges.len())?);
+        for ((point, normal), &edge) in points.iter_mut().zip(&mut *normals).zip(edges) {
+            let [a, _] = EDGES[usize::from(edge)];
+            let (from, axis) = start(p, edge.into());
+            let crossing = self.crossed(from, axis)?;
+            *point = DVec3::new(f64::from(a & 1), f64::from(a >> 1 & 1), f64::from(a >> 2));
+            point[axis] = crossing.t;
+            *normal = crossing.normal;
+        }
+        if normals.iter().enumerate().all(|(i, n)| normals[..i].iter().all(|m| m.dot(*n) > CREASE)) {
+            return None;
+        }
+        let vertex = meeting(points, normals);
+        let smooth = plane_of(points).is_some_and(|(middle, normal)| normal.dot(vertex - middle).abs() < OFF);
+        (!smooth).then(|| DVec3::from(self.absolute(p).map(|v| v as f64)) + vertex)
+    }
+
+    /// Where the surface was found to cross the edge from the corner `p` along `axis`.
+    fn crossed(&self, p: [i64; 3], axis: usize) -> Option<&Crossing> {
+        self.crossings.get((self.edges[self.index(p)][axis] as usize).wrapping_sub(1))
     }
 
     /// Where the surface crosses the edge from the corner `p` along `axis`, whose ends differ in sign.
-    fn crossing(&mut self, p: [i64; 3], axis: usize) -> Crossing {
+    fn crossing(&mut self, p: [i64; 3], axis: usize) {
         let at = self.index(p);
         if self.edges[at][axis] > 0 {
-            return self.crossings[self.edges[at][axis] as usize - 1];
+            return;
         }
         let mut end = p;
         end[axis] += 1;
@@ -169,52 +195,76 @@ impl<'a> Block<'a> {
             at[axis] = t;
             at
         };
-        let t = root(|t| self.cells.value(cell, along(t)), v0, v1);
+        // Within the cell: what is on its upper face belongs to the one above.
+        let t = root(|t| self.cells.value(cell, along(t)), v0, v1).min(1.0 - NEAR);
         let mut up = along(1.0);
         if v1 < v0 {
             up = -up;
         }
         let normal = self.cells.gradient(cell, along(t)).try_normalize().unwrap_or(up);
-        let crossing = Crossing { corner: p, axis, t, normal, out: v0 < 0.0 };
-        self.crossings.push(crossing);
+        self.crossings.push(Crossing { t, normal });
         self.edges[at][axis] = self.crossings.len() as u32;
-        crossing
     }
 
-    /// A facet around each crossed edge whose four cells are in the block.
+    /// The facets of all cells but those of the margin.
     fn facets(&self, each: &mut dyn FnMut(&Polygon)) {
-        for crossing in &self.crossings {
-            let (a, b) = ((crossing.axis + 1) % 3, (crossing.axis + 2) % 3);
-            let mut corners = [DVec3::ZERO; 4];
-            let mut complete = true;
-            // Counter-clockwise about the axis.
-            for (corner, (da, db)) in corners.iter_mut().zip([(1, 1), (0, 1), (0, 0), (1, 0)]) {
-                let mut cell = crossing.corner;
-                cell[a] += da - 1;
-                cell[b] += db - 1;
-                if cell.iter().any(|&v| v < 0 || v >= self.size) {
-                    complete = false;
-                    break;
-                }
-                match self.places[self.index(cell)] {
-                    0 => complete = false,
-                    place => *corner = self.vertices[place as usize - 1],
-                }
-            }
-            if !complete {
+        let mut points = [DVec3::ZERO; 12];
+        for passed in &self.passed {
+            if passed.cell.iter().any(|&v| v < 1 || v >= self.size - 1) {
                 continue;
             }
-            if !crossing.out {
-                corners.swap(1, 3);
+            for edges in Loops::known().of(passed.within) {
+                for (point, &edge) in points.iter_mut().zip(edges) {
+                    let (from, axis) = start(passed.cell, edge.into());
+                    *point = DVec3::from(self.absolute(from).map(|v| v as f64));
+                    point[axis] += self.crossed(from, axis).map_or(0.5, |c| c.t);
+                }
+                let points = &points[..edges.len().min(points.len())];
+                let Some(vertex) = passed.vertex else {
+                    facets(points, each);
+                    continue;
+                };
+                for (i, &edge) in edges.iter().enumerate() {
+                    let j = (i + 1) % edges.len();
+                    match self.beyond(passed.cell, edge, edges[j]) {
+                        Some((axis, upper, other)) => {
+                            // From the lower end always, so that both cells find one point.
+                            let (low, high) = if upper { (vertex, other) } else { (other, vertex) };
+                            let (from, to) = (points[i][axis] - low[axis], high[axis] - points[i][axis]);
+                            let t = if from + to > 0.0 { from / (from + to) } else { 0.5 };
+                            let mut between = low + t * (high - low);
+                            between[axis] = points[i][axis];
+                            each(&Polygon::new(&[vertex, points[i], between], 0));
+                            each(&Polygon::new(&[vertex, between, points[j]], 0));
+                        }
+                        None => each(&Polygon::new(&[vertex, points[i], points[j]], 0)),
+                    }
+                }
             }
-            quad(corners, crossing, &mut |polygon| {
-                let moved: [DVec3; 4] = std::array::from_fn(|i| {
-                    polygon.get(i).map_or(DVec3::ZERO, |p| *p + DVec3::from(self.base.map(|v| v as f64)))
-                });
-                each(&Polygon::new(&moved[..polygon.len()], 0));
-            });
         }
     }
+
+    /// Of the face with both edges of the cell `p`: its axis, whether it is the upper one, and the vertex beyond it if the cell
+    /// there has one.
+    fn beyond(&self, p: [i64; 3], edge: u8, next: u8) -> Option<(usize, bool, DVec3)> {
+        let ([a, b], [c, d]) = (EDGES[usize::from(edge)], EDGES[usize::from(next)]);
+        let (all, any) = (a & b & c & d, a | b | c | d);
+        let axis = (0..3).find(|&axis| all >> axis & 1 == 1 || any >> axis & 1 == 0)?;
+        let upper = all >> axis & 1 == 1;
+        let mut cell = p;
+        cell[axis] += if upper { 1 } else { -1 };
+        let place = self.places[self.index(cell)] as usize;
+        Some((axis, upper, self.passed.get(place.wrapping_sub(1))?.vertex?))
+    }
+}
+
+/// The corner from which an edge of the cell `p` starts, and its axis.
+fn start(p: [i64; 3], edge: usize) -> ([i64; 3], usize) {
+    let [a, b] = EDGES[edge];
+    (
+        [p[0] + i64::from(a & 1), p[1] + i64::from(a >> 1 & 1), p[2] + i64::from(a >> 2)],
+        (a ^ b).trailing_zeros() as usize,
+    )
 }
 
 /// Where a function with the values `v0`, `v1` at 0 and 1, of which one is negative, is 0: false position, in Illinois's way.
@@ -263,44 +313,5 @@ fn meeting(points: &[DVec3], normals: &[DVec3]) -> DVec3 {
         let pull: DVec3 = points.iter().zip(normals).map(|(q, n)| *n * n.dot(*q - p)).sum();
         p += inverse * pull;
     }
-    if p.is_finite() { p.clamp(DVec3::ZERO, DVec3::ONE) } else { mean }
-}
-
-/// The facet `corners`, whole where it is plane and convex, else as two triangles, parted so that they pass nearest to where
-/// the surface crosses the edge.
-fn quad(corners: [DVec3; 4], crossing: &Crossing, each: &mut dyn FnMut(&[DVec3])) {
-    let [c0, c1, c2, c3] = corners;
-    let normal = (c2 - c0).cross(c3 - c1);
-    let (axis, a, b) = (crossing.axis, (crossing.axis + 1) % 3, (crossing.axis + 2) % 3);
-    // Twice the signed area of a triangle as the edge sees it.
-    let seen = |p: DVec3, q: DVec3, r: DVec3| (q[a] - p[a]) * (r[b] - p[b]) - (q[b] - p[b]) * (r[a] - p[a]);
-    let turn = if crossing.out { 1.0 } else { -1.0 };
-    let turns = [seen(c3, c0, c1), seen(c0, c1, c2), seen(c1, c2, c3), seen(c2, c3, c0)].map(|v| v * turn);
-    let convex = turns.iter().all(|&v| v >= 0.0);
-    let off = (c1 - c0).dot(normal).abs().max((c2 - c0).dot(normal).abs()).max((c3 - c0).dot(normal).abs());
-    if convex && off <= PLANAR * normal.length() {
-        return each(&corners);
-    }
-    // Cutting from 0 to 2 keeps the turns at 1 and 3, and the other way round.
-    let (keeps02, keeps13) = (turns[1] >= 0.0 && turns[3] >= 0.0, turns[0] >= 0.0 && turns[2] >= 0.0);
-    let mut at = DVec3::from(crossing.corner.map(|v| v as f64));
-    at[axis] += crossing.t;
-    let miss = |p: DVec3, q: DVec3, r: DVec3, s: DVec3| {
-        // Along the edge, at the triangle of p-q-r and p-r-s that it passes.
-        let third = if (seen(p, r, at) > 0.0) == (seen(p, r, s) > 0.0) { s } else { q };
-        let n = (r - p).cross(third - p);
-        (n.dot(at - p) / n[axis]).abs()
-    };
-    let by02 = match (keeps02, keeps13) {
-        (true, false) => true,
-        (false, true) => false,
-        _ => miss(c0, c1, c2, c3) <= miss(c1, c2, c3, c0),
-    };
-    if by02 {
-        each(&[c0, c1, c2]);
-        each(&[c0, c2, c3]);
-    } else {
-        each(&[c1, c2, c3]);
-        each(&[c1, c3, c0]);
-    }
+    if p.is_finite() { p.clamp(DVec3::splat(NEAR), DVec3::splat(1.0 - NEAR)) } else { mean }
 }

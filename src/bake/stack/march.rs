@@ -1,12 +1,8 @@
-//! The iso-surface of a block of the lattice as facets, a loop a cell.
+//! The iso-surface of a block of the lattice as loops of corners in its cells.
 
-use super::cells::{EDGES, Loops};
 use super::lattice::{Lattice, Scratch};
-use crate::bake::clip::{MAX_CORNERS, Polygon};
+use crate::bake::cells::{EDGES, Loops};
 use crate::geom::DVec3;
-
-/// How far from one plane the corners of a facet may be, in voxels.
-const PLANAR: f64 = 0.02;
 
 /// A block of nodes whose values are in a [`Scratch`].
 pub struct Block<'a> {
@@ -19,8 +15,8 @@ pub struct Block<'a> {
 
 impl Block<'_> {
     /// Give the corners of every loop, index space, counter-clockwise from outside as long as index space is right-handed.
-    pub fn loops(&self, loops: &Loops, scratch: &Scratch, each: &mut dyn FnMut(&[DVec3])) {
-        let values = &scratch.values;
+    pub fn loops(&self, scratch: &Scratch, each: &mut dyn FnMut(&[DVec3])) {
+        let (values, loops) = (&scratch.values, Loops::known());
         let [nx, ny, nz] = self.size;
         let strides = [1, nx, nx * ny];
         let offset = |c: u8| (c & 1) as usize + (c >> 1 & 1) as usize * nx + (c >> 2) as usize * nx * ny;
@@ -61,38 +57,4 @@ impl Block<'_> {
             }
         }
     }
-}
-
-/// A loop, mapped by `to_grid`, as planar convex facets; `mirrored` where the map is.
-pub fn facets(corners: &[DVec3], to_grid: impl Fn(DVec3) -> DVec3, mirrored: bool, each: &mut dyn FnMut(&Polygon)) {
-    let mut points = [DVec3::ZERO; 12];
-    let n = corners.len().min(points.len());
-    for (i, c) in corners.iter().take(n).enumerate() {
-        points[if mirrored { n - 1 - i } else { i }] = to_grid(*c);
-    }
-    let points = &points[..n];
-    if n > 3 && n <= MAX_CORNERS && is_plane(points) {
-        return each(&Polygon::new(points, 0));
-    }
-    // From the corner whose fan bends least: of a quad, along the shorter diagonal.
-    let start = if n == 4 && (points[1] - points[3]).length_squared() < (points[0] - points[2]).length_squared() {
-        1
-    } else {
-        0
-    };
-    for i in 1..n.saturating_sub(1) {
-        each(&Polygon::new(&[points[start], points[(start + i) % n], points[(start + i + 1) % n]], 0));
-    }
-}
-
-/// Whether the corners are nearly in a plane and turn one way.
-fn is_plane(points: &[DVec3]) -> bool {
-    let n = points.len();
-    let middle = points.iter().sum::<DVec3>() / n as f64;
-    let area: DVec3 = (0..n).map(|i| (points[i] - middle).cross(points[(i + 1) % n] - middle)).sum();
-    let Some(normal) = area.try_normalize() else { return false };
-    (0..n).all(|i| {
-        let (p, q, r) = (points[i], points[(i + 1) % n], points[(i + 2) % n]);
-        normal.dot(p - middle).abs() <= PLANAR && (q - p).cross(r - q).dot(normal) >= 0.0
-    })
 }

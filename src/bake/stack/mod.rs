@@ -5,7 +5,6 @@
 //! matter made of them, a region at a time.
 
 mod bytes;
-mod cells;
 mod dicom;
 mod folder;
 mod header;

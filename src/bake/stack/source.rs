@@ -1,12 +1,12 @@
 //! A stack as a source: facets of its iso-surface made a region at a time, opaque matter where values are above.
 
-use super::cells::Loops;
 use super::lattice::{Lattice, MAX_SIGMA, Scratch, margin};
-use super::march::{Block, facets};
+use super::march::Block;
 use super::ranges::{Range, Scan};
 use super::soft::{Field, Sight};
 use super::transfer::TransferSpec;
 use super::{Stack, StackOptions};
+use crate::bake::cells::facets;
 use crate::bake::clip::Polygon;
 use crate::bake::medium::Medium;
 use crate::bake::source::{Placement, Source, Staged, Surface};
@@ -110,7 +110,7 @@ impl StackSource {
     /// The loops at `iso` of a unit's cells that overlap the index-space box.
     fn loops(
         &self,
-        (lattice, loops): (&Lattice, &Loops),
+        lattice: &Lattice,
         (at, window): ([usize; 3], Aabb),
         iso: f32,
         scratch: &mut Scratch,
@@ -126,7 +126,7 @@ impl StackSource {
         lattice.fill(&self.stack.samples, from, size, self.outside, scratch);
         let above = scratch.values.iter().filter(|v| **v >= iso).count();
         if above > 0 && above < scratch.values.len() {
-            Block { lattice, from, size, iso }.loops(loops, scratch, each);
+            Block { lattice, from, size, iso }.loops(scratch, each);
         }
     }
 
@@ -138,7 +138,6 @@ impl StackSource {
         }
         let longest = dims.iter().copied().max().unwrap_or(1);
         let lattice = Lattice::new(dims, [(BOUNDS_CELLS / longest).clamp(1, 8); 3], self.sigma);
-        let loops = Loops::new();
         let everywhere = Aabb::new(DVec3::NEG_INFINITY, DVec3::INFINITY);
         let layers = par::map(self.size[2], |z| {
             let mut bounds = Aabb::EMPTY;
@@ -147,7 +146,7 @@ impl StackSource {
                 for x in 0..self.size[0] {
                     if self.may_cross([x, y, z], least) {
                         let unit = ([x, y, z], everywhere);
-                        self.loops((&lattice, &loops), unit, least, &mut scratch, &mut |corners| {
+                        self.loops(&lattice, unit, least, &mut scratch, &mut |corners| {
                             for c in corners {
                                 bounds = bounds.grow(self.stack.affine.transform_point3(*c));
                             }
@@ -212,7 +211,6 @@ impl Source for StackSource {
             place: *place,
             lattice: Lattice::aligned(dims, &to_grid, self.sigma)
                 .unwrap_or_else(|| Lattice::new(dims, parts, self.sigma)),
-            loops: Loops::new(),
             copies,
             mirrored: matrix.determinant() < 0.0,
             distance: libm::cbrt(matrix.determinant().abs()),
@@ -262,7 +260,6 @@ struct StagedStack<'a> {
     source: &'a StackSource,
     place: Placement,
     lattice: Lattice,
-    loops: Loops,
     copies: Vec<Copy>,
     mirrored: bool,
     /// Of samples, in voxels: the mean of the three.
@@ -408,8 +405,13 @@ impl Staged for StagedStack<'_> {
             self.units(window, &mut |at| {
                 if self.source.may_cross(at, self.source.iso) {
                     let iso = self.source.iso;
-                    self.source.loops((&self.lattice, &self.loops), (at, window), iso, &mut scratch, &mut |corners| {
-                        facets(corners, to_grid, self.mirrored, each);
+                    self.source.loops(&self.lattice, (at, window), iso, &mut scratch, &mut |corners| {
+                        let mut points = [DVec3::ZERO; 12];
+                        let n = corners.len().min(points.len());
+                        for (i, c) in corners.iter().take(n).enumerate() {
+                            points[if self.mirrored { n - 1 - i } else { i }] = to_grid(*c);
+                        }
+                        facets(&points[..n], each);
                     });
                 }
             });

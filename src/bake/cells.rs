@@ -3,6 +3,14 @@
 //! Based on: W. Lorensen, H. Cline, *Marching Cubes*, SIGGRAPH 1987; G. Nielson, B. Hamann, *The Asymptotic Decider*, VIS 1991
 //! (faces with two diagonal corners within are ambiguous: here such corners are always apart, so that neighbours agree).
 
+use std::sync::LazyLock;
+
+use super::clip::{MAX_CORNERS, Polygon};
+use crate::geom::DVec3;
+
+/// How far from one plane the corners of a facet may be, in voxels.
+pub const PLANAR: f64 = 0.02;
+
 /// Corners of an edge: the lower one first. Corner c lies at (c & 1, c >> 1 & 1, c >> 2).
 pub const EDGES: [[u8; 2]; 12] =
     [[0, 1], [2, 3], [4, 5], [6, 7], [0, 2], [1, 3], [4, 6], [5, 7], [0, 4], [1, 5], [2, 6], [3, 7]];
@@ -21,7 +29,13 @@ pub struct Loops {
 }
 
 impl Loops {
-    pub fn new() -> Loops {
+    /// Found once.
+    pub fn known() -> &'static Loops {
+        static KNOWN: LazyLock<Loops> = LazyLock::new(Loops::find);
+        &KNOWN
+    }
+
+    fn find() -> Loops {
         let mut loops = Loops { edges: Vec::new(), ends: Vec::new(), sets: [(0, 0); 256] };
         for within in 0..256usize {
             let next = steps(within);
@@ -55,6 +69,37 @@ impl Loops {
     }
 }
 
+/// The middle of a loop's corners and the unit normal of the plane there, if the corners are as near to it as [`PLANAR`] and
+/// turn one way.
+pub fn plane_of(corners: &[DVec3]) -> Option<(DVec3, DVec3)> {
+    let n = corners.len();
+    let middle = corners.iter().sum::<DVec3>() / n as f64;
+    let area: DVec3 = (0..n).map(|i| (corners[i] - middle).cross(corners[(i + 1) % n] - middle)).sum();
+    let normal = area.try_normalize()?;
+    let plane = (0..n).all(|i| {
+        let (p, q, r) = (corners[i], corners[(i + 1) % n], corners[(i + 2) % n]);
+        normal.dot(p - middle).abs() <= PLANAR && (q - p).cross(r - q).dot(normal) >= 0.0
+    });
+    plane.then_some((middle, normal))
+}
+
+/// A loop as planar convex facets.
+pub fn facets(corners: &[DVec3], each: &mut dyn FnMut(&Polygon)) {
+    let n = corners.len();
+    if n > 3 && n <= MAX_CORNERS && plane_of(corners).is_some() {
+        return each(&Polygon::new(corners, 0));
+    }
+    // From the corner whose fan bends least: of a quad, along the shorter diagonal.
+    let start = if n == 4 && (corners[1] - corners[3]).length_squared() < (corners[0] - corners[2]).length_squared() {
+        1
+    } else {
+        0
+    };
+    for i in 1..n.saturating_sub(1) {
+        each(&Polygon::new(&[corners[start], corners[(start + i) % n], corners[(start + i + 1) % n]], 0));
+    }
+}
+
 fn edge_of(a: u8, b: u8) -> usize {
     EDGES.iter().position(|e| *e == [a.min(b), a.max(b)]).unwrap_or(0)
 }
@@ -84,7 +129,6 @@ fn steps(within: usize) -> [Option<u8>; 12] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geom::DVec3;
 
     fn corner(c: u8) -> DVec3 {
         DVec3::new(f64::from(c & 1), f64::from(c >> 1 & 1), f64::from(c >> 2))
@@ -92,7 +136,7 @@ mod tests {
 
     #[test]
     fn every_crossed_edge_is_on_one_loop_that_turns_outward() {
-        let loops = Loops::new();
+        let loops = Loops::known();
         let mut longest = 0;
         for within in 0..=255u8 {
             let inside = |c: u8| within >> c & 1 == 1;
