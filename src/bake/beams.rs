@@ -10,18 +10,22 @@
 //! times |W|.
 
 mod plane;
+mod union;
 
-use std::sync::LazyLock;
+use std::sync::{Arc, LazyLock};
 
 use multiversion::multiversion;
 
 use self::plane::{MOST_CORNERS, Plane};
+pub use self::union::Union;
 use super::clip::Polygon;
 use super::cutout::CutOut;
 use crate::geom::{AXES13, DVec3, Vec3, larger, smaller};
 
 /// Lines a voxel edge.
 pub const LINES: usize = 16;
+/// Lines along the edge of the squares in which they are counted.
+pub const SQUARE: usize = 4;
 
 /// How an axis is projected.
 #[derive(Debug, Clone, Copy)]
@@ -195,25 +199,6 @@ pub struct Beams {
     rows: [u32; ROWS],
 }
 
-/// What a parent learns when it unites its children's lines.
-pub struct Union {
-    pub beams: Beams,
-    /// Lines of the union an axis.
-    pub lines: [u32; 13],
-    /// Lines of the children an axis, counted before they are united.
-    pub parts: [u32; 13],
-    /// Of each child, an axis: lines, and those of them that it blocks first, going along the axis and against it.
-    pub children: [[Seen; 13]; 8],
-}
-
-/// Lines of a child in its parent.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct Seen {
-    pub lines: u32,
-    /// Sum over both ways; at most 2 · lines.
-    pub first: u32,
-}
-
 impl Default for Beams {
     fn default() -> Self {
         Beams { rows: [0; ROWS] }
@@ -221,9 +206,9 @@ impl Default for Beams {
 }
 
 impl Beams {
-    /// Lines of the axis `k`.
-    pub fn count(&self, k: usize) -> u32 {
-        self.axis(k).iter().map(|r| r.count_ones()).sum()
+    /// Lines of each axis.
+    pub fn counts(&self) -> [u32; 13] {
+        counts(self)
     }
 
     fn axis(&self, k: usize) -> &[u32] {
@@ -231,16 +216,29 @@ impl Beams {
         &self.rows[p.first..p.first + p.rows]
     }
 
-    /// How many lines of the axis `k` are met in the square of `wide` rows and columns from `row` and `bit` on.
-    pub fn met(&self, k: usize, row: usize, bit: usize, wide: usize) -> u32 {
-        let mask = ((1 << wide) - 1) << bit;
-        self.axis(k)[row..row + wide].iter().map(|r| (r & mask).count_ones()).sum()
+    /// How many lines of the axis `k` are met in squares of `SQUARE` rows and columns; squares that the axis has not are 0.
+    #[inline(always)]
+    pub fn squares(&self, k: usize) -> [[u8; 8]; 8] {
+        let mut squares = [[0; 8]; 8];
+        for (rows, squares) in self.axis(k).as_chunks::<SQUARE>().0.iter().zip(&mut squares) {
+            let (mut even, mut odd) = (0, 0);
+            for row in rows {
+                // Ones of each four columns, then of all rows, in a byte each.
+                let pairs = row - (row >> 1 & 0x5555_5555);
+                let fours = (pairs & 0x3333_3333) + (pairs >> 2 & 0x3333_3333);
+                even += fours & 0x0f0f_0f0f;
+                odd += fours >> 4 & 0x0f0f_0f0f;
+            }
+            let (even, odd) = (even.to_le_bytes(), odd.to_le_bytes());
+            *squares = [even[0], odd[0], even[1], odd[1], even[2], odd[2], even[3], odd[3]];
+        }
+        squares
     }
 
-    /// Add the lines through `polygon` (voxel edges, within the unit voxel), or through what `cut` leaves of it. Adds the
-    /// lines found, before they are united, to `parts`.
-    pub fn add(&mut self, polygon: &Polygon, parts: &mut [u32; 13], cut: Option<&CutOut>) {
-        add(self, polygon.corners(), parts, cut);
+    /// Add the lines through `polygon` (voxel edges, within the voxel at `origin`), or through what `cut` leaves of it. Adds
+    /// the lines found, before they are united, to `parts`.
+    pub fn add(&mut self, polygon: &Polygon, origin: DVec3, parts: &mut [u32; 13], cut: Option<&CutOut>) {
+        add(self, (polygon.corners(), origin), parts, cut);
     }
 
     #[inline(always)]
@@ -312,15 +310,13 @@ impl Beams {
 
     /// Block all that `other` blocks, and count its lines into `parts`.
     pub fn merge(&mut self, other: &Beams, parts: &mut [u32; 13]) {
-        for (k, parts) in parts.iter_mut().enumerate() {
-            *parts += other.count(k);
-        }
+        parts.iter_mut().zip(other.counts()).for_each(|(parts, more)| *parts += more);
         self.unite_with(other);
     }
 
     /// Every line through a full voxel; found once, as every solid voxel asks for them.
-    pub fn full() -> &'static Beams {
-        static FULL: LazyLock<Beams> = LazyLock::new(Beams::find_full);
+    pub fn full() -> &'static Arc<Beams> {
+        static FULL: LazyLock<Arc<Beams>> = LazyLock::new(|| Arc::new(Beams::find_full()));
         &FULL
     }
 
@@ -339,86 +335,26 @@ impl Beams {
         }
         beams
     }
-
-    /// Unite up to eight children (in child order) whose voxels are of depth `depth`.
-    pub fn unite(children: &[Option<&Beams>; 8], depth: usize) -> Union {
-        unite(children, depth & 1)
-    }
 }
 
 // Functions of their own, as no method can be compiled for several targets.
 
 #[multiversion(targets("x86_64+avx2+bmi1+bmi2+lzcnt+popcnt"))]
-fn add(beams: &mut Beams, corners: &[DVec3], parts: &mut [u32; 13], cut: Option<&CutOut>) {
+fn add(beams: &mut Beams, (corners, origin): (&[DVec3], DVec3), parts: &mut [u32; 13], cut: Option<&CutOut>) {
     match corners.len() {
-        ..=4 => beams.add_plane(&Plane::<4>::new(corners), parts, cut),
-        5..=8 => beams.add_plane(&Plane::<8>::new(corners), parts, cut),
-        _ => beams.add_plane(&Plane::<MOST_CORNERS>::new(corners), parts, cut),
+        ..=4 => beams.add_plane(&Plane::<4>::new(corners, origin), parts, cut),
+        5..=8 => beams.add_plane(&Plane::<8>::new(corners, origin), parts, cut),
+        _ => beams.add_plane(&Plane::<MOST_CORNERS>::new(corners, origin), parts, cut),
     }
 }
 
 #[multiversion(targets("x86_64+avx2+bmi1+bmi2+lzcnt+popcnt"))]
-fn unite(children: &[Option<&Beams>; 8], phase: usize) -> Union {
-    if phase == 0 { unite_from::<0>(children) } else { unite_from::<1>(children) }
-}
-
-#[inline(always)]
-fn unite_from<const PHASE: usize>(children: &[Option<&Beams>; 8]) -> Union {
-    let mut all =
-        Union { beams: Beams::default(), lines: [0; 13], parts: [0; 13], children: [[Seen::default(); 13]; 8] };
-    for (k, p) in PROJECTIONS.iter().enumerate() {
-        match p.rows {
-            16 => all.unite_axis::<8, 16, PHASE>(k, children),
-            _ => all.unite_axis::<16, 32, PHASE>(k, children),
-        }
+fn counts(beams: &Beams) -> [u32; 13] {
+    let mut counts = [0; 13];
+    for (k, count) in counts.iter_mut().enumerate() {
+        *count = beams.axis(k).iter().map(|r| r.count_ones()).sum();
     }
-    all
-}
-
-impl Union {
-    /// Unite the axis `k`, of which each child gives every other of its `ALL` rows, `HALF` in all, from the row `PHASE` on.
-    /// All numbers are fixed, so that many rows are handled at once.
-    #[inline(always)]
-    fn unite_axis<const HALF: usize, const ALL: usize, const PHASE: usize>(
-        &mut self,
-        k: usize,
-        children: &[Option<&Beams>; 8],
-    ) {
-        let p = &PROJECTIONS[k];
-        let count = |rows: &[u32; HALF]| rows.iter().map(|r| r.count_ones()).sum::<u32>();
-        // By child: its rows as the parent has them, the first of those, and its lines.
-        let mut thinned = [([0u32; HALF], 0, 0); 8];
-        for (j, (child, (rows, first, lines))) in children.iter().zip(&mut thinned).enumerate() {
-            let Some(own) = child.and_then(|c| c.rows[p.first..].first_chunk::<ALL>()) else { continue };
-            let (oa, ob) = p.child_offset(j);
-            *first = 8 * ob;
-            for n in 0..HALF {
-                rows[n] = own[2 * n + PHASE];
-            }
-            for n in 0..HALF {
-                rows[n] = even_bits(rows[n] >> ((n + PHASE) & 1)) << (8 * oa);
-            }
-            *lines = count(rows);
-            self.children[j][k].lines = *lines;
-            self.parts[k] += *lines;
-        }
-        let mut united = [0u32; 32];
-        for way in [1i32, -1] {
-            united = [0; 32];
-            for &j in order(k, way) {
-                let (rows, first, lines) = &thinned[j];
-                let Some(united) = united[*first..].first_chunk_mut::<HALF>().filter(|_| *lines > 0) else { continue };
-                let mut new = [0; HALF];
-                for n in 0..HALF {
-                    new[n] = rows[n] & !united[n];
-                    united[n] |= rows[n];
-                }
-                self.children[j][k].first += count(&new);
-            }
-        }
-        self.lines[k] = united.iter().map(|r| r.count_ones()).sum();
-        self.beams.rows[p.first..p.first + ALL].copy_from_slice(&united[..ALL]);
-    }
+    counts
 }
 
 /// Where the lines of an axis meet the cells of a cut-out facet: an affine map.
@@ -447,47 +383,6 @@ impl Cells {
         let cell = [0, 1].map(|i| fixed(self.first[i] + n as f64 * self.row[i] + f64::from(from) * self.line[i]));
         cut.row(from, to, cell, self.line.map(fixed))
     }
-}
-
-/// Bits 0, 2, 4 … 30 gathered into the low half.
-#[inline]
-fn even_bits(v: u32) -> u32 {
-    let v = v & 0x5555_5555;
-    let v = (v | v >> 1) & 0x3333_3333;
-    let v = (v | v >> 2) & 0x0f0f_0f0f;
-    let v = (v | v >> 4) & 0x00ff_00ff;
-    (v | v >> 8) & 0xffff
-}
-
-/// Children in the order in which lines along axis `k` (`way` 1) or against it meet them.
-fn order(k: usize, way: i32) -> &'static [usize; 8] {
-    const ORDERS: [[[usize; 8]; 2]; 13] = orders();
-    &ORDERS[k][if way > 0 { 0 } else { 1 }]
-}
-
-const fn orders() -> [[[usize; 8]; 2]; 13] {
-    let mut out = [[[0usize; 8]; 2]; 13];
-    let mut k = 0;
-    while k < 13 {
-        let (mut n, mut level) = (0, -3i32);
-        while level <= 3 {
-            let mut j = 0;
-            while j < 8 {
-                let w = AXES13[k];
-                let along =
-                    w[0] as i32 * (j & 1) as i32 + w[1] as i32 * (j >> 1 & 1) as i32 + w[2] as i32 * (j >> 2) as i32;
-                if along == level {
-                    out[k][0][n] = j;
-                    out[k][1][7 - n] = j;
-                    n += 1;
-                }
-                j += 1;
-            }
-            level += 1;
-        }
-        k += 1;
-    }
-    out
 }
 
 /// The stretch of the line of axis `k` at plane point (x, y) that lies in the box `lo..hi`, as an interval of the dropped

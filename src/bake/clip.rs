@@ -4,6 +4,8 @@
 //!
 //! A piece that lies in the plane between two voxels belongs to the upper one (voxels are half-open), so areas add up.
 
+use std::borrow::Cow;
+
 use crate::geom::{DAffine3, DVec3};
 
 /// Most corners that a source may give a polygon; six planes add one each.
@@ -124,17 +126,12 @@ impl Polygon {
         Polygon { corners: [DVec3::ZERO; ROOM], len: 0, facet: self.facet }
     }
 
-    /// The pieces below and above the plane `p[axis] = plane`; both get the same corners on the cut.
-    pub fn split(&self, axis: usize, plane: f64) -> (Option<Polygon>, Option<Polygon>) {
-        match self.side(axis, plane) {
-            Side::Below => return (Some(*self), None),
-            Side::Above => return (None, Some(*self)),
-            Side::Both => {}
-        }
-        let (mut below, mut above) = (self.empty_like(), self.empty_like());
-        let corners = self.corners();
-        let mut from = corners[corners.len() - 1];
-        for &to in corners {
+    /// The pieces below and above the plane `p[axis] = plane`, which crosses it; both get the same corners on the cut.
+    pub fn split(&self, axis: usize, plane: f64) -> [Polygon; 2] {
+        let mut pieces = [self.empty_like(), self.empty_like()];
+        let [below, above] = &mut pieces;
+        let mut from = self.corners[self.len.saturating_sub(1)];
+        for &to in self.corners() {
             let (a, b) = (from[axis] - plane, to[axis] - plane);
             if (a < 0.0 && b > 0.0) || (a > 0.0 && b < 0.0) {
                 // From the lower end always, so that an edge shared by two facets is cut at one point.
@@ -152,22 +149,24 @@ impl Polygon {
             }
             from = to;
         }
-        (Some(below), Some(above))
+        pieces
     }
 
-    /// What of it is in the half-open box `[lo, hi)`.
-    pub fn clip(&self, lo: DVec3, hi: DVec3) -> Option<Polygon> {
+    /// What of it is in the half-open box `[lo, hi)`; not a copy where that is all of it.
+    pub fn clip(&self, lo: DVec3, hi: DVec3) -> Option<Cow<'_, Polygon>> {
         let (least, most) = self.bounds();
-        if least.cmpge(lo).all() && most.cmplt(hi).all() {
-            return Some(*self);
-        }
         if least.cmpge(hi).any() || most.cmplt(lo).any() {
             return None;
         }
-        let mut piece = *self;
+        let mut piece = Cow::Borrowed(self);
         for axis in 0..3 {
-            piece = piece.split(axis, lo[axis]).1?;
-            piece = piece.split(axis, hi[axis]).0?;
+            for (upper, plane) in [(true, lo[axis]), (false, hi[axis])] {
+                match (piece.side(axis, plane), upper) {
+                    (Side::Both, _) => piece = Cow::Owned(piece.split(axis, plane)[usize::from(upper)]),
+                    (Side::Above, true) | (Side::Below, false) => {}
+                    _ => return None,
+                }
+            }
         }
         Some(piece)
     }
@@ -196,10 +195,7 @@ impl Polygon {
         match self.middle_plane() {
             Err(cell) => each(self, cell),
             Ok((axis, plane)) => {
-                let (below, above) = self.split(axis, plane);
-                for piece in [&below, &above].into_iter().flatten() {
-                    piece.split_voxels(each);
-                }
+                self.split(axis, plane).iter().for_each(|piece| piece.split_voxels(each));
             }
         }
     }

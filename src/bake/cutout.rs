@@ -49,10 +49,7 @@ fn split_cut(cut: &dyn Cut, piece: &Polygon, each: &mut impl FnMut(&Polygon, DVe
         Presence::Part => match piece.middle_plane() {
             Err(at) => each(piece, at, Some(cut)),
             Ok((axis, plane)) => {
-                let (below, above) = piece.split(axis, plane);
-                for piece in [&below, &above].into_iter().flatten() {
-                    split_cut(cut, piece, each);
-                }
+                piece.split(axis, plane).iter().for_each(|piece| split_cut(cut, piece, each));
             }
         },
     }

@@ -110,10 +110,12 @@ pub fn fit_weighted(values: &[f64; 13], weights: &[f64; 13]) -> Option<Sggx> {
 /// Solve the symmetric positive 6×6 system, given by its upper half and the right-hand side, by Gauss's elimination.
 #[inline(always)]
 fn solve(mut eq: [[f64; 7]; 6]) -> [f64; 6] {
+    let mut inverse = [0.0; 6];
     for i in 0..6 {
         eq[i][i] += 1e-9;
+        inverse[i] = 1.0 / eq[i][i];
         for r in i + 1..6 {
-            let f = eq[i][r] / eq[i][i];
+            let f = eq[i][r] * inverse[i];
             for c in r..7 {
                 eq[r][c] -= f * eq[i][c];
             }
@@ -125,7 +127,7 @@ fn solve(mut eq: [[f64; 7]; 6]) -> [f64; 6] {
         for j in i + 1..6 {
             rest += eq[i][j] * x[j];
         }
-        x[i] = (eq[i][6] - rest) / eq[i][i];
+        x[i] = (eq[i][6] - rest) * inverse[i];
     }
     x
 }
@@ -145,7 +147,7 @@ fn positive(s: [f64; 6]) -> [f64; 6] {
     if is_positive(s) {
         return s;
     }
-    let small = 1e-9 * (s[0].abs() + s[1].abs() + s[2].abs());
+    let small = 1e-5 * (s[0].abs() + s[1].abs() + s[2].abs());
     let mut a = [[s[0], s[3], s[4]], [s[3], s[1], s[5]], [s[4], s[5], s[2]]];
     let mut v = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0f64]];
     for _ in 0..8 {

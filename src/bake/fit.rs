@@ -9,7 +9,7 @@ use multiversion::multiversion;
 use super::beams::Beams;
 use super::chord::{Chords, LENGTHS, Lanes, MAX_RATE, box_areas, depth_for, exp_neg};
 use super::ellipsoid::{fit_weighted, sigmas};
-use super::march::{Lines, MARCH_LINES, MOST_LINES, covered};
+use super::march::{Lines, MARCH_LINES};
 use super::measure::Measure;
 use super::refine::Passed;
 use crate::geom::{DVec3, Vec3, larger};
@@ -25,8 +25,6 @@ const LEAST_SLOPE: f32 = 0.15;
 const ROUNDS: usize = 3;
 const FREE: f32 = 1.02;
 const LITTLE: f64 = 1e-4;
-/// Correlations at which a block is marched; the law is smooth in between.
-const TRIALS: [f32; 3] = [0.0, 0.5, 1.0];
 
 /// A voxel of a block, to be fitted.
 pub struct Cell<'a> {
@@ -222,7 +220,7 @@ pub fn fit_block(
         through.change(log);
     }
     if model == Model::Coverage {
-        through.compare(of.beams, MARCH_LINES, |error| certificate.add(error));
+        through.compare(of.beams, |error| certificate.add(error));
     }
     for ((voxel, cell), &rate) in fitted.iter_mut().zip(cells).zip(&levels) {
         if rate > 0.0 {
@@ -288,40 +286,27 @@ fn correlation(cells: &[Cell], seen: &[Seen], lines: &Lines, block: &Measure, wi
     if cells.len() < 2 {
         return 15;
     }
-    // By the mean chord: what hides behind what hardly depends on it.
-    let mut rates = vec![[[0.0f32; 16]; TRIALS.len()]; cells.len()];
-    for (rates, s) in rates.iter_mut().zip(seen) {
-        for (rates, c) in rates.iter_mut().zip(TRIALS) {
-            for k in 0..16 {
-                rates[k] = s.chords.inverse_mean[k] * depth_for(s.blocked[k], c);
-            }
+    // By the mean chord: what hides behind what hardly depends on it. Of independent matter, and of fully correlated.
+    let mut rates = vec![[[0.0f32; 16]; 2]; cells.len()];
+    for ([none, full], s) in rates.iter_mut().zip(seen) {
+        for k in 0..16 {
+            none[k] = s.chords.inverse_mean[k] * depth_for(s.blocked[k], 0.0);
+            full[k] = s.chords.inverse_mean[k] * s.blocked[k];
         }
     }
-    let (mut overlap, mut wanted, mut weight) = ([[0.0f32; 16]; TRIALS.len()], [0.0f32; 16], [0.0f32; 16]);
-    let mut depths = [0.0; MOST_LINES];
+    // In between, what hides falls in a straight line nearly: the least squares of what it misses, an axis.
+    let (mut up, mut down) = (0.0, 0.0);
     for k in 0..13 {
-        let parts;
-        (wanted[k], parts) = hidden(k, cells, block, width);
+        let (wanted, parts) = hidden(k, cells, block, width);
         if parts <= 0.0 {
             continue;
         }
-        weight[k] = parts / LENGTHS[k];
-        for (trial, c) in TRIALS.into_iter().enumerate() {
-            lines.depths(k, |cell| rates[cell][trial][k], &mut depths);
-            let union = covered(&depths[..lines.count(k)], c);
-            let alone = lines.alone(k, |cell| rates[cell][trial][k], c);
-            overlap[trial][k] = if alone > 0.0 { 1.0 - union / alone } else { wanted[k] };
-        }
+        let hides = |(alone, together): (f32, f32)| if alone > 0.0 { 1.0 - together / alone } else { wanted };
+        let none = hides(lines.blocked::<false>(k, |cell| rates[cell][0][k]));
+        let full = hides(lines.blocked::<true>(k, |cell| rates[cell][1][k]));
+        let weight = (parts / LENGTHS[k]) * (parts / LENGTHS[k]);
+        up += weight * (full - none) * (wanted - none);
+        down += weight * (full - none) * (full - none);
     }
-    let mut errors = [0.0f32; 16];
-    for (code, error) in errors.iter_mut().enumerate() {
-        let c = code as f32 / 15.0;
-        // Through the three trials: Lagrange's parabola at 0, 1/2, 1.
-        let (a, b, d) = ((1.0 - c) * (1.0 - 2.0 * c), 4.0 * c * (1.0 - c), c * (2.0 * c - 1.0));
-        for k in 0..13 {
-            let miss = weight[k] * (a * overlap[0][k] + b * overlap[1][k] + d * overlap[2][k] - wanted[k]);
-            *error += miss * miss;
-        }
-    }
-    (0..16u8).min_by(|&a, &b| errors[usize::from(a)].total_cmp(&errors[usize::from(b)])).unwrap_or(0)
+    if down > 0.0 { (15.0 * (up / down).clamp(0.0, 1.0)).round() as u8 } else { 0 }
 }

@@ -353,11 +353,9 @@ fn cut(polygon: &Polygon, keeps: &dyn Fn(DVec3) -> bool, splits: usize, each: &m
         let (lo, hi) = polygon.bounds();
         let size = hi - lo;
         let axis = (0..3).max_by(|&a, &b| size[a].total_cmp(&size[b])).unwrap_or(0);
-        let (below, above) = polygon.split(axis, 0.5 * (lo[axis] + hi[axis]));
-        if let (Some(below), Some(above)) = (below, above) {
-            cut(&below, keeps, splits - 1, each);
-            cut(&above, keeps, splits - 1, each);
-            return;
+        let plane = 0.5 * (lo[axis] + hi[axis]);
+        if lo[axis] < plane && plane < hi[axis] {
+            return polygon.split(axis, plane).iter().for_each(|piece| cut(piece, keeps, splits - 1, each));
         }
     }
     if changes != 2 {

@@ -55,38 +55,33 @@ impl Lines {
         all
     }
 
-    /// Lines of the axis `k`.
-    #[inline(always)]
-    pub fn count(&self, k: usize) -> usize {
-        (start(k + 1) - start(k)) * self.width * self.width
-    }
-
-    /// Optical depths of the lines of the axis `k`, row by row, where the voxels have the rates `rate` that way; into `depths`,
-    /// of which those beyond the axis' lines are 0.
+    /// Optical depths of the lines of the axis `k`, row by row, where the voxels have the rates `rate` that way; into the first
+    /// of `depths`.
     #[inline(always)]
     pub fn depths(&self, k: usize, rate: impl Fn(usize) -> f32, depths: &mut [f32; MOST_LINES]) {
-        *depths = [0.0; MOST_LINES];
         match (PROJECTIONS[k].extent(), self.width) {
-            ((1, _), 4) => self.add::<{ WIDE / 2 }, 4, 4>(k, rate, depths),
-            ((1, _), 2) => self.add::<{ WIDE / 2 }, 4, 2>(k, rate, depths),
-            ((1, _), _) => self.add::<{ WIDE / 2 }, 4, 1>(k, rate, depths),
-            ((_, 1), 4) => self.add::<WIDE, 8, 4>(k, rate, depths),
-            ((_, 1), 2) => self.add::<WIDE, 8, 2>(k, rate, depths),
-            ((_, 1), _) => self.add::<WIDE, 8, 1>(k, rate, depths),
-            (_, 4) => self.add::<WIDE, 16, 4>(k, rate, depths),
-            (_, 2) => self.add::<WIDE, 16, 2>(k, rate, depths),
-            _ => self.add::<WIDE, 16, 1>(k, rate, depths),
+            ((1, _), 4) => self.add::<{ WIDE / 2 }, 4, 4, 64>(k, rate, depths),
+            ((1, _), 2) => self.add::<{ WIDE / 2 }, 4, 2, 16>(k, rate, depths),
+            ((1, _), _) => self.add::<{ WIDE / 2 }, 4, 1, 4>(k, rate, depths),
+            ((_, 1), 4) => self.add::<WIDE, 8, 4, 128>(k, rate, depths),
+            ((_, 1), 2) => self.add::<WIDE, 8, 2, 32>(k, rate, depths),
+            ((_, 1), _) => self.add::<WIDE, 8, 1, 8>(k, rate, depths),
+            (_, 4) => self.add::<WIDE, 16, 4, 256>(k, rate, depths),
+            (_, 2) => self.add::<WIDE, 16, 2, 64>(k, rate, depths),
+            _ => self.add::<WIDE, 16, 1, 16>(k, rate, depths),
         }
     }
 
-    /// [`Lines::depths`] of an axis of which a voxel has `ALL` lines, `N` a row, in a block `WIDTH` wide.
+    /// [`Lines::depths`] of an axis of which a voxel has `ALL` lines, `N` a row, and a block, `WIDTH` wide, `COUNT`.
     #[inline(always)]
-    fn add<const N: usize, const ALL: usize, const WIDTH: usize>(
+    fn add<const N: usize, const ALL: usize, const WIDTH: usize, const COUNT: usize>(
         &self,
         k: usize,
         rate: impl Fn(usize) -> f32,
         depths: &mut [f32; MOST_LINES],
     ) {
+        let Some(depths) = depths.first_chunk_mut::<COUNT>() else { return };
+        *depths = [0.0; COUNT];
         for (cell, (chords, firsts)) in self.chords.iter().zip(&self.firsts).enumerate() {
             let rate = rate(cell);
             let first = usize::from(firsts[k]);
@@ -103,39 +98,55 @@ impl Lines {
         }
     }
 
-    /// What the voxels block of the lines of the axis `k`, each for itself, at the correlation `c`.
+    /// How many of the lines of the axis `k` the voxels block, each for itself, and all together: where they are independent,
+    /// and where they are `full`y correlated, which keeps lines that are not blocked apart as long as there are any.
     #[inline(always)]
-    pub fn alone(&self, k: usize, rate: impl Fn(usize) -> f32, c: f32) -> f32 {
-        match start(k + 1) - start(k) {
-            4 => self.sum_alone::<4>(k, rate, c),
-            8 => self.sum_alone::<8>(k, rate, c),
-            _ => self.sum_alone::<16>(k, rate, c),
+    pub fn blocked<const FULL: bool>(&self, k: usize, rate: impl Fn(usize) -> f32) -> (f32, f32) {
+        match (PROJECTIONS[k].extent(), self.width) {
+            ((1, _), 4) => self.block::<FULL, { WIDE / 2 }, 4, 4, 64>(k, rate),
+            ((1, _), 2) => self.block::<FULL, { WIDE / 2 }, 4, 2, 16>(k, rate),
+            ((1, _), _) => self.block::<FULL, { WIDE / 2 }, 4, 1, 4>(k, rate),
+            ((_, 1), 4) => self.block::<FULL, WIDE, 8, 4, 128>(k, rate),
+            ((_, 1), 2) => self.block::<FULL, WIDE, 8, 2, 32>(k, rate),
+            ((_, 1), _) => self.block::<FULL, WIDE, 8, 1, 8>(k, rate),
+            (_, 4) => self.block::<FULL, WIDE, 16, 4, 256>(k, rate),
+            (_, 2) => self.block::<FULL, WIDE, 16, 2, 64>(k, rate),
+            _ => self.block::<FULL, WIDE, 16, 1, 16>(k, rate),
         }
     }
 
-    /// [`Lines::alone`] of an axis of which a voxel has `ALL` lines.
+    /// [`Lines::blocked`] of an axis of which a voxel has `ALL` lines, `N` a row, and a block, `WIDTH` wide, `COUNT`.
     #[inline(always)]
-    fn sum_alone<const ALL: usize>(&self, k: usize, rate: impl Fn(usize) -> f32, c: f32) -> f32 {
-        let d = 1.0 - c;
-        let mut sums = [0.0; ALL];
-        for (cell, chords) in self.chords.iter().enumerate() {
+    fn block<const FULL: bool, const N: usize, const ALL: usize, const WIDTH: usize, const COUNT: usize>(
+        &self,
+        k: usize,
+        rate: impl Fn(usize) -> f32,
+    ) -> (f32, f32) {
+        let mut alone = [0.0; ALL];
+        // Of the block's lines, what passes; or, if full, all that is in their way.
+        let mut lines = [if FULL { 0.0f32 } else { 1.0 }; COUNT];
+        for (cell, (chords, firsts)) in self.chords.iter().zip(&self.firsts).enumerate() {
             let rate = rate(cell);
+            let first = usize::from(firsts[k]);
             let Some(chords) = chords[start(k)..].first_chunk::<ALL>() else { continue };
-            let mut shares = [0.0; ALL];
-            if d < 1e-3 {
-                for n in 0..ALL {
-                    shares[n] = smaller(rate * chords[n], 1.0);
-                }
-            } else {
-                for n in 0..ALL {
-                    shares[n] = blocked(rate * chords[n], d);
-                }
-            }
+            let Some(lines) = lines.get_mut(first..first + (ALL / N - 1) * N * WIDTH + N) else { continue };
+            let mut own = [0.0; ALL];
             for n in 0..ALL {
-                sums[n] += shares[n];
+                own[n] = if FULL { rate * chords[n] } else { exp_neg(rate * chords[n]) };
+                alone[n] += if FULL { smaller(own[n], 1.0) } else { 1.0 - own[n] };
+            }
+            for row in 0..ALL / N {
+                let at = row * N * WIDTH;
+                let mut more = [0.0; N];
+                for n in 0..N {
+                    let own = own[row * N + n];
+                    more[n] = if FULL { lines[at + n] + own } else { lines[at + n] * own };
+                }
+                lines[at..at + N].copy_from_slice(&more);
             }
         }
-        sums.iter().sum()
+        let together = if FULL { sum(&lines, |tau| smaller(tau, 1.0)) } else { sum(&lines, |passes| 1.0 - passes) };
+        (alone.iter().sum(), together)
     }
 }
 
@@ -147,20 +158,6 @@ fn crossings<const N: usize>(chords: &mut [f32], slabs: &Slabs<WIDE>, p: &Projec
             *chord = larger(slabs.stretch(p, x, y), 0.0) * length;
         }
     }
-}
-
-/// What the optical depth `tau` blocks where 1 − c is `d`, of at least 1e-3.
-#[inline(always)]
-fn blocked(tau: f32, d: f32) -> f32 {
-    // T = (E − c) / (1 − c), E = e^−(1−c)τ.
-    smaller((1.0 - exp_neg(d * tau)) / d, 1.0)
-}
-
-/// The sum of what optical depths block at correlation `c`.
-#[inline(always)]
-pub fn covered(depths: &[f32], c: f32) -> f32 {
-    let d = 1.0 - c;
-    if d < 1e-3 { sum(depths, |tau| smaller(tau, 1.0)) } else { sum(depths, |tau| blocked(tau, d)) }
 }
 
 #[cfg(test)]
@@ -181,18 +178,25 @@ mod tests {
                 lines.depths(k, |_| 2.0, &mut depths);
                 let (across, down) = p.extent();
                 let edge = wide * MARCH_LINES;
-                assert_eq!(lines.count(k), across * down * edge * edge);
-                let mut alone = 0.0;
-                for (n, &depth) in depths[..lines.count(k)].iter().enumerate() {
+                let count = across * down * edge * edge;
+                let (mut full, mut none) = (0.0, 0.0);
+                for (n, &depth) in depths[..count].iter().enumerate() {
                     let middle = |i: usize| (i as f64 + 0.5) / edge as f64;
                     let (x, y) = (middle(n % (across * edge)), middle(n / (across * edge)));
                     let met = crossing(k, x, y, lo.as_dvec3(), hi.as_dvec3()).map_or(0.0, |(from, to)| to - from);
                     let want = 2.0 * met * axis_length(k) * f64::from(width);
                     // All of it are a few roundings of numbers of up to 8, in f32.
                     assert!((f64::from(depth) - want).abs() < 1e-5, "{width} {k} {n}: {depth} {want}");
-                    alone += want.min(1.0);
+                    full += want.min(1.0);
+                    none += 1.0 - (-want).exp();
                 }
-                assert!((f64::from(lines.alone(k, |_| 2.0, 1.0)) - alone).abs() < 1e-4, "{width} {k}");
+                // Sums of at most 256 of them; exp_neg is right to 1e-5.
+                for ((alone, together), want) in
+                    [(lines.blocked::<true>(k, |_| 2.0), full), (lines.blocked::<false>(k, |_| 2.0), none)]
+                {
+                    assert!((f64::from(alone) - want).abs() < 1e-3, "{width} {k}: {alone} {want}");
+                    assert!((alone - together).abs() < 1e-4, "one voxel hides nothing");
+                }
             }
         }
     }

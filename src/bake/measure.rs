@@ -3,6 +3,8 @@
 //! Based on: C. Loop et al. / E. Heitz et al., *The SGGX Microflake Distribution*, 2015 (projected areas filter linearly);
 //! G. Loubet, F. Neyret, *Hybrid Mesh-Volume LoDs*, EG 2017 (colour weighted by visibility).
 
+use std::sync::Arc;
+
 use super::beams::{Beams, Union, axis_length, box_area, oblique_area};
 use super::clip::Polygon;
 use super::cutout::CutOut;
@@ -107,13 +109,15 @@ impl Measure {
 /// A finest voxel while its facets come in, one by one; nothing is kept of them but sums.
 pub struct Gather {
     measure: Measure,
-    beams: Box<Beams>,
+    beams: Arc<Beams>,
     /// Lines of each facet, before they are united; and oblique areas, an axis.
     parts: [u32; 13],
     areas: [f64; 13],
     /// Of `areas` what belongs to closed things, and the sum of its area vectors.
     closed: [f64; 13],
     facing: DVec3,
+    /// What has added lines so far.
+    pieces: usize,
     /// Whether materials are told apart.
     materials: bool,
 }
@@ -123,8 +127,9 @@ impl Gather {
         Gather {
             materials,
             measure: Measure::empty(),
-            beams: Box::default(),
+            beams: Arc::default(),
             parts: [0; 13],
+            pieces: 0,
             areas: [0.0; 13],
             closed: [0.0; 13],
             facing: DVec3::ZERO,
@@ -134,51 +139,54 @@ impl Gather {
     /// Add a facet (grid space, already cut to the voxel at `origin`); `cut` where alpha leaves only some of it.
     pub fn add(&mut self, staged: &dyn Staged, polygon: &Polygon, origin: DVec3, cut: Option<&dyn Cut>) {
         let m = &mut self.measure;
-        let p = polygon.relative_to(origin);
-        let area = p.area_vector();
+        let area = polygon.area_vector();
         let size = area.length();
         if size.is_nan() || size < 1e-14 {
             return;
         }
+        self.pieces += 1;
         let mut share = 1.0;
         let albedo;
-        let (mut lo, mut hi) = p.bounds();
+        let (lo, hi) = polygon.bounds();
+        let (mut lo, mut hi) = (lo - origin, hi - origin);
         if let Some(cut) = cut {
+            let p = polygon.relative_to(origin);
             let Some(cut) = CutOut::new(staged, cut, &p, origin, area / size) else { return };
-            self.beams.add(&p, &mut self.parts, Some(&cut));
+            Arc::make_mut(&mut self.beams).add(polygon, origin, &mut self.parts, Some(&cut));
             (share, albedo, lo, hi) = (cut.share, cut.albedo, cut.lo, cut.hi);
         } else {
-            self.beams.add(&p, &mut self.parts, None);
-            let s = staged.surface(p.facet, polygon.middle(), size.sqrt());
+            Arc::make_mut(&mut self.beams).add(polygon, origin, &mut self.parts, None);
+            let s = staged.surface(polygon.facet, polygon.middle(), size.sqrt());
             albedo = DVec3::from(s.albedo.map(f64::from));
         }
         (m.lo, m.hi) = (m.lo.min(lo), m.hi.max(hi));
         let own = area / size;
-        let shown = staged.normal(p.facet, polygon.middle(), own);
+        let shown = staged.normal(polygon.facet, polygon.middle(), own);
         let area = if shown == own { area } else { size * shown };
         for (k, sum) in self.areas.iter_mut().enumerate() {
             *sum += share * oblique_area(k, area);
         }
-        if staged.closed(p.facet) {
+        if staged.closed(polygon.facet) {
             for (k, sum) in self.closed.iter_mut().enumerate() {
                 *sum += share * oblique_area(k, area);
             }
             self.facing += share * area;
         }
         m.total += share * size;
-        if staged.one_sided(p.facet) {
+        if staged.one_sided(polygon.facet) {
             m.mean += share * area;
         }
         m.albedo += share * size * albedo;
         if self.materials {
-            m.materials.add(staged.material(p.facet).min(254) as u8, share * size, albedo);
+            m.materials.add(staged.material(polygon.facet).min(254) as u8, share * size, albedo);
         }
     }
 
     /// Add a share of a medium: it fills `lo..hi` of the voxel, and hides what is behind it as chance has it.
     pub fn add_medium(&mut self, share: &Share, medium: &Medium) {
+        self.pieces += 1;
         let m = &mut self.measure;
-        self.beams.merge(&share.beams, &mut self.parts);
+        Arc::make_mut(&mut self.beams).merge(&share.beams, &mut self.parts);
         (m.lo, m.hi) = (m.lo.min(share.lo), m.hi.max(share.hi));
         self.areas.iter_mut().zip(&share.cover).for_each(|(sum, c)| *sum += c);
         m.total += share.area;
@@ -197,19 +205,20 @@ impl Gather {
     }
 
     /// The voxel's measure and lines; `None` where its facets have no area.
-    pub fn finish(self) -> Option<(Measure, Box<Beams>)> {
-        let Gather { measure: mut m, beams, parts, areas, closed, facing, .. } = self;
+    pub fn finish(self) -> Option<(Measure, Arc<Beams>)> {
+        let Gather { measure: mut m, beams, parts, pieces, areas, closed, facing, .. } = self;
         if m.total <= 0.0 {
             return None;
         }
         m.albedo /= m.total;
         m.materials.divide(m.total);
         (m.lo, m.hi) = (m.lo.clamp(DVec3::ZERO, DVec3::ONE), m.hi.clamp(DVec3::ZERO, DVec3::ONE));
+        let lines = if pieces == 1 { parts } else { beams.counts() };
         for (k, &parts) in parts.iter().enumerate() {
             // One facet covers its area exactly; several share lines as the lattice finds it. Where they slip between its
             // lines, what is closed covers as much as faces one way, the way that more does.
             let area = if parts > 0 {
-                areas[k] * f64::from(beams.count(k)) / f64::from(parts)
+                areas[k] * f64::from(lines[k]) / f64::from(parts)
             } else {
                 areas[k] - 0.5 * (closed[k] - oblique_area(k, facing))
             };

@@ -9,7 +9,7 @@ use std::sync::OnceLock;
 
 use multiversion::multiversion;
 
-use super::beams::{Beams, LINES, PROJECTIONS, axis_length, box_area, crossing, planes_before};
+use super::beams::{Beams, PROJECTIONS, SQUARE, axis_length, box_area, crossing, planes_before};
 use super::chord::{LENGTHS, exp_neg, ln, sum};
 use super::march;
 use crate::geom::{DVec3, larger, smaller};
@@ -31,7 +31,7 @@ const STEP: f32 = std::f32::consts::LN_2 / 16.0;
 /// A square through which more passes is empty.
 const CLEAR: f32 = 0.999;
 /// Lines along a group's edge, at most: beyond, every other one is left out.
-const MOST_LINES: usize = 32;
+const MOST_LINES: usize = 16;
 /// Levels of a group's lines, doubled from one a cube's edge.
 const SIZES: usize = 12;
 
@@ -76,24 +76,26 @@ impl Passed {
         depths: impl Fn(usize, &mut [f32; march::MOST_LINES]),
     ) -> Passed {
         let square = lines * lines;
-        let mut at: [Vec<f32>; GAINS.len()] = Default::default();
-        for at in &mut at {
-            *at = vec![0.0; planes_before(13) * square];
-        }
+        let mut at: [Vec<f32>; GAINS.len()] = GAINS.map(|_| Vec::with_capacity(planes_before(13) * square));
         let d = 1.0 - c;
         let mut all = [0.0; march::MOST_LINES];
         for k in 0..13 {
             depths(k, &mut all);
-            let range = planes_before(k) * square..planes_before(k + 1) * square;
-            for (at, gain) in at.iter_mut().zip(GAINS) {
-                let passes = at[range.clone()].iter_mut().zip(&all);
-                if d < 1e-3 {
-                    passes.for_each(|(passes, tau)| *passes = larger(1.0 - gain * tau, 0.0));
-                } else {
-                    // T = (E − c) / (1 − c), E = e^−(1−c)τ.
-                    passes.for_each(|(passes, tau)| *passes = larger((exp_neg(d * gain * tau) - c) / d, 0.0));
+            let count = (planes_before(k + 1) - planes_before(k)) * square;
+            let all = &mut all[..count.min(march::MOST_LINES)];
+            if d < 1e-3 {
+                for (at, gain) in at.iter_mut().zip(GAINS) {
+                    at.extend(all.iter().map(|tau| larger(1.0 - gain * tau, 0.0)));
                 }
+                continue;
             }
+            // T = (E − c) / (1 − c), E = e^−(1−c)τ, of which the gains 1, 3/2 and 2/3 are powers.
+            let (by, less) = (1.0 / d, c / d);
+            all.iter_mut().for_each(|tau| *tau = exp_neg(d * *tau * (1.0 / 6.0)));
+            let [as_is, up, down] = &mut at;
+            as_is.extend(all.iter().map(|e| larger((e * e) * (e * e) * (e * e) * by - less, 0.0)));
+            up.extend(all.iter().map(|e| larger((e * e * e) * (e * e * e) * (e * e * e) * by - less, 0.0)));
+            down.extend(all.iter().map(|e| larger((e * e) * (e * e) * by - less, 0.0)));
         }
         let mut passed = Passed { lines, at, areas: Default::default(), voxels };
         (0..8).filter(|&j| closed[j]).for_each(|j| passed.close(j));
@@ -125,6 +127,7 @@ impl Passed {
     }
 
     /// Let nothing through the octant `j`.
+    #[inline(always)]
     fn close(&mut self, j: usize) {
         let closed = misses(self.lines / 2);
         self.cover(j, |_| closed);
@@ -145,17 +148,16 @@ impl Passed {
             return self;
         }
         let (lines, half) = (self.lines, self.lines / 2);
-        let at = std::array::from_fn(|g| {
-            let mut at = Vec::with_capacity(planes_before(13) * half * half);
+        let mut at: [Vec<f32>; GAINS.len()] = GAINS.map(|_| Vec::with_capacity(planes_before(13) * half * half));
+        for (at, all) in at.iter_mut().zip(&self.at) {
             for (k, p) in PROJECTIONS.iter().enumerate() {
                 let (wa, wb) = p.extent();
-                let all = &self.at[g][planes_before(k) * lines * lines..][..wa * lines * wb * lines];
+                let all = &all[planes_before(k) * lines * lines..][..wa * lines * wb * lines];
                 for (n, row) in all.chunks_exact(wa * lines).step_by(2).enumerate() {
-                    at.extend(row.iter().skip(n & 1).step_by(2));
+                    at.extend(row.as_chunks::<2>().0.iter().map(|pair| pair[n & 1]));
                 }
             }
-            at
-        });
+        }
         Passed { lines: half, at, areas: self.areas, voxels: self.voxels }
     }
 
@@ -203,26 +205,47 @@ impl Passed {
     }
 
     /// Compare with the lines that are met in `beams`: calls `each` with the difference of what is covered of every square one
-    /// voxel wide that either finds something in; a voxel is `per_voxel` of the cube's lines wide.
+    /// voxel wide that either finds something in; a voxel is two of the cube's lines wide.
     #[inline(always)]
-    pub fn compare(&self, beams: &Beams, per_voxel: usize, mut each: impl FnMut(f32)) {
-        let step = LINES * per_voxel / self.lines;
-        let all = (step * step) as f32;
+    pub fn compare(&self, beams: &Beams, mut each: impl FnMut(f32)) {
         for (k, p) in PROJECTIONS.iter().enumerate() {
-            let (wa, wb) = p.extent();
-            let wide = wa * self.lines;
-            let at = &self.at[0][planes_before(k) * self.lines * self.lines..][..wide * wb * self.lines];
-            for (j, rows) in at.chunks_exact(per_voxel * wide).enumerate() {
-                for i in 0..wide / per_voxel {
-                    let mut passes = 0.0;
-                    for row in rows.chunks_exact(wide) {
-                        row[i * per_voxel..][..per_voxel].iter().for_each(|p| passes += p);
+            let squares = beams.squares(k);
+            match (self.lines, p.extent().0) {
+                (8, 1) => self.compare_axis::<1, 4>(k, &squares, &mut each),
+                (8, _) => self.compare_axis::<1, 8>(k, &squares, &mut each),
+                (4, 1) => self.compare_axis::<2, 2>(k, &squares, &mut each),
+                (4, _) => self.compare_axis::<2, 4>(k, &squares, &mut each),
+                (_, 1) => self.compare_axis::<4, 1>(k, &squares, &mut each),
+                _ => self.compare_axis::<4, 2>(k, &squares, &mut each),
+            }
+        }
+    }
+
+    /// [`Passed::compare`] along the axis `k`, `WIDE` voxels to a row, each as wide as `STEP` of the `squares`.
+    #[inline(always)]
+    fn compare_axis<const STEP: usize, const WIDE: usize>(
+        &self,
+        k: usize,
+        squares: &[[u8; 8]; 8],
+        each: &mut impl FnMut(f32),
+    ) {
+        let at =
+            &self.at[0][planes_before(k) * self.lines * self.lines..planes_before(k + 1) * self.lines * self.lines];
+        let rows = at.as_chunks::<2>().0.as_chunks::<WIDE>().0;
+        for (rows, squares) in rows.as_chunks::<2>().0.iter().zip(squares.as_chunks::<STEP>().0) {
+            let (mut passes, mut met) = ([0.0f32; WIDE], [0.0f32; WIDE]);
+            for i in 0..WIDE {
+                let ([a, b], [c, d]) = (rows[0][i], rows[1][i]);
+                passes[i] = 0.25 * (a + b + c + d);
+                for row in squares {
+                    for n in 0..STEP {
+                        met[i] += f32::from(row[i * STEP + n]);
                     }
-                    passes /= (per_voxel * per_voxel) as f32;
-                    let met = beams.met(k, j * step, i * step, step);
-                    if met > 0 || passes < CLEAR {
-                        each((1.0 - passes - met as f32 / all).abs());
-                    }
+                }
+            }
+            for i in 0..WIDE {
+                if met[i] > 0.0 || passes[i] < CLEAR {
+                    each((1.0 - passes[i] - met[i] / (STEP * STEP * SQUARE * SQUARE) as f32).abs());
                 }
             }
         }
@@ -285,13 +308,13 @@ impl Passed {
     }
 }
 
-/// The group of `children` (see [`Passed::unite`]), which was measured to cover `cover`, corrected; and by how many steps of the
-/// rates' codes.
+/// The group of `children` (see [`Passed::unite`]), which was measured to cover `cover`, corrected and thinned; and by how many
+/// steps of the rates' codes.
 #[multiversion(targets("x86_64+avx2+bmi1+bmi2+lzcnt+popcnt"))]
 pub fn group(children: &[Option<&Passed>; 8], solid: [bool; 8], cover: &[f64; 13]) -> Option<(Passed, i32)> {
     let mut group = Passed::unite(children, solid)?;
     let steps = group.correct(cover);
-    Some((group, steps))
+    Some((group.thinned(), steps))
 }
 
 /// A quantity over the logarithm of the gain, in steps of ln `TRIAL`, between and beyond those tried: parabolas that meet with
@@ -345,12 +368,18 @@ impl Curve {
     /// The logarithm of the gain at which a quantity that rises is `want`, within `LEAST` to `MOST`.
     #[inline(always)]
     fn find(&self, want: f32) -> f32 {
-        let (mut low, mut high) = (LEAST, MOST);
-        for _ in 0..16 {
-            let middle = 0.5 * (low + high);
-            *(if self.at(&Step::new(middle / ln(TRIAL))) < want { &mut low } else { &mut high }) = middle;
-        }
-        0.5 * (low + high)
+        let way = if want < self.middle { -1.0 } else { 1.0 };
+        let (more, part) = ((want - self.middle).abs(), usize::from(way > 0.0));
+        // Along a parabola that starts with `slope` and bends by `bend` to its end, a trial away; straight on from there.
+        let bend = way * self.bend[part];
+        let last = self.slope + bend;
+        let x = if more > last {
+            1.0 + (more - last) / larger(self.ends[part], 1e-20)
+        } else {
+            let root = larger(self.slope * self.slope + 4.0 * bend * more, 0.0).sqrt();
+            2.0 * more / larger(self.slope + root, 1e-20)
+        };
+        (way * x * ln(TRIAL)).clamp(LEAST, MOST)
     }
 }
 

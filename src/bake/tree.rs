@@ -2,6 +2,7 @@
 //! children and, once it does, fits its grandchildren.
 
 use std::borrow::Cow;
+use std::sync::Arc;
 
 use super::beams::{Beams, LINES};
 use super::cutout;
@@ -19,7 +20,7 @@ use crate::volume::{Depth, Model};
 /// A node whose voxel is not fitted yet, with its children, whose voxels are not either.
 pub struct Node {
     measure: Measure,
-    beams: Box<Beams>,
+    beams: Arc<Beams>,
     /// Children that there are; 0 on the finest depth and for a terminal node.
     mask: u8,
     /// In child order.
@@ -221,7 +222,7 @@ impl Matter {
 
 impl Node {
     fn solid() -> Node {
-        let (measure, beams) = (Measure::full(), Box::new(Beams::full().clone()));
+        let (measure, beams) = (Measure::full(), Beams::full().clone());
         Node { measure, beams, mask: 0, children: Vec::new(), inside: None, passed: Vec::new() }
     }
 
@@ -244,8 +245,8 @@ fn with_inside<'a>(measure: &Measure, beams: &'a Beams, inside: Option<&Beams>) 
     let Some(inside) = inside else { return (cover, Cow::Borrowed(beams)) };
     let mut all = beams.clone();
     all.unite_with(inside);
-    for (k, cover) in cover.iter_mut().enumerate() {
-        *cover += f64::from(all.count(k) - beams.count(k)) / (LINES * LINES) as f64;
+    for (cover, (with, without)) in cover.iter_mut().zip(all.counts().into_iter().zip(beams.counts())) {
+        *cover += f64::from(with - without) / (LINES * LINES) as f64;
     }
     (cover, Cow::Owned(all))
 }
@@ -267,7 +268,7 @@ pub fn join(depth: usize, children: [Option<Box<Node>>; 8], output: &mut Output)
         Some(child) if counts[j] => child.inside.as_deref(),
         child => child.as_ref().map(|c| &*c.beams),
     });
-    let inside = inside.iter().any(Option::is_some).then(|| Box::new(Beams::unite(&inside, depth).beams));
+    let inside = inside.iter().any(Option::is_some).then(|| Box::new(Beams::united(&inside, depth)));
     let (cover, all) = with_inside(&measure, &union.beams, inside.as_deref());
     let mut cells = Vec::with_capacity(64);
     let mut mask = 0;
@@ -289,7 +290,7 @@ pub fn join(depth: usize, children: [Option<Box<Node>>; 8], output: &mut Output)
     for level in 1..=refine {
         let groups = children.each_ref().map(|c| c.as_ref().and_then(|c| c.passed.get(level - 1)));
         let Some(group) = output.refine(depth + 2 + level, &groups, solid, &cover) else { break };
-        passed.push(group.thinned());
+        passed.push(group);
     }
     // What no level above asks for.
     passed.truncate(output.how.refine);
@@ -306,7 +307,7 @@ pub fn join(depth: usize, children: [Option<Box<Node>>; 8], output: &mut Output)
         Some((child.measure, child.mask))
     };
     let children = children.into_iter().enumerate().filter_map(own).collect();
-    Some(Box::new(Node { measure, beams: Box::new(union.beams), mask, children, inside, passed }))
+    Some(Box::new(Node { measure, beams: Arc::new(union.beams), mask, children, inside, passed }))
 }
 
 /// Up to eight nodes, in child order.

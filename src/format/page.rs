@@ -1,5 +1,7 @@
 //! Pages: the unit that is compressed, checksummed and read. The only place that decompresses.
 
+use std::cell::RefCell;
+
 use zstd::zstd_safe::{self, CParameter};
 
 use super::codes::{self, Broken, require};
@@ -21,28 +23,24 @@ pub struct PageRef {
     pub first_child: u64,
 }
 
-/// Compresses pages at one level, with a context that is used again.
-pub struct Compressor(zstd_safe::CCtx<'static>);
-
-impl Compressor {
-    /// `level` 1 ..= 19.
-    pub fn new(level: i32) -> Compressor {
-        let mut context = zstd_safe::CCtx::create();
-        // Setting a parameter of a fresh context within its range cannot fail; a failure would only change the level.
+/// `bytes` as a page: a zstd frame of `level` 1 ..= 19, or as they are where that is not shorter. Each thread keeps a context,
+/// which costs more to make than a page.
+pub fn compress(level: i32, bytes: Vec<u8>) -> Vec<u8> {
+    thread_local! {
+        static CONTEXT: RefCell<zstd_safe::CCtx<'static>> = RefCell::new(zstd_safe::CCtx::create());
+    }
+    let mut out = Vec::with_capacity(zstd_safe::compress_bound(bytes.len()));
+    let made = CONTEXT.with_borrow_mut(|context| {
+        // Setting a parameter between frames within its range cannot fail; a failure would only change the level.
         let _ = context.set_parameter(CParameter::CompressionLevel(level));
         let _ = context.set_parameter(CParameter::ContentSizeFlag(true));
         let _ = context.set_parameter(CParameter::ChecksumFlag(false));
         let _ = context.set_parameter(CParameter::DictIdFlag(false));
-        Compressor(context)
-    }
-
-    /// `bytes` as a page: a zstd frame, or as they are where that is not shorter.
-    pub fn page(&mut self, bytes: Vec<u8>) -> Vec<u8> {
-        let mut out = Vec::with_capacity(zstd_safe::compress_bound(bytes.len()));
-        match self.0.compress2(&mut out, &bytes) {
-            Ok(n) if n < bytes.len() => out,
-            _ => bytes,
-        }
+        context.compress2(&mut out, &bytes)
+    });
+    match made {
+        Ok(n) if n < bytes.len() => out,
+        _ => bytes,
     }
 }
 

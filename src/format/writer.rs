@@ -8,7 +8,7 @@ use sha2::{Digest, Sha256};
 use super::filter;
 use super::head::{Head, align8};
 use super::layout::{DepthEntry, Header, NONE, SectionEntry, SectionKind, StreamEntry};
-use super::page::{self, Compressor};
+use super::page;
 use super::stream::Quantiser;
 use super::{Channel, PartFile, Quality, material, meta};
 use crate::volume::{Depth, MAX_DEPTH, Volume, Voxel};
@@ -33,7 +33,7 @@ pub struct WriteOptions {
 impl Default for WriteOptions {
     fn default() -> Self {
         // From the level 12 on each costs a bake several per cent of its time.
-        WriteOptions { level: 11, quality: Quality::Full }
+        WriteOptions { level: 9, quality: Quality::Full }
     }
 }
 
@@ -228,7 +228,7 @@ fn topo_section(masks: &[u8], depth: u8, level: i32) -> (SectionEntry, Vec<u8>) 
             first
         })
         .collect();
-    let pages = par::map(pages.len(), |i| Compressor::new(level).page(pages[i].to_vec()));
+    let pages = par::map(pages.len(), |i| page::compress(level, pages[i].to_vec()));
     let mut section = paged_section(SectionKind::Topo, masks.len(), filter::INTERLEAVED, &pages, &first_child);
     section.0.depth = depth;
     section
@@ -241,11 +241,11 @@ fn page_section(codes: &[u8], most: &[u8], level: i32) -> (SectionEntry, Vec<u8>
         (0..pages.len().min(TRIAL_PAGES)).map(|i| i * pages.len() / pages.len().min(TRIAL_PAGES)).collect();
     let tried = par::map(trials.len() * usize::from(filter::COUNT), |i| {
         let (page, filter) = (pages[trials[i / usize::from(filter::COUNT)]], (i % usize::from(filter::COUNT)) as u8);
-        Compressor::new(TRIAL_LEVEL.min(level)).page(filter::forward(filter, page, most)).len()
+        page::compress(TRIAL_LEVEL.min(level), filter::forward(filter, page, most)).len()
     });
     let cost = |f: u8| tried.iter().skip(f.into()).step_by(filter::COUNT.into()).sum::<usize>();
     let best = (0..filter::COUNT).min_by_key(|&f| cost(f)).unwrap_or(filter::INTERLEAVED);
-    let pages = par::map(pages.len(), |i| Compressor::new(level).page(filter::forward(best, pages[i], most)));
+    let pages = par::map(pages.len(), |i| page::compress(level, filter::forward(best, pages[i], most)));
     paged_section(SectionKind::Page, codes.len(), best, &pages, &[])
 }
 

@@ -53,6 +53,7 @@ impl Sggx {
     /// Six bytes: sqrt of the diagonal over its largest, in steps of 1/255, then the correlations xy, xz, yz, where
     /// code 128 is 0 and codes 1 … 255 are −1 … 1 in steps of 1/127. The largest diagonal is divided out:
     /// multiply the rate by [`Sggx::scale`].
+    #[inline]
     pub fn encode(&self) -> [u8; 6] {
         let s = self.scale();
         if s.is_nan() || s <= 0.0 {

@@ -19,13 +19,13 @@ pub(super) const MOST_CORNERS: usize = ROOM.next_multiple_of(4);
 
 impl<const N: usize> Plane<N> {
     #[inline(always)]
-    pub(super) fn new(corners: &[DVec3]) -> Plane<N> {
+    pub(super) fn new(corners: &[DVec3], origin: DVec3) -> Plane<N> {
         let mut at = [[0.0f32; N]; COORDINATES];
         // The last corner fills up to a multiple of four.
         let room = corners.len().next_multiple_of(4).min(N);
         for i in 0..room {
             let Some(c) = corners.get(i).or(corners.last()) else { break };
-            for (at, v) in at.iter_mut().zip(c.to_array()) {
+            for (at, v) in at.iter_mut().zip((*c - origin).to_array()) {
                 at[i] = v as f32 * LINES as f32;
             }
         }

@@ -1,0 +1,182 @@
+//! The lines of a parent, from its children's.
+
+use multiversion::multiversion;
+
+use super::{Beams, PROJECTIONS, Projection};
+use crate::geom::AXES13;
+
+/// What a parent learns when it unites its children's lines.
+pub struct Union {
+    pub beams: Beams,
+    /// Lines of the union an axis.
+    pub lines: [u32; 13],
+    /// Lines of the children an axis, counted before they are united.
+    pub parts: [u32; 13],
+    /// Of each child, an axis: lines, and those of them that it blocks first, going along the axis and against it.
+    pub children: [[Seen; 13]; 8],
+}
+
+/// Lines of a child in its parent.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Seen {
+    pub lines: u32,
+    /// Sum over both ways; at most 2 · lines.
+    pub first: u32,
+}
+
+impl Beams {
+    /// Unite up to eight children (in child order) whose voxels are of depth `depth`.
+    pub fn unite(children: &[Option<&Beams>; 8], depth: usize) -> Union {
+        unite(children, depth & 1)
+    }
+
+    /// [`Beams::unite`] without the numbers.
+    pub fn united(children: &[Option<&Beams>; 8], depth: usize) -> Beams {
+        united(children, depth & 1)
+    }
+
+    /// Take in the axis of `p` of children, as [`Union::unite_axis`] does.
+    #[inline(always)]
+    fn take<const HALF: usize, const ALL: usize, const PHASE: usize>(
+        &mut self,
+        p: &Projection,
+        children: &[Option<&Beams>; 8],
+    ) {
+        for (j, child) in children.iter().enumerate() {
+            let Some(own) = child.and_then(|c| c.rows[p.first..].first_chunk::<ALL>()) else { continue };
+            let (oa, ob) = p.child_offset(j);
+            let rows = thinned::<HALF, ALL, PHASE>(own, oa);
+            let Some(all) = self.rows[p.first + 8 * ob..].first_chunk_mut::<HALF>() else { continue };
+            for n in 0..HALF {
+                all[n] |= rows[n];
+            }
+        }
+    }
+}
+
+#[multiversion(targets("x86_64+avx2+bmi1+bmi2+lzcnt+popcnt"))]
+fn unite(children: &[Option<&Beams>; 8], phase: usize) -> Union {
+    if phase == 0 { unite_from::<0>(children) } else { unite_from::<1>(children) }
+}
+
+#[multiversion(targets("x86_64+avx2+bmi1+bmi2+lzcnt+popcnt"))]
+fn united(children: &[Option<&Beams>; 8], phase: usize) -> Beams {
+    let mut all = Beams::default();
+    for p in &PROJECTIONS {
+        match (p.rows, phase) {
+            (16, 0) => all.take::<8, 16, 0>(p, children),
+            (16, _) => all.take::<8, 16, 1>(p, children),
+            (_, 0) => all.take::<16, 32, 0>(p, children),
+            _ => all.take::<16, 32, 1>(p, children),
+        }
+    }
+    all
+}
+
+#[inline(always)]
+fn unite_from<const PHASE: usize>(children: &[Option<&Beams>; 8]) -> Union {
+    let mut all =
+        Union { beams: Beams::default(), lines: [0; 13], parts: [0; 13], children: [[Seen::default(); 13]; 8] };
+    for (k, p) in PROJECTIONS.iter().enumerate() {
+        match p.rows {
+            16 => all.unite_axis::<8, 16, PHASE>(k, children),
+            _ => all.unite_axis::<16, 32, PHASE>(k, children),
+        }
+    }
+    all
+}
+
+/// A child's rows of an axis, at `oa` child edges in its parent's: every other line of every other row.
+#[inline(always)]
+fn thinned<const HALF: usize, const ALL: usize, const PHASE: usize>(own: &[u32; ALL], oa: usize) -> [u32; HALF] {
+    let mut rows = [0; HALF];
+    for n in 0..HALF {
+        rows[n] = own[2 * n + PHASE];
+    }
+    for n in 0..HALF {
+        rows[n] = even_bits(rows[n] >> ((n + PHASE) & 1)) << (8 * oa);
+    }
+    rows
+}
+
+impl Union {
+    /// Unite the axis `k`, of which each child gives every other of its `ALL` rows, `HALF` in all, from the row `PHASE` on.
+    /// All numbers are fixed, so that many rows are handled at once.
+    #[inline(always)]
+    fn unite_axis<const HALF: usize, const ALL: usize, const PHASE: usize>(
+        &mut self,
+        k: usize,
+        children: &[Option<&Beams>; 8],
+    ) {
+        let p = &PROJECTIONS[k];
+        let count = |rows: &[u32; HALF]| rows.iter().map(|r| r.count_ones()).sum::<u32>();
+        // By child: its rows as the parent has them, the first of those, and its lines.
+        let mut parts = [([0u32; HALF], 0, 0); 8];
+        for (j, (child, (rows, first, lines))) in children.iter().zip(&mut parts).enumerate() {
+            let Some(own) = child.and_then(|c| c.rows[p.first..].first_chunk::<ALL>()) else { continue };
+            let (oa, ob) = p.child_offset(j);
+            *first = 8 * ob;
+            *rows = thinned::<HALF, ALL, PHASE>(own, oa);
+            *lines = count(rows);
+            self.children[j][k].lines = *lines;
+            self.parts[k] += *lines;
+        }
+        let mut united = [0u32; 32];
+        for way in [1i32, -1] {
+            united = [0; 32];
+            for &j in order(k, way) {
+                let (rows, first, lines) = &parts[j];
+                let Some(united) = united[*first..].first_chunk_mut::<HALF>().filter(|_| *lines > 0) else { continue };
+                let mut new = [0; HALF];
+                for n in 0..HALF {
+                    new[n] = rows[n] & !united[n];
+                    united[n] |= rows[n];
+                }
+                self.children[j][k].first += count(&new);
+            }
+        }
+        self.lines[k] = united.iter().map(|r| r.count_ones()).sum();
+        self.beams.rows[p.first..p.first + ALL].copy_from_slice(&united[..ALL]);
+    }
+}
+
+/// Bits 0, 2, 4 … 30 gathered into the low half.
+#[inline]
+fn even_bits(v: u32) -> u32 {
+    let v = v & 0x5555_5555;
+    let v = (v | v >> 1) & 0x3333_3333;
+    let v = (v | v >> 2) & 0x0f0f_0f0f;
+    let v = (v | v >> 4) & 0x00ff_00ff;
+    (v | v >> 8) & 0xffff
+}
+
+/// Children in the order in which lines along axis `k` (`way` 1) or against it meet them.
+fn order(k: usize, way: i32) -> &'static [usize; 8] {
+    const ORDERS: [[[usize; 8]; 2]; 13] = orders();
+    &ORDERS[k][if way > 0 { 0 } else { 1 }]
+}
+
+const fn orders() -> [[[usize; 8]; 2]; 13] {
+    let mut out = [[[0usize; 8]; 2]; 13];
+    let mut k = 0;
+    while k < 13 {
+        let (mut n, mut level) = (0, -3i32);
+        while level <= 3 {
+            let mut j = 0;
+            while j < 8 {
+                let w = AXES13[k];
+                let along =
+                    w[0] as i32 * (j & 1) as i32 + w[1] as i32 * (j >> 1 & 1) as i32 + w[2] as i32 * (j >> 2) as i32;
+                if along == level {
+                    out[k][0][n] = j;
+                    out[k][1][7 - n] = j;
+                    n += 1;
+                }
+                j += 1;
+            }
+            level += 1;
+        }
+        k += 1;
+    }
+    out
+}
