@@ -9,7 +9,7 @@ use super::clip::{MAX_CORNERS, Polygon};
 use crate::geom::DVec3;
 
 /// How far from one plane the corners of a facet may be, in voxels.
-pub const PLANAR: f64 = 0.02;
+const PLANAR: f64 = 0.02;
 
 /// Corners of an edge: the lower one first. Corner c lies at (c & 1, c >> 1 & 1, c >> 2).
 pub const EDGES: [[u8; 2]; 12] =

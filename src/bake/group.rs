@@ -41,7 +41,7 @@ pub struct GroupSource {
 
 /// Copies of a source up to which each is laid into the grid by itself; and of one whose facets are made a facet a voxel.
 const FEW: [usize; 2] = [4, 2000];
-/// How much finer than its largest copy the own grid is of a source that is asked in the middles of its voxels.
+/// How much finer than its largest copy the own grid is of a source that answers for the middles of its voxels.
 const FINER: f64 = 2.0;
 /// Largest depth of a source's own grid.
 const MAX_DEPTH: usize = 12;
@@ -360,7 +360,7 @@ impl<'a> StagedGroup<'a> {
             let before = entries.len();
             for &code in piece.staged.regions() {
                 let reach = cube(code, piece.levels).transformed(copy.map);
-                if reach.intersection(grid).is_empty() {
+                if !reach.overlaps(grid) {
                     continue;
                 }
                 let (lo, hi) = (clamped(reach.min), clamped(reach.max));
@@ -569,7 +569,7 @@ impl Staged for StagedGroup<'_> {
         let mut outside = true;
         for piece in &self.pieces {
             let alone = piece.copies.is_empty().then(|| piece.staged.side(b));
-            let copies = piece.copies.iter().filter(|c| !c.bounds.intersection(*b).is_empty());
+            let copies = piece.copies.iter().filter(|c| c.bounds.overlaps(*b));
             let sides = alone.into_iter().chain(copies.map(|c| piece.staged.side(&b.transformed(c.back))));
             for side in sides {
                 match side {

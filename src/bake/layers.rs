@@ -277,7 +277,7 @@ impl StagedLayers<'_> {
     }
 
     fn side_of_layer(&self, layer: &Layer, b: &Aabb) -> Option<bool> {
-        if layer.reach.intersection(*b).is_empty() { Some(false) } else { layer.staged.side(b) }
+        if layer.reach.overlaps(*b) { layer.staged.side(b) } else { Some(false) }
     }
 
     /// Whether all that is in the box stays by the filter (true), or goes; `None` where it is to be cut.

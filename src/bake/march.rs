@@ -21,6 +21,24 @@ const fn start(k: usize) -> usize {
     planes_before(k) * MARCH_LINES * MARCH_LINES
 }
 
+/// Call a method of [`Lines`] for the axis `k` with its numbers fixed: lines that a voxel has in a row, and in all, the block's
+/// width, and its lines.
+macro_rules! numbered {
+    ($lines:ident.$call:ident [$($first:tt)*] ($k:ident $(, $more:ident)*)) => {
+        match (PROJECTIONS[$k].extent(), $lines.width) {
+            ((1, _), 4) => $lines.$call::<$($first)* { WIDE / 2 }, 4, 4, 64>($k $(, $more)*),
+            ((1, _), 2) => $lines.$call::<$($first)* { WIDE / 2 }, 4, 2, 16>($k $(, $more)*),
+            ((1, _), _) => $lines.$call::<$($first)* { WIDE / 2 }, 4, 1, 4>($k $(, $more)*),
+            ((_, 1), 4) => $lines.$call::<$($first)* WIDE, 8, 4, 128>($k $(, $more)*),
+            ((_, 1), 2) => $lines.$call::<$($first)* WIDE, 8, 2, 32>($k $(, $more)*),
+            ((_, 1), _) => $lines.$call::<$($first)* WIDE, 8, 1, 8>($k $(, $more)*),
+            (_, 4) => $lines.$call::<$($first)* WIDE, 16, 4, 256>($k $(, $more)*),
+            (_, 2) => $lines.$call::<$($first)* WIDE, 16, 2, 64>($k $(, $more)*),
+            _ => $lines.$call::<$($first)* WIDE, 16, 1, 16>($k $(, $more)*),
+        }
+    };
+}
+
 /// Of each voxel of a block the chords, in its support box, of its lines, axis by axis and row by row; 0 of those that miss it.
 pub struct Lines {
     chords: Vec<[f32; LINES_OF_VOXEL]>,
@@ -59,17 +77,7 @@ impl Lines {
     /// of `depths`.
     #[inline(always)]
     pub fn depths(&self, k: usize, rate: impl Fn(usize) -> f32, depths: &mut [f32; MOST_LINES]) {
-        match (PROJECTIONS[k].extent(), self.width) {
-            ((1, _), 4) => self.add::<{ WIDE / 2 }, 4, 4, 64>(k, rate, depths),
-            ((1, _), 2) => self.add::<{ WIDE / 2 }, 4, 2, 16>(k, rate, depths),
-            ((1, _), _) => self.add::<{ WIDE / 2 }, 4, 1, 4>(k, rate, depths),
-            ((_, 1), 4) => self.add::<WIDE, 8, 4, 128>(k, rate, depths),
-            ((_, 1), 2) => self.add::<WIDE, 8, 2, 32>(k, rate, depths),
-            ((_, 1), _) => self.add::<WIDE, 8, 1, 8>(k, rate, depths),
-            (_, 4) => self.add::<WIDE, 16, 4, 256>(k, rate, depths),
-            (_, 2) => self.add::<WIDE, 16, 2, 64>(k, rate, depths),
-            _ => self.add::<WIDE, 16, 1, 16>(k, rate, depths),
-        }
+        numbered!(self.add [] (k, rate, depths))
     }
 
     /// [`Lines::depths`] of an axis of which a voxel has `ALL` lines, `N` a row, and a block, `WIDTH` wide, `COUNT`.
@@ -102,17 +110,7 @@ impl Lines {
     /// and where they are `full`y correlated, which keeps lines that are not blocked apart as long as there are any.
     #[inline(always)]
     pub fn blocked<const FULL: bool>(&self, k: usize, rate: impl Fn(usize) -> f32) -> (f32, f32) {
-        match (PROJECTIONS[k].extent(), self.width) {
-            ((1, _), 4) => self.block::<FULL, { WIDE / 2 }, 4, 4, 64>(k, rate),
-            ((1, _), 2) => self.block::<FULL, { WIDE / 2 }, 4, 2, 16>(k, rate),
-            ((1, _), _) => self.block::<FULL, { WIDE / 2 }, 4, 1, 4>(k, rate),
-            ((_, 1), 4) => self.block::<FULL, WIDE, 8, 4, 128>(k, rate),
-            ((_, 1), 2) => self.block::<FULL, WIDE, 8, 2, 32>(k, rate),
-            ((_, 1), _) => self.block::<FULL, WIDE, 8, 1, 8>(k, rate),
-            (_, 4) => self.block::<FULL, WIDE, 16, 4, 256>(k, rate),
-            (_, 2) => self.block::<FULL, WIDE, 16, 2, 64>(k, rate),
-            _ => self.block::<FULL, WIDE, 16, 1, 16>(k, rate),
-        }
+        numbered!(self.block [FULL,] (k, rate))
     }
 
     /// [`Lines::blocked`] of an axis of which a voxel has `ALL` lines, `N` a row, and a block, `WIDTH` wide, `COUNT`.

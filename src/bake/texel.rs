@@ -182,7 +182,7 @@ impl Source for TexelSource {
                 let b = Aabb::new(at, at + leaf.edge()).transformed(map);
                 // Roundings must not reach into the next region.
                 let b = Aabb::new(b.min + shift + 1e-6, b.max + shift - 1e-6);
-                if b.intersection(cube).is_empty() {
+                if !b.overlaps(cube) {
                     continue;
                 }
                 let region = |p: DVec3| (p / width).floor().clamp(DVec3::ZERO, last).as_uvec3();

@@ -239,13 +239,17 @@ fn counts(children: &[Option<Box<Node>>; 8], j: usize) -> bool {
     !child.is_terminal_solid() || [1, 2, 4].iter().any(|side| children[j ^ side].is_none())
 }
 
-/// What is measured and the lines of it, with those that meet nothing else than the `inside` of solids.
-fn with_inside<'a>(measure: &Measure, beams: &'a Beams, inside: Option<&Beams>) -> ([f64; 13], Cow<'a, Beams>) {
+/// What is measured and the lines of it, `lines` an axis, with those that meet nothing else than the `inside` of solids.
+fn with_inside<'a>(
+    measure: &Measure,
+    (beams, lines): (&'a Beams, [u32; 13]),
+    inside: Option<&Beams>,
+) -> ([f64; 13], Cow<'a, Beams>) {
     let mut cover = measure.cover;
     let Some(inside) = inside else { return (cover, Cow::Borrowed(beams)) };
     let mut all = beams.clone();
     all.unite_with(inside);
-    for (cover, (with, without)) in cover.iter_mut().zip(all.counts().into_iter().zip(beams.counts())) {
+    for (cover, (with, without)) in cover.iter_mut().zip(all.counts().into_iter().zip(lines)) {
         *cover += f64::from(with - without) / (LINES * LINES) as f64;
     }
     (cover, Cow::Owned(all))
@@ -269,7 +273,7 @@ pub fn join(depth: usize, children: [Option<Box<Node>>; 8], output: &mut Output)
         child => child.as_ref().map(|c| &*c.beams),
     });
     let inside = inside.iter().any(Option::is_some).then(|| Box::new(Beams::united(&inside, depth)));
-    let (cover, all) = with_inside(&measure, &union.beams, inside.as_deref());
+    let (cover, all) = with_inside(&measure, (&union.beams, union.lines), inside.as_deref());
     let mut cells = Vec::with_capacity(64);
     let mut mask = 0;
     for (j, child) in children.iter().enumerate() {
@@ -360,7 +364,7 @@ impl Joiner {
             self.close(depth, output);
         }
         let Some(root) = self.root else { return false };
-        let (cover, beams) = with_inside(&root.measure, &root.beams, root.inside.as_deref());
+        let (cover, beams) = with_inside(&root.measure, (&root.beams, root.beams.counts()), root.inside.as_deref());
         let block = |width| Block { measure: &root.measure, beams: &beams, cover, closed: [false; 8], width };
         // The root's children, then the root: blocks of their own.
         let present = (0..8).filter(|j| root.mask >> j & 1 != 0);

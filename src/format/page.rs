@@ -27,21 +27,27 @@ pub struct PageRef {
 /// which costs more to make than a page.
 pub fn compress(level: i32, bytes: Vec<u8>) -> Vec<u8> {
     thread_local! {
-        static CONTEXT: RefCell<zstd_safe::CCtx<'static>> = RefCell::new(zstd_safe::CCtx::create());
+        static CONTEXT: RefCell<zstd_safe::CCtx<'static>> = RefCell::new(context());
     }
     let mut out = Vec::with_capacity(zstd_safe::compress_bound(bytes.len()));
     let made = CONTEXT.with_borrow_mut(|context| {
-        // Setting a parameter between frames within its range cannot fail; a failure would only change the level.
+        // Between frames and within its range this cannot fail; a failure would only change the level.
         let _ = context.set_parameter(CParameter::CompressionLevel(level));
-        let _ = context.set_parameter(CParameter::ContentSizeFlag(true));
-        let _ = context.set_parameter(CParameter::ChecksumFlag(false));
-        let _ = context.set_parameter(CParameter::DictIdFlag(false));
         context.compress2(&mut out, &bytes)
     });
     match made {
         Ok(n) if n < bytes.len() => out,
         _ => bytes,
     }
+}
+
+fn context() -> zstd_safe::CCtx<'static> {
+    let mut context = zstd_safe::CCtx::create();
+    // Setting a parameter of a fresh context within its range cannot fail.
+    let _ = context.set_parameter(CParameter::ContentSizeFlag(true));
+    let _ = context.set_parameter(CParameter::ChecksumFlag(false));
+    let _ = context.set_parameter(CParameter::DictIdFlag(false));
+    context
 }
 
 /// Decode one page of exactly `decoded` bytes. The CRC is checked first, and nothing longer than `decoded` is ever made.

@@ -68,7 +68,6 @@ struct Passed {
     vertex: Option<DVec3>,
 }
 
-#[derive(Clone, Copy)]
 struct Crossing {
     /// Along the edge, [0, 1].
     t: f64,
