@@ -62,7 +62,7 @@ pub struct Args {
     /// How finely the channels are stored
     #[arg(long, value_enum, default_value = "full")]
     quality: QualityArg,
-    /// zstd's level: 1 is quick, 19 small
+    /// zstd's most level: 1 is quick, 19 small; lower where that saves next to nothing
     #[arg(long, default_value_t = WriteOptions::default().level, value_name = "LEVEL", value_parser = clap::value_parser!(i32).range(1..=19))]
     compress: i32,
     /// Memory that the bake may take, such as 800M or 2G; more is refused before work begins

@@ -18,14 +18,18 @@ use crate::{Error, Result, par};
 pub(super) const PAGE_LOG2: u8 = 12;
 /// log2 of the child masks in a page.
 pub(super) const TOPO_PAGE_LOG2: u8 = 14;
-/// Pages of a section on which the filters are tried, and the level of the trial.
+/// Pages of a section on which the filters are tried, and the level of that trial.
 const TRIAL_PAGES: usize = 6;
 const TRIAL_LEVEL: i32 = 3;
+/// Levels that are then tried with the best filter, up to the one that is asked for; a slower one has to save one byte in
+/// `WORTH`. Codes that never repeat gain nothing by a longer search, and those of small alphabets may even lose.
+const LEVELS: [i32; 3] = [4, 7, 11];
+const WORTH: usize = 64;
 
 /// How to write.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct WriteOptions {
-    /// zstd's level, 1 (quick) to 19 (small).
+    /// zstd's level, 1 (quick) to 19 (small); lower where that saves next to nothing.
     pub level: i32,
     pub quality: Quality,
 }
@@ -33,7 +37,7 @@ pub struct WriteOptions {
 impl Default for WriteOptions {
     fn default() -> Self {
         // From the level 12 on each costs a bake several per cent of its time.
-        WriteOptions { level: 9, quality: Quality::Full }
+        WriteOptions { level: 11, quality: Quality::Full }
     }
 }
 
@@ -237,16 +241,26 @@ fn topo_section(masks: &[u8], depth: u8, level: i32) -> (SectionEntry, Vec<u8>) 
 /// Codes of one depth and stream as a section, to be placed.
 fn page_section(codes: &[u8], most: &[u8], level: i32) -> (SectionEntry, Vec<u8>) {
     let pages: Vec<&[u8]> = codes.chunks(most.len() << PAGE_LOG2).collect();
-    let trials: Vec<usize> =
-        (0..pages.len().min(TRIAL_PAGES)).map(|i| i * pages.len() / pages.len().min(TRIAL_PAGES)).collect();
-    let tried = par::map(trials.len() * usize::from(filter::COUNT), |i| {
-        let (page, filter) = (pages[trials[i / usize::from(filter::COUNT)]], (i % usize::from(filter::COUNT)) as u8);
-        page::compress(TRIAL_LEVEL.min(level), filter::forward(filter, page, most)).len()
+    let trials: Vec<&[u8]> = (0..pages.len().min(TRIAL_PAGES))
+        .filter_map(|i| pages.get(i * pages.len() / pages.len().min(TRIAL_PAGES)).copied())
+        .collect();
+    let filters: Vec<u8> = (0..filter::COUNT).collect();
+    let costs = tried(&trials, &filters, |page, &filter| {
+        page::compress(TRIAL_LEVEL.min(level), filter::forward(filter, page, most))
     });
-    let cost = |f: u8| tried.iter().skip(f.into()).step_by(filter::COUNT.into()).sum::<usize>();
-    let best = (0..filter::COUNT).min_by_key(|&f| cost(f)).unwrap_or(filter::INTERLEAVED);
+    let best = (0..filter::COUNT).min_by_key(|&f| costs[usize::from(f)]).unwrap_or(filter::INTERLEAVED);
+    let levels: Vec<i32> = LEVELS.into_iter().filter(|&l| l < level).chain([level]).collect();
+    let costs = tried(&trials, &levels, |page, &level| page::compress(level, filter::forward(best, page, most)));
+    let slower = |best: usize, next: usize| if (WORTH - 1) * costs[best] >= WORTH * costs[next] { next } else { best };
+    let level = levels[(0..levels.len()).fold(0, slower)];
     let pages = par::map(pages.len(), |i| page::compress(level, filter::forward(best, pages[i], most)));
     paged_section(SectionKind::Page, codes.len(), best, &pages, &[])
+}
+
+/// Bytes of all `pages`, as `made` with each of the `ways`.
+fn tried<T: Sync>(pages: &[&[u8]], ways: &[T], made: impl Fn(&[u8], &T) -> Vec<u8> + Sync) -> Vec<usize> {
+    let lengths = par::map(pages.len() * ways.len(), |i| made(pages[i / ways.len()], &ways[i % ways.len()]).len());
+    (0..ways.len()).map(|way| lengths.iter().skip(way).step_by(ways.len()).sum()).collect()
 }
 
 fn paged_section(
