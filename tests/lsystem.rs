@@ -76,7 +76,8 @@ fn sigma(text: &str, resolution: u32) -> [f64; 13] {
         let width = f64::from(1u32 << place.region_log2());
         let lo = vtex::geom::DVec3::from(vtex::morton::decode(code).map(|v| f64::from(v) * width));
         staged.emit(i, &mut |facet| {
-            if let Some(piece) = facet.clip(lo, lo + width) {
+            let mut room = None;
+            if let Some(piece) = facet.clip(lo, lo + width, &mut room) {
                 for (sum, axis) in areas.iter_mut().zip(directions13()) {
                     *sum += 0.5 * piece.area_vector().dot(axis).abs() / place.scale.powi(2);
                 }

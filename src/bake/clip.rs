@@ -4,8 +4,6 @@
 //!
 //! A piece that lies in the plane between two voxels belongs to the upper one (voxels are half-open), so areas add up.
 
-use std::borrow::Cow;
-
 use crate::geom::{DAffine3, DVec3};
 
 /// Most corners that a source may give a polygon; six planes add one each.
@@ -152,23 +150,27 @@ impl Polygon {
         pieces
     }
 
-    /// What of it is in the half-open box `[lo, hi)`; not a copy where that is all of it.
-    pub fn clip(&self, lo: DVec3, hi: DVec3) -> Option<Cow<'_, Polygon>> {
+    /// What of it is in the half-open box `[lo, hi)`; in `room` where that is not all of it.
+    pub fn clip<'a>(&'a self, lo: DVec3, hi: DVec3, room: &'a mut Option<Polygon>) -> Option<&'a Polygon> {
         let (least, most) = self.bounds();
         if least.cmpge(hi).any() || most.cmplt(lo).any() {
             return None;
         }
-        let mut piece = Cow::Borrowed(self);
+        *room = None;
+        if least.cmpge(lo).all() && most.cmplt(hi).all() {
+            return Some(self);
+        }
         for axis in 0..3 {
             for (upper, plane) in [(true, lo[axis]), (false, hi[axis])] {
+                let piece = room.as_ref().unwrap_or(self);
                 match (piece.side(axis, plane), upper) {
-                    (Side::Both, _) => piece = Cow::Owned(piece.split(axis, plane)[usize::from(upper)]),
+                    (Side::Both, _) => *room = Some(piece.split(axis, plane)[usize::from(upper)]),
                     (Side::Above, true) | (Side::Below, false) => {}
                     _ => return None,
                 }
             }
         }
-        Some(piece)
+        Some(room.as_ref().unwrap_or(self))
     }
 
     /// The middle one of the planes between unit voxels that part it, as axis and place, or its voxel's lower corner.
@@ -223,8 +225,8 @@ mod tests {
         let p = Polygon::new(&[DVec3::new(0.2, 0.2, 1.0), DVec3::new(0.8, 0.2, 1.0), DVec3::new(0.2, 0.8, 1.0)], 7);
         let out = octants(&p);
         assert_eq!(out.iter().map(Vec::len).collect::<Vec<_>>(), [0, 0, 0, 0, 1, 0, 0, 0]);
-        assert!(p.clip(DVec3::ZERO, DVec3::ONE).is_none());
-        assert!(p.clip(DVec3::Z, DVec3::new(1.0, 1.0, 2.0)).is_some());
+        assert!(p.clip(DVec3::ZERO, DVec3::ONE, &mut None).is_none());
+        assert!(p.clip(DVec3::Z, DVec3::new(1.0, 1.0, 2.0), &mut None).is_some());
     }
 
     proptest! {
@@ -237,7 +239,7 @@ mod tests {
             prop_assert!((sum - p.area_vector()).length() < 1e-13);
             for (j, pieces) in octants(&p).iter().enumerate() {
                 let lo = DVec3::new((j & 1) as f64, (j >> 1 & 1) as f64, (j >> 2) as f64);
-                let clipped = p.clip(lo, lo + 1.0).map_or(DVec3::ZERO, |q| q.area_vector());
+                let clipped = p.clip(lo, lo + 1.0, &mut None).map_or(DVec3::ZERO, |q| q.area_vector());
                 let split: DVec3 = pieces.iter().map(Polygon::area_vector).sum();
                 prop_assert!((split - clipped).length() < 1e-13);
             }

@@ -27,13 +27,14 @@ pub fn pieces(
     hi: DVec3,
     each: &mut impl FnMut(&Polygon, DVec3, Option<&dyn Cut>),
 ) {
-    let Some(piece) = facet.clip(lo, hi) else { return };
+    let mut room = None;
+    let Some(piece) = facet.clip(lo, hi, &mut room) else { return };
     if !staged.cut_out(piece.facet) {
         return piece.split_voxels(&mut |piece, at| each(piece, at, None));
     }
     let cut = staged.cut(piece.facet);
     match &cut {
-        Some(cut) => split_cut(&**cut, &piece, each),
+        Some(cut) => split_cut(&**cut, piece, each),
         None => {
             let sampled = Sampled { staged, facet: piece.facet };
             piece.split_voxels(&mut |piece, at| each(piece, at, Some(&sampled)));

@@ -72,62 +72,97 @@ pub fn sigmas(s: &Sggx) -> Lanes {
     out
 }
 
+/// How many ellipsoids are fitted side by side; of each number as many.
+pub const SIDE: usize = 4;
+type Side = [f64; SIDE];
+
 /// The symmetric positive S with sqrt(w^T S w) nearest to `values` in the 13 directions; `None` where all are 0.
-pub fn fit_sggx(values: &[f64; 13]) -> Option<Sggx> {
-    fit_weighted(values, &[1.0; 13])
+pub fn fit_sggx(values: &[f32; 13]) -> Option<Sggx> {
+    let mut lanes = [0.0; 16];
+    lanes[..13].copy_from_slice(values);
+    fit_weighted(&[lanes; SIDE], &[[1.0; 16]; SIDE])[0]
 }
 
-/// [`fit_sggx`] with how much an error in each direction counts, in [0, 1].
+/// [`fit_sggx`] of several, with how much an error in each direction counts, in [0, 1].
 #[inline(always)]
-pub fn fit_weighted(values: &[f64; 13], weights: &[f64; 13]) -> Option<Sggx> {
-    let mean = values.iter().sum::<f64>() / 13.0;
-    if !mean.is_finite() || mean <= 1e-12 {
-        return None;
-    }
-    // Normal equations of w^T S w = y^2, weighted by 1 / y^2 so that relative errors of y count.
-    let (mut products, mut right) = ([0.0; 24], [0.0; 6]);
-    for (k, (&value, &counts)) in values.iter().zip(weights).enumerate() {
-        let y2 = (value / mean) * (value / mean);
-        let weight = counts / (y2 + 0.01);
-        for (sum, product) in products.iter_mut().zip(&PRODUCTS[k]) {
-            *sum += weight * product;
+pub fn fit_weighted(values: &[Lanes; SIDE], weights: &[Lanes; SIDE]) -> [Option<Sggx>; SIDE] {
+    let mut eq = [[[0.0; SIDE]; 7]; 6];
+    let mut means = [0.0; SIDE];
+    for l in 0..SIDE {
+        let mean = values[l][..13].iter().sum::<f32>() / 13.0;
+        if !mean.is_finite() || mean <= 1e-12 {
+            continue;
         }
-        for (sum, feature) in right.iter_mut().zip(&FEATURES[k]) {
-            *sum += weight * feature * y2;
+        means[l] = f64::from(mean);
+        // Normal equations of w^T S w = y^2, weighted by 1 / y^2 so that relative errors of y count.
+        let (mut weight, mut weighted, scale) = ([0.0; 16], [0.0; 16], 1.0 / mean);
+        for k in 0..16 {
+            let y2 = (values[l][k] * scale) * (values[l][k] * scale);
+            weight[k] = weights[l][k] / (y2 + 0.01);
+            weighted[k] = weight[k] * y2;
+        }
+        let (mut products, mut right) = ([0.0; 24], [0.0; 6]);
+        for k in 0..13 {
+            let (weight, weighted) = (f64::from(weight[k]), f64::from(weighted[k]));
+            for (sum, product) in products.iter_mut().zip(&PRODUCTS[k]) {
+                *sum += weight * product;
+            }
+            for (sum, feature) in right.iter_mut().zip(&FEATURES[k]) {
+                *sum += weighted * feature;
+            }
+        }
+        let mut next = 0;
+        for i in 0..6 {
+            for j in i..6 {
+                eq[i][j][l] = products[next];
+                next += 1;
+            }
+            eq[i][6][l] = right[i];
         }
     }
-    let mut eq = [[0.0f64; 7]; 6];
-    let mut next = products.into_iter();
-    for (i, (row, right)) in eq.iter_mut().zip(right).enumerate() {
-        row[6] = right;
-        row[i..6].iter_mut().zip(&mut next).for_each(|(to, product)| *to = product);
+    let s = positive(solve(eq));
+    let mut out = [None; SIDE];
+    for (l, out) in out.iter_mut().enumerate() {
+        if means[l] > 0.0 {
+            let value = |i: usize| (s[i][l] * means[l] * means[l]) as f32;
+            *out = Some(Sggx { xx: value(0), yy: value(1), zz: value(2), xy: value(3), xz: value(4), yz: value(5) });
+        }
     }
-    let x = solve(eq);
-    let [xx, yy, zz, xy, xz, yz] = positive(x).map(|v| (v * mean * mean) as f32);
-    Some(Sggx { xx, yy, zz, xy, xz, yz })
+    out
 }
 
-/// Solve the symmetric positive 6×6 system, given by its upper half and the right-hand side, by Gauss's elimination.
+/// Solve the symmetric positive 6×6 systems, given by their upper halves and the right-hand sides, by Gauss's elimination.
 #[inline(always)]
-fn solve(mut eq: [[f64; 7]; 6]) -> [f64; 6] {
-    let mut inverse = [0.0; 6];
+fn solve(mut eq: [[Side; 7]; 6]) -> [Side; 6] {
+    let mut inverse = [[0.0; SIDE]; 6];
     for i in 0..6 {
-        eq[i][i] += 1e-9;
-        inverse[i] = 1.0 / eq[i][i];
+        for l in 0..SIDE {
+            eq[i][i][l] += 1e-9;
+            inverse[i][l] = 1.0 / eq[i][i][l];
+        }
         for r in i + 1..6 {
-            let f = eq[i][r] * inverse[i];
+            let mut f = [0.0; SIDE];
+            for l in 0..SIDE {
+                f[l] = eq[i][r][l] * inverse[i][l];
+            }
             for c in r..7 {
-                eq[r][c] -= f * eq[i][c];
+                for l in 0..SIDE {
+                    eq[r][c][l] -= f[l] * eq[i][c][l];
+                }
             }
         }
     }
-    let mut x = [0.0; 6];
+    let mut x = [[0.0; SIDE]; 6];
     for i in (0..6).rev() {
-        let mut rest = 0.0;
+        let mut rest = [0.0; SIDE];
         for j in i + 1..6 {
-            rest += eq[i][j] * x[j];
+            for l in 0..SIDE {
+                rest[l] += eq[i][j][l] * x[j][l];
+            }
         }
-        x[i] = (eq[i][6] - rest) * inverse[i];
+        for l in 0..SIDE {
+            x[i][l] = (eq[i][6][l] - rest[l]) * inverse[i][l];
+        }
     }
     x
 }
@@ -142,40 +177,83 @@ fn is_positive([xx, yy, zz, xy, xz, yz]: [f64; 6]) -> bool {
     x > 0.0 && minor > 0.0 && determinant > 0.0
 }
 
-/// The matrix (xx yy zz xy xz yz) with its eigenvalues raised to 1e-4 of the largest: Jacobi's rotations.
-fn positive(s: [f64; 6]) -> [f64; 6] {
-    if is_positive(s) {
+/// The matrices (xx yy zz xy xz yz) with their eigenvalues raised to 1e-4 of the largest: Jacobi's rotations.
+#[inline(always)]
+fn positive(s: [Side; 6]) -> [Side; 6] {
+    let (mut small, mut fine) = ([0.0; SIDE], [false; SIDE]);
+    for l in 0..SIDE {
+        small[l] = 1e-5 * (s[0][l].abs() + s[1][l].abs() + s[2][l].abs());
+        fine[l] = is_positive([s[0][l], s[1][l], s[2][l], s[3][l], s[4][l], s[5][l]]);
+    }
+    if fine == [true; SIDE] {
         return s;
     }
-    let small = 1e-5 * (s[0].abs() + s[1].abs() + s[2].abs());
+    let (zero, one) = ([0.0; SIDE], [1.0; SIDE]);
     let mut a = [[s[0], s[3], s[4]], [s[3], s[1], s[5]], [s[4], s[5], s[2]]];
-    let mut v = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0f64]];
-    for _ in 0..8 {
-        for (p, q) in [(0usize, 1usize), (0, 2), (1, 2)] {
-            if a[p][q].abs() <= small {
-                continue;
+    let mut v = [[one, zero, zero], [zero, one, zero], [zero, zero, one]];
+    for _ in 0..SWEEPS {
+        let mut moved = false;
+        for (p, q) in [(0, 1), (0, 2), (1, 2)] {
+            let (mut c, mut sn) = (one, zero);
+            for l in 0..SIDE {
+                let off = a[p][q][l];
+                let turns = off.abs() > small[l];
+                let theta = (a[q][q][l] - a[p][p][l]) / (2.0 * if turns { off } else { 1.0 });
+                let t = 1.0_f64.copysign(theta) / (theta.abs() + (theta * theta + 1.0).sqrt());
+                let t = if turns { t } else { 0.0 };
+                c[l] = 1.0 / (t * t + 1.0).sqrt();
+                sn[l] = t * c[l];
+                moved |= turns && !fine[l];
             }
-            let theta = (a[q][q] - a[p][p]) / (2.0 * a[p][q]);
-            let t = theta.signum() / (theta.abs() + (theta * theta + 1.0).sqrt());
-            let c = 1.0 / (t * t + 1.0).sqrt();
-            let sn = t * c;
-            let turn = |x: f64, y: f64| (c * x - sn * y, sn * x + c * y);
-            for row in &mut a {
-                (row[p], row[q]) = turn(row[p], row[q]);
+            turn_columns(&mut a, (p, q), &c, &sn);
+            for k in 0..3 {
+                for l in 0..SIDE {
+                    let (x, y) = (a[p][k][l], a[q][k][l]);
+                    (a[p][k][l], a[q][k][l]) = (c[l] * x - sn[l] * y, sn[l] * x + c[l] * y);
+                }
             }
-            let (rp, rq) = (a[p], a[q]);
-            for (k, (x, y)) in rp.into_iter().zip(rq).enumerate() {
-                (a[p][k], a[q][k]) = turn(x, y);
-            }
-            for row in &mut v {
-                (row[p], row[q]) = turn(row[p], row[q]);
-            }
+            turn_columns(&mut v, (p, q), &c, &sn);
+        }
+        if !moved {
+            break;
         }
     }
-    let largest = a[0][0].max(a[1][1]).max(a[2][2]).max(0.0);
-    let l: [f64; 3] = std::array::from_fn(|i| a[i][i].max(1e-4 * largest));
-    let at = |i: usize, j: usize| (0..3).map(|e| l[e] * v[i][e] * v[j][e]).sum();
-    [at(0, 0), at(1, 1), at(2, 2), at(0, 1), at(0, 2), at(1, 2)]
+    let mut out = [zero; 6];
+    let mut raised = [zero; 3];
+    for l in 0..SIDE {
+        let largest = larger_of(larger_of(a[0][0][l], a[1][1][l]), larger_of(a[2][2][l], 0.0));
+        for i in 0..3 {
+            raised[i][l] = larger_of(a[i][i][l], 1e-4 * largest);
+        }
+    }
+    for (n, (i, j)) in [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)].into_iter().enumerate() {
+        for l in 0..SIDE {
+            let of = |e: usize| raised[e][l] * v[i][e][l] * v[j][e][l];
+            let all = of(0) + of(1) + of(2);
+            out[n][l] = if fine[l] { s[n][l] } else { all };
+        }
+    }
+    out
+}
+
+/// Most sweeps of Jacobi's rotations.
+const SWEEPS: usize = 8;
+
+/// Rotate the columns `p` and `q`.
+#[inline(always)]
+fn turn_columns(a: &mut [[Side; 3]; 3], (p, q): (usize, usize), c: &Side, sn: &Side) {
+    for row in a {
+        for l in 0..SIDE {
+            let (x, y) = (row[p][l], row[q][l]);
+            (row[p][l], row[q][l]) = (c[l] * x - sn[l] * y, sn[l] * x + c[l] * y);
+        }
+    }
+}
+
+/// The larger of two numbers that are none of them NaN.
+#[inline(always)]
+fn larger_of(a: f64, b: f64) -> f64 {
+    if a > b { a } else { b }
 }
 
 #[cfg(test)]
@@ -186,7 +264,7 @@ mod tests {
     #[test]
     fn a_single_facet_is_recovered() {
         for n in [DVec3::X, DVec3::new(0.6, -0.8, 0.0), DVec3::new(0.48, 0.6, -0.64)] {
-            let s = fit_sggx(&directions13().map(|w| 2.5 * w.dot(n).abs())).unwrap();
+            let s = fit_sggx(&directions13().map(|w| 2.5 * w.dot(n).abs() as f32)).unwrap();
             for w in [DVec3::Y, DVec3::new(0.0, 0.6, 0.8), n] {
                 // Eigenvalues are raised to 1e-4 of the largest: sigma to .01 of it.
                 assert!((f64::from(s.sigma(w.as_vec3())) - 2.5 * w.dot(n).abs()).abs() < 0.03);

@@ -50,7 +50,8 @@ pub fn facets(staged: &dyn Staged, place: &Placement, max_bytes: u64, progress: 
         let corner = DVec3::from(morton::decode(regions[i]).map(|v| f64::from(v << levels)));
         let width = f64::from(1u32 << levels);
         staged.emit(i, &mut |facet| {
-            let Some(polygon) = facet.clip(corner, corner + width) else { return };
+            let mut room = None;
+            let Some(polygon) = facet.clip(corner, corner + width, &mut room) else { return };
             let cut_out = staged.cut_out(facet.facet);
             let c = polygon.corners();
             for k in 2..c.len() {

@@ -8,11 +8,11 @@ use multiversion::multiversion;
 
 use super::beams::Beams;
 use super::chord::{Chords, LENGTHS, Lanes, MAX_RATE, box_areas, depth_for, exp_neg};
-use super::ellipsoid::{fit_weighted, sigmas};
+use super::ellipsoid::{SIDE, fit_weighted, sigmas};
 use super::march::{Lines, MARCH_LINES};
 use super::measure::Measure;
 use super::refine::Passed;
-use crate::geom::{DVec3, Vec3, larger};
+use crate::geom::{DVec3, Vec3, larger, smaller};
 use crate::volume::voxel::{RATE_MAX, encode_rate};
 use crate::volume::{Model, Sggx, Voxel};
 
@@ -24,7 +24,7 @@ const LEAST_SLOPE: f32 = 0.15;
 /// then weighs.
 const ROUNDS: usize = 3;
 const FREE: f32 = 1.02;
-const LITTLE: f64 = 1e-4;
+const LITTLE: f32 = 1e-4;
 
 /// A voxel of a block, to be fitted.
 pub struct Cell<'a> {
@@ -86,32 +86,61 @@ impl Seen {
     /// How much an error of a rate counts along each axis, by what it changes of the area that is blocked, from 1 where little
     /// is: rates at which a box is opaque may be larger, and a thin sheet seen edge-on has no area.
     #[inline(always)]
-    fn weights(&self, rates: &Lanes, slopes: &Lanes) -> [f64; 13] {
+    fn weights(&self, rates: &Lanes, slopes: &Lanes) -> Lanes {
         let (blocked, chords) = &self.tight;
-        let mut weights = [1.0; 13];
-        for (k, weight) in weights.iter_mut().enumerate() {
+        let mut weights = [1.0; 16];
+        for k in 0..16 {
             // Towards opaque nothing is gained, but a lower rate loses.
             let slope = larger(slopes[k], LEAST_SLOPE * blocked[k]);
-            let change = f64::from(chords.inverse_mean[k] * slope / rates[k]);
-            *weight = if rates[k] > 0.0 { (change * change).clamp(1e-4, 1.0) } else { 1.0 };
+            let change = chords.inverse_mean[k] * slope / larger(rates[k], 1e-20);
+            let weight = larger(smaller(change * change, 1.0), 1e-4);
+            weights[k] = if rates[k] > 0.0 { weight } else { 1.0 };
         }
         weights
     }
+}
 
-    /// The ellipsoid of normals whose rates are nearest to `rates`. Where the box is opaque, they may be any larger.
+/// Of cells side by side, the rates that are wanted and what an error of each counts; nothing is wanted of lanes without a cell.
+#[derive(Default)]
+struct Wanted {
+    cells: [usize; SIDE],
+    count: usize,
+    rates: [Lanes; SIDE],
+    weights: [Lanes; SIDE],
+}
+
+impl Wanted {
     #[inline(always)]
-    fn normals(&self, rates: &Lanes, weights: [f64; 13]) -> Option<Sggx> {
-        let values = std::array::from_fn(|k| f64::from(rates[k]));
-        let mut s = fit_weighted(&values, &weights)?;
+    fn push(&mut self, cell: usize, rates: Lanes, weights: Lanes) {
+        let n = self.count;
+        (self.cells[n], self.rates[n], self.weights[n]) = (cell, rates, weights);
+        self.count += 1;
+    }
+
+    /// The ellipsoids of normals whose rates are nearest to those wanted. Where a box is opaque, they may be any larger.
+    #[inline(always)]
+    fn normals(&self, seen: &[Seen]) -> [Option<Sggx>; SIDE] {
+        let mut normals = fit_weighted(&self.rates, &self.weights);
+        let mut again = [true; SIDE];
         for _ in 0..ROUNDS {
-            let sigma = sigmas(&s);
-            let free = |k: usize| self.tight.0[k] >= OPAQUE && sigma[k] > FREE * rates[k];
-            if !(0..13).any(free) {
+            let mut weights = self.weights;
+            for n in 0..self.count {
+                let Some(s) = normals[n].filter(|_| again[n]) else { continue };
+                let (sigma, tight) = (sigmas(&s), &seen[self.cells[n]].tight.0);
+                again[n] = false;
+                for k in 0..13 {
+                    let free = tight[k] >= OPAQUE && sigma[k] > FREE * self.rates[n][k];
+                    weights[n][k] *= if free { LITTLE } else { 1.0 };
+                    again[n] |= free;
+                }
+            }
+            if !again[..self.count].contains(&true) {
                 break;
             }
-            s = fit_weighted(&values, &std::array::from_fn(|k| weights[k] * if free(k) { LITTLE } else { 1.0 }))?;
+            let next = fit_weighted(&self.rates, &weights);
+            (0..SIDE).filter(|&n| again[n]).for_each(|n| normals[n] = next[n]);
         }
-        Some(s)
+        normals
     }
 }
 
@@ -133,7 +162,7 @@ impl Certificate {
     fn add(&mut self, error: f32) {
         self.count += 1;
         // Summed in fixed steps, so that the order in which regions are joined cannot show.
-        self.sum += (error * UNIT) as u64;
+        self.sum += u64::from((error * UNIT) as u32);
         if self.histogram.is_empty() {
             self.histogram.resize(257, 0);
         }
@@ -187,7 +216,8 @@ pub fn fit_block(
     // Hits a voxel edge along each axis.
     let mut along = vec![[0.0f32; 16]; cells.len()];
     let mut levels = [0.0f32; 64];
-    for (i, ((voxel, cell), seen)) in fitted.iter_mut().zip(cells).zip(&seen).enumerate() {
+    let mut open = Vec::with_capacity(cells.len());
+    for (i, (voxel, cell)) in fitted.iter_mut().zip(cells).enumerate() {
         let m = cell.measure;
         voxel.correlation = code;
         voxel.set_albedo(m.albedo.to_array());
@@ -197,15 +227,22 @@ pub fn fit_block(
         if m.solid {
             voxel.rate = RATE_MAX;
             along[i] = [MAX_RATE; 16];
-            continue;
+        } else {
+            open.push(i);
         }
-        let (inner, chords) = &seen.tight;
-        let (rates, slopes) = chords.rates(inner, c);
-        let weights = seen.weights(&rates, &slopes);
-        if let Some(s) = seen.normals(&rates, weights) {
-            voxel.ndf = s.encode();
-            let sigma = sigmas(&Sggx::decode(voxel.ndf));
-            levels[i] = level(&sigma, s.scale(), seen, c);
+    }
+    for side in open.chunks(SIDE) {
+        let mut wanted = Wanted::default();
+        for &i in side {
+            let (inner, chords) = &seen[i].tight;
+            let (rates, slopes) = chords.rates(inner, c);
+            wanted.push(i, rates, seen[i].weights(&rates, &slopes));
+        }
+        for (&i, s) in side.iter().zip(wanted.normals(&seen)) {
+            let Some(s) = s else { continue };
+            fitted[i].ndf = s.encode();
+            let sigma = sigmas(&Sggx::decode(fitted[i].ndf));
+            levels[i] = level(&sigma, s.scale(), &seen[i], c);
             for k in 0..16 {
                 along[i][k] = levels[i] * sigma[k];
             }
@@ -272,41 +309,55 @@ fn neyret(voxel: &mut Voxel, m: &Measure) {
     }
 }
 
-/// Share of the cells' coverage along axis `k` that hides behind other cells of the block, as measured; and the coverage.
-#[inline(always)]
-fn hidden(k: usize, cells: &[Cell], block: &Measure, width: usize) -> (f32, f32) {
-    let parts: f64 = cells.iter().map(|c| c.measure.cover[k]).sum();
-    let share = if parts > 0.0 { 1.0 - (width * width) as f64 * block.cover[k] / parts } else { 0.0 };
-    (share.clamp(0.0, 1.0) as f32, parts as f32)
-}
-
 /// The code of the c with which the marched block best covers what was measured, in 13 directions.
 #[inline(always)]
 fn correlation(cells: &[Cell], seen: &[Seen], lines: &Lines, block: &Measure, width: usize) -> u8 {
     if cells.len() < 2 {
         return 15;
     }
-    // By the mean chord: what hides behind what hardly depends on it. Of independent matter, and of fully correlated.
-    let mut rates = vec![[[0.0f32; 16]; 2]; cells.len()];
-    for ([none, full], s) in rates.iter_mut().zip(seen) {
-        for k in 0..16 {
-            none[k] = s.chords.inverse_mean[k] * depth_for(s.blocked[k], 0.0);
-            full[k] = s.chords.inverse_mean[k] * s.blocked[k];
+    // By the mean chord: what hides behind what hardly depends on it.
+    let mut rates = vec![[[0.0f32; 16]; 3]; cells.len()];
+    for (rates, s) in rates.iter_mut().zip(seen) {
+        for (trial, rates) in rates.iter_mut().enumerate() {
+            for k in 0..16 {
+                rates[k] = s.chords.inverse_mean[k] * depth_for(s.blocked[k], 0.5 * trial as f32);
+            }
         }
     }
-    // In between, what hides falls in a straight line nearly: the least squares of what it misses, an axis.
-    let (mut up, mut down) = (0.0, 0.0);
+    // What the cells cover one by one, an axis.
+    let mut parts = [0.0; 13];
+    for cell in cells {
+        for k in 0..13 {
+            parts[k] += cell.measure.cover[k];
+        }
+    }
+    // What hides behind other cells at c = 0, 1/2 and 1; as measured; and how much it counts.
+    let (mut hides, mut wanted, mut weight) = ([[0.0f32; 16]; 3], [0.0f32; 16], [0.0f32; 16]);
     for k in 0..13 {
-        let (wanted, parts) = hidden(k, cells, block, width);
-        if parts <= 0.0 {
+        if parts[k] <= 0.0 {
             continue;
         }
-        let hides = |(alone, together): (f32, f32)| if alone > 0.0 { 1.0 - together / alone } else { wanted };
-        let none = hides(lines.blocked::<false>(k, |cell| rates[cell][0][k]));
-        let full = hides(lines.blocked::<true>(k, |cell| rates[cell][1][k]));
-        let weight = (parts / LENGTHS[k]) * (parts / LENGTHS[k]);
-        up += weight * (full - none) * (wanted - none);
-        down += weight * (full - none) * (full - none);
+        wanted[k] = (1.0 - (width * width) as f64 * block.cover[k] / parts[k]).clamp(0.0, 1.0) as f32;
+        weight[k] = parts[k] as f32 / LENGTHS[k];
+        let share = |(alone, together): (f32, f32)| if alone > 0.0 { 1.0 - together / alone } else { wanted[k] };
+        hides[0][k] = share(lines.blocked::<0>(k, |cell| rates[cell][0][k]));
+        hides[1][k] = share(lines.blocked::<1>(k, |cell| rates[cell][1][k]));
+        hides[2][k] = share(lines.blocked::<2>(k, |cell| rates[cell][2][k]));
     }
-    if down > 0.0 { (15.0 * (up / down).clamp(0.0, 1.0)).round() as u8 } else { 0 }
+    let (mut best, mut least) = (0, f32::INFINITY);
+    for code in 0..16u8 {
+        let c = f32::from(code) / 15.0;
+        // Through the three: Lagrange's parabola.
+        let (a, b, d) = ((1.0 - c) * (1.0 - 2.0 * c), 4.0 * c * (1.0 - c), c * (2.0 * c - 1.0));
+        let mut misses = [0.0f32; 16];
+        for k in 0..16 {
+            let miss = weight[k] * (a * hides[0][k] + b * hides[1][k] + d * hides[2][k] - wanted[k]);
+            misses[k] = miss * miss;
+        }
+        let error = misses.iter().sum();
+        if error < least {
+            (best, least) = (code, error);
+        }
+    }
+    best
 }

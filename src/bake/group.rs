@@ -275,9 +275,8 @@ impl<'a> Piece<'a> {
     fn emit(&self, own: usize, each: &mut dyn FnMut(&Polygon)) {
         let bounds = cube(self.staged.regions()[own], self.levels);
         self.staged.emit(own, &mut |p| {
-            if let Some(p) = p.clip(bounds.min, bounds.max) {
-                each(&p);
-            }
+            let mut room = None;
+            p.clip(bounds.min, bounds.max, &mut room).into_iter().for_each(&mut *each);
         });
     }
 

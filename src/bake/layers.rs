@@ -423,7 +423,8 @@ impl Staged for StagedLayers<'_> {
                     return if turned { each(&numbered.turned()) } else { each(&numbered) };
                 }
                 let Some(normal) = numbered.area_vector().try_normalize() else { return };
-                let Some(numbered) = numbered.clip(corner, corner + self.width) else { return };
+                let mut room = None;
+                let Some(numbered) = numbered.clip(corner, corner + self.width, &mut room) else { return };
                 numbered.split_voxels(&mut |piece, _| {
                     self.pass(piece, normal, filters, &mut |left| {
                         if turned { each(&left.turned()) } else { each(left) }

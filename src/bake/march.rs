@@ -106,45 +106,55 @@ impl Lines {
         }
     }
 
-    /// How many of the lines of the axis `k` the voxels block, each for itself, and all together: where they are independent,
-    /// and where they are `full`y correlated, which keeps lines that are not blocked apart as long as there are any.
+    /// How many of the lines of the axis `k` the voxels block, each for itself, and all together, where their correlation is half
+    /// of `TWICE`, 0 to 2: independent, half, or fully correlated, which keeps lines that are not blocked apart as long as there
+    /// are any.
     #[inline(always)]
-    pub fn blocked<const FULL: bool>(&self, k: usize, rate: impl Fn(usize) -> f32) -> (f32, f32) {
-        numbered!(self.block [FULL,] (k, rate))
+    pub fn blocked<const TWICE: u8>(&self, k: usize, rate: impl Fn(usize) -> f32) -> (f32, f32) {
+        numbered!(self.block [TWICE,] (k, rate))
     }
 
     /// [`Lines::blocked`] of an axis of which a voxel has `ALL` lines, `N` a row, and a block, `WIDTH` wide, `COUNT`.
     #[inline(always)]
-    fn block<const FULL: bool, const N: usize, const ALL: usize, const WIDTH: usize, const COUNT: usize>(
+    fn block<const TWICE: u8, const N: usize, const ALL: usize, const WIDTH: usize, const COUNT: usize>(
         &self,
         k: usize,
         rate: impl Fn(usize) -> f32,
     ) -> (f32, f32) {
         let mut alone = [0.0; ALL];
-        // Of the block's lines, what passes; or, if full, all that is in their way.
-        let mut lines = [if FULL { 0.0f32 } else { 1.0 }; COUNT];
+        // Of the block's lines, E = e^−(1−c)τ; or at c = 1, τ.
+        let mut lines = [if TWICE == 2 { 0.0f32 } else { 1.0 }; COUNT];
         for (cell, (chords, firsts)) in self.chords.iter().zip(&self.firsts).enumerate() {
-            let rate = rate(cell);
+            let rate = (if TWICE == 1 { 0.5 } else { 1.0 }) * rate(cell);
             let first = usize::from(firsts[k]);
             let Some(chords) = chords[start(k)..].first_chunk::<ALL>() else { continue };
             let Some(lines) = lines.get_mut(first..first + (ALL / N - 1) * N * WIDTH + N) else { continue };
             let mut own = [0.0; ALL];
             for n in 0..ALL {
-                own[n] = if FULL { rate * chords[n] } else { exp_neg(rate * chords[n]) };
-                alone[n] += if FULL { smaller(own[n], 1.0) } else { 1.0 - own[n] };
+                own[n] = if TWICE == 2 { rate * chords[n] } else { exp_neg(rate * chords[n]) };
+                alone[n] += share::<TWICE>(own[n]);
             }
             for row in 0..ALL / N {
                 let at = row * N * WIDTH;
                 let mut more = [0.0; N];
                 for n in 0..N {
                     let own = own[row * N + n];
-                    more[n] = if FULL { lines[at + n] + own } else { lines[at + n] * own };
+                    more[n] = if TWICE == 2 { lines[at + n] + own } else { lines[at + n] * own };
                 }
                 lines[at..at + N].copy_from_slice(&more);
             }
         }
-        let together = if FULL { sum(&lines, |tau| smaller(tau, 1.0)) } else { sum(&lines, |passes| 1.0 - passes) };
-        (alone.iter().sum(), together)
+        (alone.iter().sum(), sum(&lines, share::<TWICE>))
+    }
+}
+
+/// The share that is blocked of a line, by what [`Lines::block`] keeps of it: T = (E − c) / (1 − c), as long as it is positive.
+#[inline(always)]
+fn share<const TWICE: u8>(of: f32) -> f32 {
+    match TWICE {
+        0 => 1.0 - of,
+        1 => smaller(2.0 - 2.0 * of, 1.0),
+        _ => smaller(of, 1.0),
     }
 }
 
@@ -177,7 +187,7 @@ mod tests {
                 let (across, down) = p.extent();
                 let edge = wide * MARCH_LINES;
                 let count = across * down * edge * edge;
-                let (mut full, mut none) = (0.0, 0.0);
+                let (mut full, mut half, mut none) = (0.0, 0.0, 0.0);
                 for (n, &depth) in depths[..count].iter().enumerate() {
                     let middle = |i: usize| (i as f64 + 0.5) / edge as f64;
                     let (x, y) = (middle(n % (across * edge)), middle(n / (across * edge)));
@@ -186,12 +196,15 @@ mod tests {
                     // All of it are a few roundings of numbers of up to 8, in f32.
                     assert!((f64::from(depth) - want).abs() < 1e-5, "{width} {k} {n}: {depth} {want}");
                     full += want.min(1.0);
+                    half += (2.0 - 2.0 * (-0.5 * want).exp()).min(1.0);
                     none += 1.0 - (-want).exp();
                 }
                 // Sums of at most 256 of them; exp_neg is right to 1e-5.
-                for ((alone, together), want) in
-                    [(lines.blocked::<true>(k, |_| 2.0), full), (lines.blocked::<false>(k, |_| 2.0), none)]
-                {
+                for ((alone, together), want) in [
+                    (lines.blocked::<2>(k, |_| 2.0), full),
+                    (lines.blocked::<1>(k, |_| 2.0), half),
+                    (lines.blocked::<0>(k, |_| 2.0), none),
+                ] {
                     assert!((f64::from(alone) - want).abs() < 1e-3, "{width} {k}: {alone} {want}");
                     assert!((alone - together).abs() < 1e-4, "one voxel hides nothing");
                 }

@@ -300,7 +300,7 @@ fn build(
     for first in (0..regions.len()).step_by(batch) {
         let parts: Vec<(Option<Box<Node>>, Output)> = par::map(batch.min(regions.len() - first), |i| {
             let origin = morton::decode(regions[first + i]).map(|v| v << levels);
-            let mut region = Region { staged, output: Output::new(place.depth + 1, how), origin, levels };
+            let mut region = Region::new(staged, Output::new(place.depth + 1, how), origin, levels);
             let node = region.node(first + i, top);
             progress.advance(1);
             (node, region.output)

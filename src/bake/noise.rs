@@ -178,8 +178,8 @@ impl Bias {
             return (t, 1.0);
         }
         let t = t.max(1e-12);
-        // A third of the work of `libm::pow`, which gives more bits than are asked for.
-        let value = libm::exp2(self.exponent * libm::log2(t));
+        // A third of the work of `libm::pow`, which gives more bits than are asked for; and `libm::log` is quicker than its log2.
+        let value = libm::exp2(self.exponent * std::f64::consts::LOG2_E * libm::log(t));
         (value, self.exponent * value / t)
     }
 }

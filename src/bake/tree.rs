@@ -110,9 +110,15 @@ pub struct Region<'a> {
     /// Lowest voxel.
     pub origin: [u32; 3],
     pub levels: usize,
+    /// By code of a voxel, whether it is without facets, and then whether it is inside.
+    bare: Vec<Option<bool>>,
 }
 
-impl Region<'_> {
+impl<'a> Region<'a> {
+    pub fn new(staged: &'a dyn Staged, output: Output, origin: [u32; 3], levels: usize) -> Region<'a> {
+        Region { staged, output, origin, levels, bare: vec![None; 1 << (3 * levels)] }
+    }
+
     /// The region's node, which is of `depth`, from the facets of the staged region `index`.
     pub fn node(&mut self, index: usize, depth: usize) -> Option<Box<Node>> {
         let corner = DVec3::from(self.origin.map(f64::from));
@@ -162,19 +168,13 @@ impl Region<'_> {
         if levels > 0 && matter.comes_before(end) {
             let step = 1 << (3 * (levels - 1));
             let mut children: [Option<Box<Node>>; 8] = Default::default();
-            // Of children without matter, whether they are inside.
-            let mut bare: [Option<bool>; 8] = [None; 8];
             for j in 0..8 {
                 let from = code + step * j as u32;
                 if within.is_some() || matter.comes_before(from + step) {
                     children[j] = self.cube(depth + 1, levels - 1, from, within, matter);
                     continue;
                 }
-                // No facet is between two neighbours that have none.
-                let known = [1, 2, 4].into_iter().filter(|side| j & side != 0).find_map(|side| bare[j ^ side]);
-                let inside = known.unwrap_or_else(|| self.is_inside(levels - 1, from));
-                bare[j] = Some(inside);
-                children[j] = inside.then(|| Box::new(Node::solid()));
+                children[j] = self.is_inside(levels - 1, from).then(|| Box::new(Node::solid()));
             }
             return join(depth, children, &mut self.output);
         }
@@ -200,10 +200,26 @@ impl Region<'_> {
         std::array::from_fn(|axis| self.origin[axis] + low[axis])
     }
 
-    /// Whether a cube without facets is opaque.
-    fn is_inside(&self, levels: usize, code: u32) -> bool {
-        let centre = DVec3::from(self.lowest(code).map(f64::from)) + 0.5 * f64::from(1u32 << levels);
-        self.staged.inside(centre)
+    /// Whether the cube of `2^levels` voxels from `code` on, which has no facets, is opaque. As no facet is between two
+    /// neighbours that have none, most know it from one that was asked before.
+    fn is_inside(&mut self, levels: usize, code: u32) -> bool {
+        let (low, edge, width) = (morton::decode(u64::from(code)), 1 << levels, 1 << self.levels);
+        let beside = |axis: usize, at: u32| {
+            let mut beside = low;
+            beside[axis] = at;
+            if at < width { self.bare[morton::encode(beside) as usize] } else { None }
+        };
+        let known = (0..3).find_map(|axis| {
+            let before = low[axis].checked_sub(1).and_then(|at| beside(axis, at));
+            before.or_else(|| beside(axis, low[axis] + edge))
+        });
+        let inside = known.unwrap_or_else(|| {
+            let centre = DVec3::from(self.lowest(code).map(f64::from)) + 0.5 * f64::from(edge);
+            self.staged.inside(centre)
+        });
+        let first = code as usize;
+        self.bare[first..first + (1 << (3 * levels))].fill(Some(inside));
+        inside
     }
 }
 
@@ -255,6 +271,9 @@ fn with_inside<'a>(
     (cover, Cow::Owned(all))
 }
 
+/// Colours so near to each other are one: over all depths, by far no step of a code.
+const ALIKE: f64 = 1e-9;
+
 /// The parent, at `depth`, of `children`; its grandchildren are fitted into `output`. `None`: there are no children.
 pub fn join(depth: usize, children: [Option<Box<Node>>; 8], output: &mut Output) -> Option<Box<Node>> {
     if children.iter().all(Option::is_none) {
@@ -265,7 +284,12 @@ pub fn join(depth: usize, children: [Option<Box<Node>>; 8], output: &mut Output)
     }
     let counts: [bool; 8] = std::array::from_fn(|j| counts(&children, j));
     let counted = |j: usize| children[j].as_ref().filter(|_| counts[j]);
-    let union = Beams::unite(&std::array::from_fn(|j| counted(j).map(|c| &*c.beams)), depth);
+    // Which of them are seen first is asked for where they are not all of one colour.
+    let mut colours = (0..8).filter_map(counted).filter(|c| c.measure.total > 0.0).map(|c| c.measure.albedo);
+    let first = colours.next();
+    let alike = colours.all(|c| first.is_none_or(|first| (c - first).abs().max_element() < ALIKE));
+    let seen = output.how.materials || !alike;
+    let union = Beams::unite(&std::array::from_fn(|j| counted(j).map(|c| &*c.beams)), depth, seen);
     let mut measure = Measure::of_children(&std::array::from_fn(|j| counted(j).map(|c| &c.measure)), &union);
     measure.averaged += (0..8).filter(|&j| children[j].is_some() && !counts[j]).count() as f64 / 8.0;
     let inside: [Option<&Beams>; 8] = std::array::from_fn(|j| match &children[j] {

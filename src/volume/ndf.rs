@@ -60,10 +60,11 @@ impl Sggx {
             return Sggx::ISOTROPIC.encode();
         }
         let d = [self.xx, self.yy, self.zz].map(|v| v.max(0.0).sqrt());
-        let diag = |v: f32| (v / s * 255.0).round() as u8;
+        // To the nearest: the cast takes off what is behind the point, of numbers that are never below 0.
+        let diag = |v: f32| (v / s * 255.0 + 0.5) as u8;
         let corr = |m: f32, p: f32| {
             let r = if p > 0.0 { (m / p).clamp(-1.0, 1.0) } else { 0.0 };
-            ((r * 127.0).round() + 128.0) as u8
+            (r * 127.0 + 128.5) as u8
         };
         [
             diag(d[0]),

@@ -21,7 +21,7 @@ fn a_full_voxel_blocks_its_box_area() {
 #[test]
 fn eight_full_children_make_a_full_parent() {
     let full = Beams::full();
-    let union = Beams::unite(&[Some(full); 8], 3);
+    let union = Beams::unite(&[Some(full); 8], 3, true);
     for k in 0..13 {
         let want = box_area(k, DVec3::ONE) * (LINES * LINES) as f64;
         assert!((f64::from(union.lines[k]) / want - 1.0).abs() < 0.06, "{k} {}", union.lines[k]);

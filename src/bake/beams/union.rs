@@ -12,7 +12,8 @@ pub struct Union {
     pub lines: [u32; 13],
     /// Lines of the children an axis, counted before they are united.
     pub parts: [u32; 13],
-    /// Of each child, an axis: lines, and those of them that it blocks first, going along the axis and against it.
+    /// Of each child, an axis: lines, and those of them that it blocks first, going along the axis and against it; all of
+    /// them, both ways, where that is not asked for.
     pub children: [[Seen; 13]; 8],
 }
 
@@ -25,9 +26,9 @@ pub struct Seen {
 }
 
 impl Beams {
-    /// Unite up to eight children (in child order) whose voxels are of depth `depth`.
-    pub fn unite(children: &[Option<&Beams>; 8], depth: usize) -> Union {
-        unite(children, depth & 1)
+    /// Unite up to eight children (in child order) whose voxels are of depth `depth`; `seen`: find which are met first.
+    pub fn unite(children: &[Option<&Beams>; 8], depth: usize, seen: bool) -> Union {
+        unite(children, depth & 1, seen)
     }
 
     /// [`Beams::unite`] without the numbers.
@@ -55,8 +56,13 @@ impl Beams {
 }
 
 #[multiversion(targets("x86_64+avx2+bmi1+bmi2+lzcnt+popcnt"))]
-fn unite(children: &[Option<&Beams>; 8], phase: usize) -> Union {
-    if phase == 0 { unite_from::<0>(children) } else { unite_from::<1>(children) }
+fn unite(children: &[Option<&Beams>; 8], phase: usize, seen: bool) -> Union {
+    match (phase, seen) {
+        (0, false) => unite_from::<0, false>(children),
+        (0, true) => unite_from::<0, true>(children),
+        (_, false) => unite_from::<1, false>(children),
+        (_, true) => unite_from::<1, true>(children),
+    }
 }
 
 #[multiversion(targets("x86_64+avx2+bmi1+bmi2+lzcnt+popcnt"))]
@@ -74,13 +80,13 @@ fn united(children: &[Option<&Beams>; 8], phase: usize) -> Beams {
 }
 
 #[inline(always)]
-fn unite_from<const PHASE: usize>(children: &[Option<&Beams>; 8]) -> Union {
+fn unite_from<const PHASE: usize, const SEEN: bool>(children: &[Option<&Beams>; 8]) -> Union {
     let mut all =
         Union { beams: Beams::default(), lines: [0; 13], parts: [0; 13], children: [[Seen::default(); 13]; 8] };
     for (k, p) in PROJECTIONS.iter().enumerate() {
         match p.rows {
-            16 => all.unite_axis::<8, 16, PHASE>(k, children),
-            _ => all.unite_axis::<16, 32, PHASE>(k, children),
+            16 => all.unite_axis::<8, 16, PHASE, SEEN>(k, children),
+            _ => all.unite_axis::<16, 32, PHASE, SEEN>(k, children),
         }
     }
     all
@@ -103,7 +109,7 @@ impl Union {
     /// Unite the axis `k`, of which each child gives every other of its `ALL` rows, `HALF` in all, from the row `PHASE` on.
     /// All numbers are fixed, so that many rows are handled at once.
     #[inline(always)]
-    fn unite_axis<const HALF: usize, const ALL: usize, const PHASE: usize>(
+    fn unite_axis<const HALF: usize, const ALL: usize, const PHASE: usize, const SEEN: bool>(
         &mut self,
         k: usize,
         children: &[Option<&Beams>; 8],
@@ -122,7 +128,16 @@ impl Union {
             self.parts[k] += *lines;
         }
         let mut united = [0u32; 32];
-        for way in [1i32, -1] {
+        if !SEEN {
+            for (j, (rows, first, lines)) in parts.iter().enumerate() {
+                self.children[j][k].first = 2 * lines;
+                let Some(united) = united[*first..].first_chunk_mut::<HALF>() else { continue };
+                for n in 0..HALF {
+                    united[n] |= rows[n];
+                }
+            }
+        }
+        for &way in if SEEN { [1, -1].as_slice() } else { &[] } {
             united = [0; 32];
             for &j in order(k, way) {
                 let (rows, first, lines) = &parts[j];

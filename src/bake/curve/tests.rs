@@ -36,7 +36,8 @@ fn areas(source: &CurveSource, place: &Placement) -> Vec<DVec3> {
     for (i, &code) in staged.regions().iter().enumerate() {
         let corner = DVec3::from(crate::morton::decode(code).map(f64::from)) * width;
         staged.emit(i, &mut |p: &Polygon| {
-            let piece = p.clip(corner, corner + width);
+            let mut room = None;
+            let piece = p.clip(corner, corner + width, &mut room);
             // Back from u, v, w.
             let turned = |a: DVec3| DVec3::new(a.x, a.z, -a.y);
             out.extend(piece.map(|p| turned(p.area_vector()) / place.scale.powi(2)));

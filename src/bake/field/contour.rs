@@ -40,7 +40,8 @@ const OFF: f64 = 0.005;
 pub fn contour(cells: &dyn Cells, lo: [i64; 3], size: i64, each: &mut dyn FnMut(&Polygon)) {
     // A margin of one cell: creases go on from cell to cell.
     let mut block = Block::new(cells, lo.map(|v| v - 1), size + 2);
-    block.descend([0; 3], [size + 2; 3]);
+    block.descend([1; 3], [size + 1; 3]);
+    block.look_beyond();
     block.facets(each);
 }
 
@@ -205,11 +206,36 @@ impl<'a> Block<'a> {
         self.edges[at][axis] = self.crossings.len() as u32;
     }
 
+    /// Find the cells of the margin into which a crease may go on.
+    fn look_beyond(&mut self) {
+        let mut beside = Vec::new();
+        for passed in self.passed.iter().filter(|passed| passed.vertex.is_some()) {
+            for edges in Loops::known().of(passed.within) {
+                for (i, &edge) in edges.iter().enumerate() {
+                    if let Some((.., cell)) = beside_of(passed.cell, edge, edges[(i + 1) % edges.len()])
+                        && self.is_margin(cell)
+                    {
+                        beside.push(cell);
+                    }
+                }
+            }
+        }
+        for cell in beside {
+            if self.places[self.index(cell)] == 0 {
+                self.cell(cell);
+            }
+        }
+    }
+
+    fn is_margin(&self, cell: [i64; 3]) -> bool {
+        cell.iter().any(|&v| v < 1 || v >= self.size - 1)
+    }
+
     /// The facets of all cells but those of the margin.
     fn facets(&self, each: &mut dyn FnMut(&Polygon)) {
         let mut points = [DVec3::ZERO; 12];
         for passed in &self.passed {
-            if passed.cell.iter().any(|&v| v < 1 || v >= self.size - 1) {
+            if self.is_margin(passed.cell) {
                 continue;
             }
             for edges in Loops::known().of(passed.within) {
@@ -246,15 +272,21 @@ impl<'a> Block<'a> {
     /// Of the face with both edges of the cell `p`: its axis, whether it is the upper one, and the vertex beyond it if the cell
     /// there has one.
     fn beyond(&self, p: [i64; 3], edge: u8, next: u8) -> Option<(usize, bool, DVec3)> {
-        let ([a, b], [c, d]) = (EDGES[usize::from(edge)], EDGES[usize::from(next)]);
-        let (all, any) = (a & b & c & d, a | b | c | d);
-        let axis = (0..3).find(|&axis| all >> axis & 1 == 1 || any >> axis & 1 == 0)?;
-        let upper = all >> axis & 1 == 1;
-        let mut cell = p;
-        cell[axis] += if upper { 1 } else { -1 };
+        let (axis, upper, cell) = beside_of(p, edge, next)?;
         let place = self.places[self.index(cell)] as usize;
         Some((axis, upper, self.passed.get(place.wrapping_sub(1))?.vertex?))
     }
+}
+
+/// Of the face with both edges of the cell `p`: its axis, whether it is the upper one, and the cell beyond it.
+fn beside_of(p: [i64; 3], edge: u8, next: u8) -> Option<(usize, bool, [i64; 3])> {
+    let ([a, b], [c, d]) = (EDGES[usize::from(edge)], EDGES[usize::from(next)]);
+    let (all, any) = (a & b & c & d, a | b | c | d);
+    let axis = (0..3).find(|&axis| all >> axis & 1 == 1 || any >> axis & 1 == 0)?;
+    let upper = all >> axis & 1 == 1;
+    let mut cell = p;
+    cell[axis] += if upper { 1 } else { -1 };
+    Some((axis, upper, cell))
 }
 
 /// The corner from which an edge of the cell `p` starts, and its axis.

@@ -18,7 +18,8 @@ fn surface(source: &FieldSource, resolution: u32) -> (f64, f64, DVec3) {
     for (region, &code) in staged.regions().iter().enumerate() {
         let lo = DVec3::from(morton::decode(code).map(f64::from)) * width;
         staged.emit(region, &mut |polygon: &Polygon| {
-            let Some(piece) = polygon.clip(lo, lo + width) else { return };
+            let mut room = None;
+            let Some(piece) = polygon.clip(lo, lo + width, &mut room) else { return };
             let a = piece.area_vector();
             area += a.length();
             sum += a;
@@ -128,7 +129,8 @@ fn worst_sigma(field: impl Field + 'static, resolution: u32, formula: impl Fn(DV
     for (region, &code) in staged.regions().iter().enumerate() {
         let lo = DVec3::from(morton::decode(code).map(f64::from)) * width;
         staged.emit(region, &mut |polygon: &Polygon| {
-            let Some(piece) = polygon.clip(lo, lo + width) else { return };
+            let mut room = None;
+            let Some(piece) = polygon.clip(lo, lo + width, &mut room) else { return };
             for (sum, w) in sums.iter_mut().zip(crate::geom::directions13()) {
                 *sum += 0.5 * piece.area_vector().dot(w).abs();
             }

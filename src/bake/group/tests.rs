@@ -41,7 +41,8 @@ fn area(source: &dyn Source) -> (f64, DVec3) {
     for (i, &code) in staged.regions().iter().enumerate() {
         let b = cube(code, 5);
         staged.emit(i, &mut |p| {
-            if let Some(p) = p.clip(b.min, b.max) {
+            let mut room = None;
+            if let Some(p) = p.clip(b.min, b.max, &mut room) {
                 sum.0 += p.area_vector().length();
                 sum.1 += p.area_vector();
                 assert!(p.facet < staged.facets() && staged.one_sided(p.facet));

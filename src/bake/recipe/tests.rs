@@ -56,7 +56,8 @@ fn sums(text: &str, resolution: u32) -> Sums {
     for (i, &code) in staged.regions().iter().enumerate() {
         let corner = DVec3::from(morton::decode(code).map(f64::from)) * width;
         staged.emit(i, &mut |p| {
-            let Some(p) = p.clip(corner, corner + width) else { return };
+            let mut room = None;
+            let Some(p) = p.clip(corner, corner + width, &mut room) else { return };
             p.split_voxels(&mut |p, _| {
                 let (area, at) = (p.area_vector(), p.middle());
                 let Some(normal) = area.try_normalize() else { return };

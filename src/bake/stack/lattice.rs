@@ -4,6 +4,8 @@
 //!
 //! Beyond its outermost samples a stack goes on for half a distance with the value it has there; then there is nothing.
 
+use multiversion::multiversion;
+
 use super::ranges::UNIT;
 use super::samples::Samples;
 use crate::geom::DAffine3;
@@ -164,10 +166,9 @@ impl Lattice {
         let (x0, nx) = span(ax, from[0], size[0]);
         let (y0, ny) = span(ay, from[1], size[1]);
         let (z0, nz) = span(az, from[2], size[2]);
+        // All of it will be overwritten.
         let Scratch { raw, along_x, along_y, values } = scratch;
-        raw.clear();
         raw.resize(nx, 0.0);
-        along_x.clear();
         along_x.resize(size[0] * ny * nz, 0.0);
         let (lo, hi) = (ax.clamp(x0), ax.clamp(x0 + nx as i64 - 1));
         let left = (lo as i64 - x0) as usize;
@@ -195,7 +196,6 @@ impl Lattice {
                 }
             }
         }
-        along_y.clear();
         along_y.resize(size[0] * size[1] * nz, 0.0);
         for z in 0..nz {
             for n in 0..size[1] {
@@ -206,7 +206,6 @@ impl Lattice {
             }
         }
         let layer = size[0] * size[1];
-        values.clear();
         values.resize(layer * size[2], 0.0);
         for n in 0..size[2] {
             let node = from[2] + n;
@@ -267,7 +266,9 @@ impl Lattice {
 }
 
 /// `out` = the weighted sum of rows of `stride` numbers.
+#[multiversion(targets("x86_64+avx2"))]
 fn weigh(out: &mut [f32], rows: &[f32], stride: usize, weights: &[f32]) {
+    out.fill(0.0);
     for (n, w) in weights.iter().enumerate().filter(|w| *w.1 != 0.0) {
         for (o, v) in out.iter_mut().zip(&rows[n * stride..]) {
             *o += w * v;

@@ -359,7 +359,8 @@ fn facets(source: &StackSource, depth: usize) -> (f64, f64, DVec3) {
     for (n, code) in staged.regions().iter().enumerate() {
         let corner = DVec3::from(crate::morton::decode(*code).map(f64::from)) * width;
         staged.emit(n, &mut |facet| {
-            if let Some(piece) = facet.clip(corner, corner + width) {
+            let mut room = None;
+            if let Some(piece) = facet.clip(corner, corner + width, &mut room) {
                 let a = piece.area_vector();
                 area += a.length();
                 sum += a;

@@ -39,7 +39,7 @@ pub fn write(source: &Path, baked: &Path, out: &Path, ui: &Ui) -> Result<()> {
             let Ok(found) = areas.binary_search_by_key(code, |a| a.0) else { continue };
             voxel.correlation &= 0xf0;
             voxel.support = Voxel::default().support;
-            if let Some(s) = bake::fit_sggx(&areas[found].1.map(f64::from)) {
+            if let Some(s) = bake::fit_sggx(&areas[found].1) {
                 voxel.ndf = s.encode();
                 voxel.rate = encode_rate(s.scale().into());
             }
