@@ -65,6 +65,7 @@ impl Random {
                 _ => {}
             }
         }
-        d.try_normalize().unwrap_or(Vec3::X)
+        // In f64: the square of what is next to 0 is none in f32.
+        d.as_dvec3().try_normalize().map_or(Vec3::X, |d| d.as_vec3())
     }
 }
