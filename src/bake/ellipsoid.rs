@@ -221,9 +221,9 @@ fn positive(s: [Side; 6]) -> [Side; 6] {
     let mut out = [zero; 6];
     let mut raised = [zero; 3];
     for l in 0..SIDE {
-        let largest = larger_of(larger_of(a[0][0][l], a[1][1][l]), larger_of(a[2][2][l], 0.0));
+        let largest = a[0][0][l].max(a[1][1][l]).max(a[2][2][l]).max(0.0);
         for i in 0..3 {
-            raised[i][l] = larger_of(a[i][i][l], 1e-4 * largest);
+            raised[i][l] = a[i][i][l].max(1e-4 * largest);
         }
     }
     for (n, (i, j)) in [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)].into_iter().enumerate() {
@@ -248,12 +248,6 @@ fn turn_columns(a: &mut [[Side; 3]; 3], (p, q): (usize, usize), c: &Side, sn: &S
             (row[p][l], row[q][l]) = (c[l] * x - sn[l] * y, sn[l] * x + c[l] * y);
         }
     }
-}
-
-/// The larger of two numbers that are none of them NaN.
-#[inline(always)]
-fn larger_of(a: f64, b: f64) -> f64 {
-    if a > b { a } else { b }
 }
 
 #[cfg(test)]

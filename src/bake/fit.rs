@@ -100,48 +100,31 @@ impl Seen {
     }
 }
 
-/// Of cells side by side, the rates that are wanted and what an error of each counts; nothing is wanted of lanes without a cell.
-#[derive(Default)]
-struct Wanted {
-    cells: [usize; SIDE],
-    count: usize,
-    rates: [Lanes; SIDE],
-    weights: [Lanes; SIDE],
-}
-
-impl Wanted {
-    #[inline(always)]
-    fn push(&mut self, cell: usize, rates: Lanes, weights: Lanes) {
-        let n = self.count;
-        (self.cells[n], self.rates[n], self.weights[n]) = (cell, rates, weights);
-        self.count += 1;
-    }
-
-    /// The ellipsoids of normals whose rates are nearest to those wanted. Where a box is opaque, they may be any larger.
-    #[inline(always)]
-    fn normals(&self, seen: &[Seen]) -> [Option<Sggx>; SIDE] {
-        let mut normals = fit_weighted(&self.rates, &self.weights);
-        let mut again = [true; SIDE];
-        for _ in 0..ROUNDS {
-            let mut weights = self.weights;
-            for n in 0..self.count {
-                let Some(s) = normals[n].filter(|_| again[n]) else { continue };
-                let (sigma, tight) = (sigmas(&s), &seen[self.cells[n]].tight.0);
-                again[n] = false;
-                for k in 0..13 {
-                    let free = tight[k] >= OPAQUE && sigma[k] > FREE * self.rates[n][k];
-                    weights[n][k] *= if free { LITTLE } else { 1.0 };
-                    again[n] |= free;
-                }
+/// The ellipsoids of normals, of the cells `side` by side, whose rates are nearest to `rates`, by what an error of each counts;
+/// nothing is wanted of lanes without a cell. Where a box is opaque, they may be any larger.
+#[inline(always)]
+fn normals(side: &[usize], seen: &[Seen], rates: &[Lanes; SIDE], weights: &[Lanes; SIDE]) -> [Option<Sggx>; SIDE] {
+    let mut normals = fit_weighted(rates, weights);
+    let mut again = [true; SIDE];
+    for _ in 0..ROUNDS {
+        let mut lighter = *weights;
+        for (n, &i) in side.iter().enumerate() {
+            let Some(s) = normals[n].filter(|_| again[n]) else { continue };
+            let (sigma, tight) = (sigmas(&s), &seen[i].tight.0);
+            again[n] = false;
+            for k in 0..13 {
+                let free = tight[k] >= OPAQUE && sigma[k] > FREE * rates[n][k];
+                lighter[n][k] *= if free { LITTLE } else { 1.0 };
+                again[n] |= free;
             }
-            if !again[..self.count].contains(&true) {
-                break;
-            }
-            let next = fit_weighted(&self.rates, &weights);
-            (0..SIDE).filter(|&n| again[n]).for_each(|n| normals[n] = next[n]);
         }
-        normals
+        if !again[..side.len()].contains(&true) {
+            break;
+        }
+        let next = fit_weighted(rates, &lighter);
+        (0..SIDE).filter(|&n| again[n]).for_each(|n| normals[n] = next[n]);
     }
+    normals
 }
 
 /// Steps in which errors are summed: far below what they are, and 2^40 errors fit.
@@ -232,13 +215,14 @@ pub fn fit_block(
         }
     }
     for side in open.chunks(SIDE) {
-        let mut wanted = Wanted::default();
-        for &i in side {
+        let (mut rates, mut weights) = ([[0.0; 16]; SIDE], [[0.0; 16]; SIDE]);
+        for (n, &i) in side.iter().enumerate() {
             let (inner, chords) = &seen[i].tight;
-            let (rates, slopes) = chords.rates(inner, c);
-            wanted.push(i, rates, seen[i].weights(&rates, &slopes));
+            let slopes;
+            (rates[n], slopes) = chords.rates(inner, c);
+            weights[n] = seen[i].weights(&rates[n], &slopes);
         }
-        for (&i, s) in side.iter().zip(wanted.normals(&seen)) {
+        for (&i, s) in side.iter().zip(normals(side, &seen, &rates, &weights)) {
             let Some(s) = s else { continue };
             fitted[i].ndf = s.encode();
             let sigma = sigmas(&Sggx::decode(fitted[i].ndf));

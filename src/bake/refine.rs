@@ -5,6 +5,7 @@
 //! Based on: G. Loubet, F. Neyret, *Hybrid Mesh-Volume LoDs for All-Scale Pre-Filtering*, EG 2017 (opacity fitted to measured
 //! coverage); the law of [`crate::volume::opacity`].
 
+use std::ops::Range;
 use std::sync::OnceLock;
 
 use multiversion::multiversion;
@@ -66,6 +67,12 @@ fn misses(lines: usize) -> &'static [f32] {
     })
 }
 
+/// Where the lines of the axis `k` are among those of a cube with `lines` an edge.
+#[inline(always)]
+fn of_axis(k: usize, lines: usize) -> Range<usize> {
+    planes_before(k) * lines * lines..planes_before(k + 1) * lines * lines
+}
+
 impl Passed {
     /// Of a block with `lines` an edge and the correlation `c`; `depths(k, …)` gives the optical depths of axis `k`. Nothing comes
     /// through its octants that are `closed`.
@@ -82,8 +89,7 @@ impl Passed {
         let mut all = [0.0; march::MOST_LINES];
         for k in 0..13 {
             depths(k, &mut all);
-            let count = (planes_before(k + 1) - planes_before(k)) * square;
-            let all = &mut all[..count.min(march::MOST_LINES)];
+            let all = &mut all[..of_axis(k, lines).len().min(march::MOST_LINES)];
             if d < 1e-3 {
                 for (at, gain) in at.iter_mut().zip(GAINS) {
                     at.extend(all.iter().map(|tau| larger(1.0 - gain * tau, 0.0)));
@@ -117,13 +123,12 @@ impl Passed {
             for (k, p) in PROJECTIONS.iter().enumerate() {
                 let (wa, wb) = p.extent();
                 let (oa, ob) = p.child_offset(j);
-                let Some(of) = of.get(planes_before(k) * small * small..planes_before(k + 1) * small * small) else {
-                    continue;
-                };
+                let Some(of) = of.get(of_axis(k, small)) else { continue };
                 let first = planes_before(k) * lines * lines + ob * small * wa * lines;
                 let Some(at) = at.get_mut(first..first + wb * small * wa * lines) else { continue };
                 let (wide, from) = (wa * lines, oa * small);
                 // A child has at most half of MOST_LINES an edge, and its widest planes are twice as wide.
+                const { assert!(MOST_LINES == 32) };
                 match wa * small {
                     32 => multiply::<32>(at, of, wide, from),
                     16 => multiply::<16>(at, of, wide, from),
@@ -146,14 +151,12 @@ impl Passed {
     /// What an axis blocks, in lines.
     #[inline(always)]
     fn blocked(&self, k: usize, gain: usize) -> f32 {
-        let (wa, wb) = PROJECTIONS[k].extent();
-        let square = self.lines * self.lines;
-        sum(&self.at[gain][planes_before(k) * square..(planes_before(k) + wa * wb) * square], |passes| 1.0 - passes)
+        sum(&self.at[gain][of_axis(k, self.lines)], |passes| 1.0 - passes)
     }
 
     /// As a larger cube takes it in: with half of the lines each way, the rows by turns, where there would be too many.
     #[inline(always)]
-    pub fn thinned(self) -> Passed {
+    fn thinned(self) -> Passed {
         if self.lines <= MOST_LINES / 2 {
             return self;
         }
@@ -161,9 +164,7 @@ impl Passed {
         let mut at: [Vec<f32>; GAINS.len()] = GAINS.map(|_| Vec::with_capacity(planes_before(13) * half * half));
         for (at, all) in at.iter_mut().zip(&self.at) {
             for (k, p) in PROJECTIONS.iter().enumerate() {
-                let (wa, wb) = p.extent();
-                let all = &all[planes_before(k) * lines * lines..][..wa * lines * wb * lines];
-                for (n, row) in all.chunks_exact(wa * lines).step_by(2).enumerate() {
+                for (n, row) in all[of_axis(k, lines)].chunks_exact(p.extent().0 * lines).step_by(2).enumerate() {
                     at.extend(row.as_chunks::<2>().0.iter().map(|pair| pair[n & 1]));
                 }
             }
@@ -197,9 +198,8 @@ impl Passed {
                 }
             } else if solid[j] {
                 whole.close(j);
-                for (k, p) in PROJECTIONS.iter().enumerate() {
-                    let all = &misses(small)[planes_before(k) * small * small..];
-                    let met: f32 = all[..p.extent().0 * p.extent().1 * small * small].iter().map(|m| 1.0 - m).sum();
+                for k in 0..13 {
+                    let met: f32 = misses(small)[of_axis(k, small)].iter().map(|m| 1.0 - m).sum();
                     let area = 0.25 * (box_area(k, DVec3::ONE) / axis_length(k)) as f32;
                     for (known, found) in known.iter_mut().zip(&mut found) {
                         known[k] += area;
@@ -242,9 +242,7 @@ impl Passed {
         squares: &[[u8; 8]; 8],
         each: &mut impl FnMut(f32),
     ) {
-        let at =
-            &self.at[0][planes_before(k) * self.lines * self.lines..planes_before(k + 1) * self.lines * self.lines];
-        let rows = at.as_chunks::<2>().0.as_chunks::<WIDE>().0;
+        let rows = self.at[0][of_axis(k, self.lines)].as_chunks::<2>().0.as_chunks::<WIDE>().0;
         for (rows, squares) in rows.as_chunks::<2>().0.iter().zip(squares.as_chunks::<STEP>().0) {
             let (mut passes, mut met) = ([0.0f32; WIDE], [0.0f32; WIDE]);
             for i in 0..WIDE {

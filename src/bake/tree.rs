@@ -296,7 +296,7 @@ pub fn join(depth: usize, children: [Option<Box<Node>>; 8], output: &mut Output)
         Some(child) if counts[j] => child.inside.as_deref(),
         child => child.as_ref().map(|c| &*c.beams),
     });
-    let inside = inside.iter().any(Option::is_some).then(|| Box::new(Beams::united(&inside, depth)));
+    let inside = inside.iter().any(Option::is_some).then(|| Box::new(Beams::unite(&inside, depth, false).beams));
     let (cover, all) = with_inside(&measure, (&union.beams, union.lines), inside.as_deref());
     let mut cells = Vec::with_capacity(64);
     let mut mask = 0;

@@ -59,7 +59,7 @@ struct Common {
     /// Voxels along the cube's edge [default: the voxels stay as large as they are]
     #[arg(short, long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4096))]
     resolution: Option<u32>,
-    /// zstd's level: 1 is quick, 19 small
+    /// zstd's most level: 1 is quick, 19 small; lower where that saves next to nothing
     #[arg(long, default_value_t = WriteOptions::default().level, value_name = "LEVEL", value_parser = clap::value_parser!(i32).range(1..=19))]
     compress: i32,
     /// Memory that each input and the work may take, such as 800M or 2G

@@ -2,7 +2,7 @@
 
 use multiversion::multiversion;
 
-use super::{Beams, PROJECTIONS, Projection};
+use super::{Beams, PROJECTIONS};
 use crate::geom::AXES13;
 
 /// What a parent learns when it unites its children's lines.
@@ -30,29 +30,6 @@ impl Beams {
     pub fn unite(children: &[Option<&Beams>; 8], depth: usize, seen: bool) -> Union {
         unite(children, depth & 1, seen)
     }
-
-    /// [`Beams::unite`] without the numbers.
-    pub fn united(children: &[Option<&Beams>; 8], depth: usize) -> Beams {
-        united(children, depth & 1)
-    }
-
-    /// Take in the axis of `p` of children, as [`Union::unite_axis`] does.
-    #[inline(always)]
-    fn take<const HALF: usize, const ALL: usize, const PHASE: usize>(
-        &mut self,
-        p: &Projection,
-        children: &[Option<&Beams>; 8],
-    ) {
-        for (j, child) in children.iter().enumerate() {
-            let Some(own) = child.and_then(|c| c.rows[p.first..].first_chunk::<ALL>()) else { continue };
-            let (oa, ob) = p.child_offset(j);
-            let rows = thinned::<HALF, ALL, PHASE>(own, oa);
-            let Some(all) = self.rows[p.first + 8 * ob..].first_chunk_mut::<HALF>() else { continue };
-            for n in 0..HALF {
-                all[n] |= rows[n];
-            }
-        }
-    }
 }
 
 #[multiversion(targets("x86_64+avx2+bmi1+bmi2+lzcnt+popcnt"))]
@@ -63,20 +40,6 @@ fn unite(children: &[Option<&Beams>; 8], phase: usize, seen: bool) -> Union {
         (_, false) => unite_from::<1, false>(children),
         (_, true) => unite_from::<1, true>(children),
     }
-}
-
-#[multiversion(targets("x86_64+avx2+bmi1+bmi2+lzcnt+popcnt"))]
-fn united(children: &[Option<&Beams>; 8], phase: usize) -> Beams {
-    let mut all = Beams::default();
-    for p in &PROJECTIONS {
-        match (p.rows, phase) {
-            (16, 0) => all.take::<8, 16, 0>(p, children),
-            (16, _) => all.take::<8, 16, 1>(p, children),
-            (_, 0) => all.take::<16, 32, 0>(p, children),
-            _ => all.take::<16, 32, 1>(p, children),
-        }
-    }
-    all
 }
 
 #[inline(always)]
@@ -128,26 +91,29 @@ impl Union {
             self.parts[k] += *lines;
         }
         let mut united = [0u32; 32];
-        if !SEEN {
+        if SEEN {
+            for way in [1, -1] {
+                united = [0; 32];
+                for &j in order(k, way) {
+                    let (rows, first, lines) = &parts[j];
+                    let Some(united) = united[*first..].first_chunk_mut::<HALF>().filter(|_| *lines > 0) else {
+                        continue;
+                    };
+                    let mut new = [0; HALF];
+                    for n in 0..HALF {
+                        new[n] = rows[n] & !united[n];
+                        united[n] |= rows[n];
+                    }
+                    self.children[j][k].first += count(&new);
+                }
+            }
+        } else {
             for (j, (rows, first, lines)) in parts.iter().enumerate() {
                 self.children[j][k].first = 2 * lines;
                 let Some(united) = united[*first..].first_chunk_mut::<HALF>() else { continue };
                 for n in 0..HALF {
                     united[n] |= rows[n];
                 }
-            }
-        }
-        for &way in if SEEN { [1, -1].as_slice() } else { &[] } {
-            united = [0; 32];
-            for &j in order(k, way) {
-                let (rows, first, lines) = &parts[j];
-                let Some(united) = united[*first..].first_chunk_mut::<HALF>().filter(|_| *lines > 0) else { continue };
-                let mut new = [0; HALF];
-                for n in 0..HALF {
-                    new[n] = rows[n] & !united[n];
-                    united[n] |= rows[n];
-                }
-                self.children[j][k].first += count(&new);
             }
         }
         self.lines[k] = united.iter().map(|r| r.count_ones()).sum();

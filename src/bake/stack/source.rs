@@ -134,7 +134,7 @@ impl StackSource {
     fn find_bounds(&self, least: f32) -> Aabb {
         let dims = self.stack.samples.dims();
         if least == f32::NEG_INFINITY {
-            return mapped(&self.stack.affine, window(dims));
+            return window(dims).transformed(self.stack.affine);
         }
         let longest = dims.iter().copied().max().unwrap_or(1);
         let lattice = Lattice::new(dims, [(BOUNDS_CELLS / longest).clamp(1, 8); 3], self.sigma);
@@ -199,7 +199,7 @@ impl Source for StackSource {
         let dims = self.stack.samples.dims();
         let window = window(dims);
         let copies: Vec<Copy> = place
-            .shifts(mapped(&to_grid, window))
+            .shifts(window.transformed(to_grid))
             .into_iter()
             .map(|shift| {
                 let to_grid = DAffine3 { translation: to_grid.translation + shift, ..to_grid };
@@ -235,14 +235,6 @@ fn window(dims: [usize; 3]) -> Aabb {
     Aabb::new(DVec3::splat(-0.5), DVec3::from(dims.map(|d| d as f64 - 0.5)))
 }
 
-/// The box around a mapped box.
-fn mapped(map: &DAffine3, b: Aabb) -> Aabb {
-    Aabb::around((0..8).map(|c| {
-        let at = |a: usize| if c >> a & 1 == 1 { b.max[a] } else { b.min[a] };
-        map.transform_point3(DVec3::new(at(0), at(1), at(2)))
-    }))
-}
-
 /// What is a rounding error away from a voxel's plane lies in it, so that no sliver is cut off.
 fn snapped(p: DVec3) -> DVec3 {
     // To the nearest whole number, without a call, as all bits behind the point are pushed out.
@@ -276,9 +268,7 @@ impl StagedStack<'_> {
     /// The box of the region `code`, in the index space of a copy; a little larger, so that rounding loses nothing.
     fn region(&self, code: u64, copy: &Copy) -> Aabb {
         let lo = DVec3::from(morton::decode(code).map(f64::from)) * self.width;
-        let b = mapped(&copy.to_index, Aabb::new(lo, lo + self.width));
-        let pad = 1e-9 * (1.0 + b.min.abs().max(b.max.abs()));
-        Aabb::new(b.min - pad, b.max + pad)
+        Aabb::new(lo, lo + self.width).transformed(copy.to_index).rounded_out()
     }
 
     /// Units that overlap an index-space box.
@@ -305,7 +295,7 @@ impl StagedStack<'_> {
         // Codes of the regions that a copy's box overlaps.
         let mut codes = Vec::new();
         for copy in &self.copies {
-            let b = mapped(&copy.to_grid, window);
+            let b = window.transformed(copy.to_grid);
             let lo = (b.min / self.width).floor().clamp(DVec3::ZERO, DVec3::splat(across)).as_uvec3();
             let hi = ((b.max / self.width).floor() + 1.0).clamp(DVec3::ZERO, DVec3::splat(across)).as_uvec3();
             for z in lo.z..hi.z {
@@ -346,7 +336,7 @@ impl StagedStack<'_> {
         // Voxels that have theirs from an earlier copy.
         let mut taken = vec![false; (width * width * width) as usize];
         for copy in &self.copies {
-            let block = mapped(&copy.to_index, Aabb::new(lo, lo + f64::from(width)));
+            let block = Aabb::new(lo, lo + f64::from(width)).transformed(copy.to_index);
             let mut there = false;
             self.units(block, &mut |at| there |= source.may_be_soft(at));
             if !there {

@@ -235,7 +235,7 @@ fn cast(
         let cut = random.unit() as f32 * s.length;
         let part = Stretch { length: cut, ..s };
         let first = through(&part);
-        tally.rises += u64::from(first + f64::from(f32::EPSILON) < whole);
+        tally.rises += u64::from((first as f32).next_up() < whole as f32);
         if independent {
             let rest = Stretch { origin: s.origin + s.dir * cut, length: s.length - cut, ..s };
             let pieces = first * through(&rest);
