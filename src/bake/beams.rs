@@ -20,7 +20,7 @@ use self::plane::{MOST_CORNERS, Plane};
 pub use self::union::Union;
 use super::clip::Polygon;
 use super::cutout::CutOut;
-use crate::geom::{AXES13, DVec3, Vec3, larger, smaller};
+use crate::geom::{AXES13, DVec3};
 
 /// Lines a voxel edge.
 pub const LINES: usize = 16;
@@ -31,7 +31,7 @@ pub const SQUARE: usize = 4;
 #[derive(Debug, Clone, Copy)]
 pub struct Projection {
     /// Dropped coordinate, the one of the bits in a row, and the one of the rows.
-    drop: usize,
+    pub drop: usize,
     a: usize,
     b: usize,
     /// Shears of a and b: 0, 1, −1.
@@ -41,7 +41,7 @@ pub struct Projection {
     first: usize,
     rows: usize,
     /// Which of [`Plane`]'s coordinates a and b are, sheared.
-    on: [usize; 2],
+    pub on: [usize; 2],
 }
 
 const fn projections() -> [Projection; 13] {
@@ -70,60 +70,15 @@ const fn projections() -> [Projection; 13] {
 }
 
 /// The nine coordinates that planes have: x, y, z; y ∓ x; z ∓ x; z ∓ y.
-const COORDINATES: usize = 9;
+pub const COORDINATES: usize = 9;
 
-const fn coordinate(q: usize, s: i32, drop: usize) -> usize {
+/// Which of them `q` is, sheared by `s` times the coordinate `drop`.
+pub const fn coordinate(q: usize, s: i32, drop: usize) -> usize {
     if s == 0 {
         return q;
     }
     // The dropped axis is the lower one always.
     3 + 2 * (drop + q - 1) + if s < 0 { 1 } else { 0 }
-}
-
-/// Where lines, `N` / 2 a voxel edge in each of the planes' coordinates, are within a box, by the dropped coordinate; empty
-/// stretches end before they begin.
-pub struct Slabs<const N: usize> {
-    from: [[f32; N]; COORDINATES],
-    to: [[f32; N]; COORDINATES],
-    lo: Vec3,
-    hi: Vec3,
-}
-
-impl<const N: usize> Slabs<N> {
-    #[inline(always)]
-    pub fn new(lo: Vec3, hi: Vec3) -> Slabs<N> {
-        let at = |i: usize| (i as f32 + 0.5) * (2.0 / N as f32);
-        let mut slabs =
-            Slabs { from: [[f32::INFINITY; N]; COORDINATES], to: [[f32::NEG_INFINITY; N]; COORDINATES], lo, hi };
-        for q in 0..3 {
-            for i in 0..N {
-                let within = at(i) >= lo[q] && at(i) < hi[q];
-                slabs.from[q][i] = if within { f32::NEG_INFINITY } else { f32::INFINITY };
-                slabs.to[q][i] = if within { f32::INFINITY } else { f32::NEG_INFINITY };
-            }
-        }
-        for (drop, q) in [(0, 1), (0, 2), (1, 2)] {
-            let on = coordinate(q, 1, drop);
-            for i in 0..N {
-                // q = v + s d, where v begins at Projection::base(s).
-                let v = at(i) - 1.0;
-                (slabs.from[on][i], slabs.to[on][i]) = (lo[q] - v, hi[q] - v);
-                let v = at(i);
-                (slabs.from[on + 1][i], slabs.to[on + 1][i]) = (v - hi[q], v - lo[q]);
-            }
-        }
-        slabs
-    }
-
-    /// The stretch of the line in the column `x` and the row `y` of the projection `p` that lies in the box, in the dropped
-    /// coordinate; below 0 where there is none.
-    #[inline(always)]
-    pub fn stretch(&self, p: &Projection, x: usize, y: usize) -> f32 {
-        let [a, b] = p.on;
-        let from = larger(larger(self.from[a][x], self.from[b][y]), self.lo[p.drop]);
-        let to = smaller(smaller(self.to[a][x], self.to[b][y]), self.hi[p.drop]);
-        to - from
-    }
 }
 
 /// Of [`AXES13`], in order.
@@ -154,17 +109,8 @@ impl Projection {
         step
     }
 
-    /// Where child `j`'s plane origin lies in its parent's plane, in child edges.
-    pub fn child_offset(&self, j: usize) -> (usize, usize) {
-        let bit = |axis: usize| (j >> axis & 1) as i32;
-        let at = |q: usize, s: i32| {
-            let o = bit(q) - s * bit(self.drop);
-            (if s > 0 { o + 1 } else { o }) as usize
-        };
-        (at(self.a, self.sa), at(self.b, self.sb))
-    }
-
     /// Where the plane origin of the cell `at` lies in the plane of its block, `width` cells wide, in cell edges.
+    #[inline(always)]
     pub fn place(&self, at: [u8; 3], width: usize) -> (usize, usize) {
         let of = |q: usize, s: i32| {
             let o = i32::from(at[q]) - s * i32::from(at[self.drop]);
@@ -177,6 +123,27 @@ impl Projection {
     pub const fn extent(&self) -> (usize, usize) {
         (if self.sa == 0 { 1 } else { 2 }, if self.sb == 0 { 1 } else { 2 })
     }
+}
+
+/// Where, along the axis `k`, child `j`'s plane origin lies in its parent's plane, in child edges.
+#[inline(always)]
+pub fn child_offset(k: usize, j: usize) -> (usize, usize) {
+    const OFFSETS: [[[u8; 2]; 8]; 13] = {
+        let mut out = [[[0; 2]; 8]; 13];
+        let mut n = 0;
+        while n < 13 * 8 {
+            let (p, j) = (&PROJECTIONS[n / 8], n % 8);
+            out[n / 8][j] = [offset(p, p.a, p.sa, j), offset(p, p.b, p.sb, j)];
+            n += 1;
+        }
+        out
+    };
+    const fn offset(p: &Projection, q: usize, s: i32, j: usize) -> u8 {
+        let o = (j >> q & 1) as i32 - s * (j >> p.drop & 1) as i32;
+        (if s > 0 { o + 1 } else { o }) as u8
+    }
+    let [a, b] = OFFSETS[k][j];
+    (a.into(), b.into())
 }
 
 /// How many squares, of the edge of a voxel or of any cube, the planes of the axes before `k` have.

@@ -224,12 +224,12 @@ pub fn sum(values: &[f32], f: impl Fn(f32) -> f32) -> f32 {
     let mut sums = [0.0f32; 8];
     let (whole, rest) = values.as_chunks::<8>();
     for chunk in whole {
-        for (sum, &value) in sums.iter_mut().zip(chunk) {
-            *sum += f(value);
+        for n in 0..8 {
+            sums[n] += f(chunk[n]);
         }
     }
-    for (sum, &value) in sums.iter_mut().zip(rest) {
-        *sum += f(value);
+    for (n, &value) in rest.iter().enumerate() {
+        sums[n] += f(value);
     }
     sums.iter().sum()
 }

@@ -9,9 +9,9 @@ use multiversion::multiversion;
 use super::beams::Beams;
 use super::chord::{Chords, LENGTHS, Lanes, MAX_RATE, box_areas, depth_for, exp_neg};
 use super::ellipsoid::{SIDE, fit_weighted, sigmas};
-use super::march::{Lines, MARCH_LINES};
+use super::march::{Lines, MARCH_LINES, Trial};
 use super::measure::Measure;
-use super::refine::Passed;
+use super::refine::{Errors, Passed};
 use crate::geom::{DVec3, Vec3, larger, smaller};
 use crate::volume::voxel::{RATE_MAX, encode_rate};
 use crate::volume::{Model, Sggx, Voxel};
@@ -142,14 +142,25 @@ pub struct Certificate {
 }
 
 impl Certificate {
-    fn add(&mut self, error: f32) {
-        self.count += 1;
-        // Summed in fixed steps, so that the order in which regions are joined cannot show.
-        self.sum += u64::from((error * UNIT) as u32);
-        if self.histogram.is_empty() {
-            self.histogram.resize(257, 0);
+    /// Add the errors of a block's squares; there is nothing in those whose error is below 0.
+    #[inline(always)]
+    fn add(&mut self, errors: &Errors) {
+        self.histogram.resize(257, 0);
+        for errors in errors.as_chunks::<16>().0 {
+            let (mut parts, mut steps) = ([0; 16], [0; 16]);
+            for n in 0..16 {
+                // Summed in fixed steps, so that the order in which regions are joined cannot show.
+                parts[n] = (errors[n] * UNIT) as i32;
+                steps[n] = (errors[n] * 256.0) as i32;
+            }
+            for n in 0..16 {
+                if errors[n] >= 0.0 {
+                    self.count += 1;
+                    self.sum += parts[n] as u64;
+                    self.histogram[(steps[n] as usize).min(256)] += 1;
+                }
+            }
         }
-        self.histogram[(error * 256.0).clamp(0.0, 256.0) as usize] += 1;
     }
 
     pub fn merge(&mut self, other: &Certificate) {
@@ -232,16 +243,15 @@ pub fn fit_block(
             }
         }
     }
-    let mut through = Passed::of_block(MARCH_LINES * width, c, (cells.len(), of.closed), |k, depths| {
-        lines.depths(k, |cell| along[cell][k], depths);
-    });
+    let depths = lines.depths(&along);
+    let mut through = Passed::of_block(MARCH_LINES * width, c, (cells.len(), of.closed), &depths[..lines.count()]);
     let mut log = 0.0;
     if cells.len() > 1 && !soft {
         log = through.wish(&of.cover);
         through.change(log);
     }
     if model == Model::Coverage {
-        through.compare(of.beams, |error| certificate.add(error));
+        certificate.add(&through.compare(of.beams));
     }
     for ((voxel, cell), &rate) in fitted.iter_mut().zip(cells).zip(&levels) {
         if rate > 0.0 {
@@ -299,15 +309,7 @@ fn correlation(cells: &[Cell], seen: &[Seen], lines: &Lines, block: &Measure, wi
     if cells.len() < 2 {
         return 15;
     }
-    // By the mean chord: what hides behind what hardly depends on it.
-    let mut rates = vec![[[0.0f32; 16]; 3]; cells.len()];
-    for (rates, s) in rates.iter_mut().zip(seen) {
-        for (trial, rates) in rates.iter_mut().enumerate() {
-            for k in 0..16 {
-                rates[k] = s.chords.inverse_mean[k] * depth_for(s.blocked[k], 0.5 * trial as f32);
-            }
-        }
-    }
+    let trials = [trial::<0>(seen, lines), trial::<1>(seen, lines), trial::<2>(seen, lines)];
     // What the cells cover one by one, an axis.
     let mut parts = [0.0; 13];
     for cell in cells {
@@ -323,10 +325,9 @@ fn correlation(cells: &[Cell], seen: &[Seen], lines: &Lines, block: &Measure, wi
         }
         wanted[k] = (1.0 - (width * width) as f64 * block.cover[k] / parts[k]).clamp(0.0, 1.0) as f32;
         weight[k] = parts[k] as f32 / LENGTHS[k];
-        let share = |(alone, together): (f32, f32)| if alone > 0.0 { 1.0 - together / alone } else { wanted[k] };
-        hides[0][k] = share(lines.blocked::<0>(k, |cell| rates[cell][0][k]));
-        hides[1][k] = share(lines.blocked::<1>(k, |cell| rates[cell][1][k]));
-        hides[2][k] = share(lines.blocked::<2>(k, |cell| rates[cell][2][k]));
+        for (hides, trial) in hides.iter_mut().zip(&trials) {
+            hides[k] = if trial.alone[k] > 0.0 { 1.0 - trial.together[k] / trial.alone[k] } else { wanted[k] };
+        }
     }
     let (mut best, mut least) = (0, f32::INFINITY);
     for code in 0..16u8 {
@@ -344,4 +345,18 @@ fn correlation(cells: &[Cell], seen: &[Seen], lines: &Lines, block: &Measure, wi
         }
     }
     best
+}
+
+/// What the cells block at the correlation `TWICE` / 2, with rates by the mean chord: what hides behind what hardly depends on it.
+#[inline(always)]
+fn trial<const TWICE: u8>(seen: &[Seen], lines: &Lines) -> Trial {
+    let mut rates = Vec::with_capacity(seen.len());
+    for s in seen {
+        let mut own = [0.0; 16];
+        for k in 0..16 {
+            own[k] = s.chords.inverse_mean[k] * depth_for(s.blocked[k], 0.5 * f32::from(TWICE));
+        }
+        rates.push(own);
+    }
+    lines.blocked::<TWICE>(&rates)
 }

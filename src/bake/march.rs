@@ -1,51 +1,62 @@
 //! The lines, along all axes, on which a block is marched while it is fitted, and what its voxels' boxes put in their way.
 //!
 //! A voxel's own lines are so few that all of them are kept, also those that miss its box: their numbers are fixed, and many are
-//! handled at once.
+//! handled at once. In a plane they are ordered by tiles, squares one voxel wide with four lines each, row by row.
 
-use super::beams::{PROJECTIONS, Projection, Slabs, axis_length, planes_before};
-use super::chord::{exp_neg, sum};
+use super::beams::{COORDINATES, PROJECTIONS, Projection, axis_length, coordinate, planes_before};
+use super::chord::{Lanes, exp_neg, sum};
 use crate::geom::{Vec3, larger, smaller};
 
 /// Lines a voxel edge.
 pub const MARCH_LINES: usize = 2;
+/// Lines of a tile, a square one voxel wide.
+pub const TILE: usize = MARCH_LINES * MARCH_LINES;
 /// Lines along an edge of the widest plane that a voxel has.
 const WIDE: usize = 2 * MARCH_LINES;
-/// Lines along all axes that a voxel's planes have.
+/// Lines along all axes that a voxel's planes have; and room for them, in which eight at a time are handled.
 const LINES_OF_VOXEL: usize = start(13);
-/// Most lines of one axis that a block has, which is four voxels wide.
-pub const MOST_LINES: usize = WIDE * WIDE * 16;
+const ROOM: usize = LINES_OF_VOXEL.next_multiple_of(8);
+/// Most lines along all axes of a block, which is four voxels wide.
+const MOST_LINES: usize = start(13) * 16;
+
+/// Values of all lines of a block, axis by axis.
+pub type OfBlock = [f32; MOST_LINES];
 
 /// Where the lines of the axis `k` begin.
 const fn start(k: usize) -> usize {
-    planes_before(k) * MARCH_LINES * MARCH_LINES
+    planes_before(k) * TILE
 }
 
-/// Call a method of [`Lines`] for the axis `k` with its numbers fixed: lines that a voxel has in a row, and in all, the block's
-/// width, and its lines.
-macro_rules! numbered {
-    ($lines:ident.$call:ident [$($first:tt)*] ($k:ident $(, $more:ident)*)) => {
-        match (PROJECTIONS[$k].extent(), $lines.width) {
-            ((1, _), 4) => $lines.$call::<$($first)* { WIDE / 2 }, 4, 4, 64>($k $(, $more)*),
-            ((1, _), 2) => $lines.$call::<$($first)* { WIDE / 2 }, 4, 2, 16>($k $(, $more)*),
-            ((1, _), _) => $lines.$call::<$($first)* { WIDE / 2 }, 4, 1, 4>($k $(, $more)*),
-            ((_, 1), 4) => $lines.$call::<$($first)* WIDE, 8, 4, 128>($k $(, $more)*),
-            ((_, 1), 2) => $lines.$call::<$($first)* WIDE, 8, 2, 32>($k $(, $more)*),
-            ((_, 1), _) => $lines.$call::<$($first)* WIDE, 8, 1, 8>($k $(, $more)*),
-            (_, 4) => $lines.$call::<$($first)* WIDE, 16, 4, 256>($k $(, $more)*),
-            (_, 2) => $lines.$call::<$($first)* WIDE, 16, 2, 64>($k $(, $more)*),
-            _ => $lines.$call::<$($first)* WIDE, 16, 1, 16>($k $(, $more)*),
-        }
+/// Column and row of the line `n` in a plane that is `across` lines wide.
+pub fn line_at(n: usize, across: usize) -> (usize, usize) {
+    let (tile, line, tiles) = (n / TILE, n % TILE, across / MARCH_LINES);
+    (MARCH_LINES * (tile % tiles) + line % MARCH_LINES, MARCH_LINES * (tile / tiles) + line / MARCH_LINES)
+}
+
+/// Call a function of [`Axis`] for each of the axes, all numbers of which the compiler then knows: a fifth of a fit's time.
+macro_rules! all_axes {
+    ($call:ident $args:tt) => {
+        all_axes!($call $args: 0 1 2 3 4 5 6 7 8 9 10 11 12)
+    };
+    ($call:ident $args:tt: $($k:literal)*) => {
+        { $( Axis::<$k>::$call $args; )* }
     };
 }
 
-/// Of each voxel of a block the chords, in its support box, of its lines, axis by axis and row by row; 0 of those that miss it.
+/// Of each voxel of a block the chords, in its support box, of its lines, axis by axis; 0 of those that miss it.
 pub struct Lines {
-    chords: Vec<[f32; LINES_OF_VOXEL]>,
-    /// Where each voxel's lines begin in the block's plane.
-    firsts: Vec<[u8; 13]>,
+    chords: Vec<[f32; ROOM]>,
+    /// Where each voxel's lines of each axis begin among the block's.
+    firsts: Vec<[u16; 13]>,
     /// Voxels along the block's edge, at most 4.
     width: usize,
+}
+
+/// What a block's voxels block at some correlation.
+pub struct Trial {
+    /// Lines that are blocked, an axis: by the voxels one by one, and by all together.
+    pub alone: [f32; 13],
+    pub together: [f32; 13],
 }
 
 impl Lines {
@@ -54,101 +65,133 @@ impl Lines {
     pub fn new(boxes: impl ExactSizeIterator<Item = ([u8; 3], Vec3, Vec3)>, width: usize) -> Lines {
         let mut all = Lines { chords: Vec::with_capacity(boxes.len()), firsts: Vec::with_capacity(boxes.len()), width };
         for (at, lo, hi) in boxes {
-            let mut chords = [0.0; LINES_OF_VOXEL];
             let mut firsts = [0; 13];
-            let slabs = Slabs::<WIDE>::new(lo, hi);
-            for (k, p) in PROJECTIONS.iter().enumerate() {
-                let (oa, ob) = p.place(at, width);
-                // At most 16 lines each way: below 256.
-                firsts[k] = (MARCH_LINES * (ob * MARCH_LINES * p.extent().0 * width + oa)) as u8;
-                let chords = &mut chords[start(k)..start(k + 1)];
-                match p.extent() {
-                    (1, _) => crossings::<{ WIDE / 2 }>(chords, &slabs, p, axis_length(k) as f32),
-                    _ => crossings::<WIDE>(chords, &slabs, p, axis_length(k) as f32),
-                }
-            }
-            all.chords.push(chords);
+            all_axes!(place(&mut firsts, at, width));
             all.firsts.push(firsts);
+            let (slabs, mut chords) = (Slabs::new(lo, hi), [0.0; ROOM]);
+            all_axes!(cross(&mut chords, &slabs));
+            all.chords.push(chords);
         }
         all
     }
 
-    /// Optical depths of the lines of the axis `k`, row by row, where the voxels have the rates `rate` that way; into the first
-    /// of `depths`.
-    #[inline(always)]
-    pub fn depths(&self, k: usize, rate: impl Fn(usize) -> f32, depths: &mut [f32; MOST_LINES]) {
-        numbered!(self.add [] (k, rate, depths))
+    /// How many there are.
+    pub fn count(&self) -> usize {
+        start(13) * self.width * self.width
     }
 
-    /// [`Lines::depths`] of an axis of which a voxel has `ALL` lines, `N` a row, and a block, `WIDTH` wide, `COUNT`.
+    /// Their optical depths, where the voxels have these `rates` along the axes.
     #[inline(always)]
-    fn add<const N: usize, const ALL: usize, const WIDTH: usize, const COUNT: usize>(
-        &self,
-        k: usize,
-        rate: impl Fn(usize) -> f32,
-        depths: &mut [f32; MOST_LINES],
-    ) {
-        let Some(depths) = depths.first_chunk_mut::<COUNT>() else { return };
-        *depths = [0.0; COUNT];
-        for (cell, (chords, firsts)) in self.chords.iter().zip(&self.firsts).enumerate() {
-            let rate = rate(cell);
-            let first = usize::from(firsts[k]);
-            let Some(chords) = chords[start(k)..].first_chunk::<ALL>() else { continue };
-            let Some(depths) = depths.get_mut(first..first + (ALL / N - 1) * N * WIDTH + N) else { continue };
-            for row in 0..ALL / N {
-                let at = row * N * WIDTH;
-                let mut more = [0.0; N];
-                for n in 0..N {
-                    more[n] = depths[at + n] + rate * chords[row * N + n];
-                }
-                depths[at..at + N].copy_from_slice(&more);
+    pub fn depths(&self, rates: &[Lanes]) -> OfBlock {
+        let mut depths = [0.0; MOST_LINES];
+        for ((chords, firsts), rates) in self.chords.iter().zip(&self.firsts).zip(rates) {
+            let mut own = [0.0; ROOM];
+            all_axes!(fill(&mut own, rates));
+            for n in 0..ROOM {
+                own[n] *= chords[n];
             }
+            all_axes!(lay(&mut depths, firsts, self.width, &own, |depth, own| depth + own));
         }
+        depths
     }
 
-    /// How many of the lines of the axis `k` the voxels block, each for itself, and all together, where their correlation is half
-    /// of `TWICE`, 0 to 2: independent, half, or fully correlated, which keeps lines that are not blocked apart as long as there
-    /// are any.
+    /// What the voxels block where their correlation is half of `TWICE`, 0 to 2, and they have these
+    /// `rates`: independent, half, or fully correlated, which keeps lines that are not blocked apart as long as there are any.
     #[inline(always)]
-    pub fn blocked<const TWICE: u8>(&self, k: usize, rate: impl Fn(usize) -> f32) -> (f32, f32) {
-        numbered!(self.block [TWICE,] (k, rate))
-    }
-
-    /// [`Lines::blocked`] of an axis of which a voxel has `ALL` lines, `N` a row, and a block, `WIDTH` wide, `COUNT`.
-    #[inline(always)]
-    fn block<const TWICE: u8, const N: usize, const ALL: usize, const WIDTH: usize, const COUNT: usize>(
-        &self,
-        k: usize,
-        rate: impl Fn(usize) -> f32,
-    ) -> (f32, f32) {
-        let mut alone = [0.0; ALL];
-        // Of the block's lines, E = e^−(1−c)τ; or at c = 1, τ.
-        let mut lines = [if TWICE == 2 { 0.0f32 } else { 1.0 }; COUNT];
-        for (cell, (chords, firsts)) in self.chords.iter().zip(&self.firsts).enumerate() {
-            let rate = (if TWICE == 1 { 0.5 } else { 1.0 }) * rate(cell);
-            let first = usize::from(firsts[k]);
-            let Some(chords) = chords[start(k)..].first_chunk::<ALL>() else { continue };
-            let Some(lines) = lines.get_mut(first..first + (ALL / N - 1) * N * WIDTH + N) else { continue };
-            let mut own = [0.0; ALL];
-            for n in 0..ALL {
-                own[n] = if TWICE == 2 { rate * chords[n] } else { exp_neg(rate * chords[n]) };
+    pub fn blocked<const TWICE: u8>(&self, rates: &[Lanes]) -> Trial {
+        // Of the voxels' own lines and the block's, E = e^−(1−c)τ; or at c = 1, τ.
+        let mut alone = [0.0; ROOM];
+        let mut lines = [if TWICE == 2 { 0.0 } else { 1.0 }; MOST_LINES];
+        for ((chords, firsts), rates) in self.chords.iter().zip(&self.firsts).zip(rates) {
+            let mut own = [0.0; ROOM];
+            all_axes!(fill(&mut own, rates));
+            for n in 0..ROOM {
+                let depth = own[n] * chords[n];
+                own[n] = match TWICE {
+                    0 => exp_neg(depth),
+                    1 => exp_neg(0.5 * depth),
+                    _ => depth,
+                };
+            }
+            for n in 0..ROOM {
                 alone[n] += share::<TWICE>(own[n]);
             }
-            for row in 0..ALL / N {
-                let at = row * N * WIDTH;
-                let mut more = [0.0; N];
-                for n in 0..N {
-                    let own = own[row * N + n];
-                    more[n] = if TWICE == 2 { lines[at + n] + own } else { lines[at + n] * own };
-                }
-                lines[at..at + N].copy_from_slice(&more);
-            }
+            let both = |all, own| if TWICE == 2 { all + own } else { all * own };
+            all_axes!(lay(&mut lines, firsts, self.width, &own, both));
         }
-        (alone.iter().sum(), sum(&lines, share::<TWICE>))
+        let mut trial = Trial { alone: [0.0; 13], together: [0.0; 13] };
+        let square = self.width * self.width;
+        for k in 0..13 {
+            trial.alone[k] = sum(&alone[start(k)..start(k + 1)], |share| share);
+            trial.together[k] = sum(&lines[start(k) * square..start(k + 1) * square], share::<TWICE>);
+        }
+        trial
     }
 }
 
-/// The share that is blocked of a line, by what [`Lines::block`] keeps of it: T = (E − c) / (1 − c), as long as it is positive.
+/// The axis `K`, with what a voxel has of it.
+struct Axis<const K: usize>;
+
+impl<const K: usize> Axis<K> {
+    const AT: Projection = PROJECTIONS[K];
+    /// Tiles in a row, and rows.
+    const ACROSS: usize = Self::AT.extent().0;
+    const ROWS: usize = Self::AT.extent().1;
+    const LENGTH: f32 = axis_length(K) as f32;
+
+    /// Where the lines of the voxel at `at` begin in a block of this `width`.
+    #[inline(always)]
+    fn place(firsts: &mut [u16; 13], at: [u8; 3], width: usize) {
+        let (oa, ob) = Self::AT.place(at, width);
+        // Below MOST_LINES.
+        firsts[K] = (TILE * (planes_before(K) * width * width + ob * Self::ACROSS * width + oa)) as u16;
+    }
+
+    /// The chords of a voxel's lines.
+    #[inline(always)]
+    fn cross(chords: &mut [f32; ROOM], slabs: &Slabs) {
+        for row in 0..Self::ROWS {
+            let first = start(K) + TILE * Self::ACROSS * row;
+            match Self::ACROSS {
+                1 => chords[first..first + 4].copy_from_slice(&slabs.chords::<4>(&Self::AT, row, Self::LENGTH)),
+                _ => chords[first..first + 8].copy_from_slice(&slabs.chords::<8>(&Self::AT, row, Self::LENGTH)),
+            }
+        }
+    }
+
+    /// What is known of the axis, for each of its lines.
+    #[inline(always)]
+    fn fill(lines: &mut [f32], axes: &Lanes) {
+        lines[start(K)..start(K + 1)].fill(axes[K]);
+    }
+
+    /// Lay a voxel's `own` lines over the block's from the `firsts` on.
+    #[inline(always)]
+    fn lay(lines: &mut [f32], firsts: &[u16; 13], width: usize, own: &[f32], both: impl Fn(f32, f32) -> f32) {
+        for row in 0..Self::ROWS {
+            let step = TILE * Self::ACROSS * row;
+            let (lines, own) = (&mut lines[usize::from(firsts[K]) + step * width..], &own[start(K) + step..]);
+            match Self::ACROSS {
+                1 => lay_row::<4>(lines, own, &both),
+                _ => lay_row::<8>(lines, own, &both),
+            }
+        }
+    }
+}
+
+/// Lay the first `N` of the lines `own` over the first of `lines`.
+#[inline(always)]
+fn lay_row<const N: usize>(lines: &mut [f32], own: &[f32], both: &impl Fn(f32, f32) -> f32) {
+    let (Some(lines), Some(own)) = (lines.first_chunk_mut::<N>(), own.first_chunk::<N>()) else { return };
+    // Apart, so that the compiler need not fear that one is the other.
+    let mut all = [0.0; N];
+    for n in 0..N {
+        all[n] = both(lines[n], own[n]);
+    }
+    *lines = all;
+}
+
+/// The share that is blocked of a line, by what [`Lines::blocked`] keeps of it: T = (E − c) / (1 − c), as long as it is positive.
 #[inline(always)]
 fn share<const TWICE: u8>(of: f32) -> f32 {
     match TWICE {
@@ -158,14 +201,76 @@ fn share<const TWICE: u8>(of: f32) -> f32 {
     }
 }
 
-/// The chords of lines in `N` columns, row by row.
-#[inline(always)]
-fn crossings<const N: usize>(chords: &mut [f32], slabs: &Slabs<WIDE>, p: &Projection, length: f32) {
-    for (y, chords) in chords.as_chunks_mut::<N>().0.iter_mut().enumerate() {
-        for (x, chord) in chords.iter_mut().enumerate() {
-            *chord = larger(slabs.stretch(p, x, y), 0.0) * length;
+/// Where a voxel's lines are within a box in each of the planes' coordinates, by the dropped coordinate; empty stretches end
+/// before they begin.
+struct Slabs {
+    from: [[f32; WIDE]; COORDINATES],
+    to: [[f32; WIDE]; COORDINATES],
+    lo: Vec3,
+    hi: Vec3,
+}
+
+impl Slabs {
+    #[inline(always)]
+    fn new(lo: Vec3, hi: Vec3) -> Slabs {
+        const AT: [f32; WIDE] = [0.25, 0.75, 1.25, 1.75];
+        let (inf, none) = (f32::INFINITY, f32::NEG_INFINITY);
+        let mut slabs = Slabs { from: [[inf; WIDE]; COORDINATES], to: [[none; WIDE]; COORDINATES], lo, hi };
+        for q in 0..3 {
+            for i in 0..WIDE {
+                let within = AT[i] >= lo[q] && AT[i] < hi[q];
+                slabs.from[q][i] = if within { none } else { inf };
+                slabs.to[q][i] = if within { inf } else { none };
+            }
         }
+        for (drop, q) in [(0, 1), (0, 2), (1, 2)] {
+            let on = coordinate(q, 1, drop);
+            for i in 0..WIDE {
+                // q = v + s d, where v begins at −1 for s = 1.
+                let v = AT[i] - 1.0;
+                (slabs.from[on][i], slabs.to[on][i]) = (lo[q] - v, hi[q] - v);
+                let v = AT[i];
+                (slabs.from[on + 1][i], slabs.to[on + 1][i]) = (v - hi[q], v - lo[q]);
+            }
+        }
+        slabs
     }
+
+    /// The chords of the `N` lines of a row of tiles in the plane `p`, along an axis of this `length`.
+    #[inline(always)]
+    fn chords<const N: usize>(&self, p: &Projection, row: usize, length: f32) -> [f32; N] {
+        let [a, b] = p.on;
+        let (lo, hi) = (self.lo[p.drop], self.hi[p.drop]);
+        let (from_a, to_a) = (columns::<N>(&self.from[a]), columns::<N>(&self.to[a]));
+        let (from_b, to_b) = (rows::<N>(&self.from[b], row), rows::<N>(&self.to[b], row));
+        let mut chords = [0.0; N];
+        for n in 0..N {
+            let from = larger(larger(from_a[n], from_b[n]), lo);
+            let to = smaller(smaller(to_a[n], to_b[n]), hi);
+            chords[n] = larger(to - from, 0.0) * length;
+        }
+        chords
+    }
+}
+
+/// What is known of columns, for each line of a row of tiles.
+#[inline(always)]
+fn columns<const N: usize>(of: &[f32; WIDE]) -> [f32; N] {
+    let mut lines = [0.0; N];
+    for n in 0..N {
+        lines[n] = of[n / TILE * MARCH_LINES + n % MARCH_LINES];
+    }
+    lines
+}
+
+/// What is known of rows, for each line of the row `row` of tiles.
+#[inline(always)]
+fn rows<const N: usize>(of: &[f32; WIDE], row: usize) -> [f32; N] {
+    let mut lines = [0.0; N];
+    for n in 0..N {
+        lines[n] = of[(row * MARCH_LINES + n % TILE / MARCH_LINES) % WIDE];
+    }
+    lines
 }
 
 #[cfg(test)]
@@ -181,16 +286,18 @@ mod tests {
             let lines = Lines::new([(at, lo, hi)].into_iter(), wide);
             let corner = Vec3::from(at.map(f32::from));
             let (lo, hi) = ((corner + lo) / f32::from(width), (corner + hi) / f32::from(width));
+            let depths = lines.depths(&[[2.0; 16]]);
+            let trials =
+                [lines.blocked::<0>(&[[2.0; 16]]), lines.blocked::<1>(&[[2.0; 16]]), lines.blocked::<2>(&[[2.0; 16]])];
             for (k, p) in PROJECTIONS.iter().enumerate() {
-                let mut depths = [0.0; MOST_LINES];
-                lines.depths(k, |_| 2.0, &mut depths);
                 let (across, down) = p.extent();
                 let edge = wide * MARCH_LINES;
                 let count = across * down * edge * edge;
                 let (mut full, mut half, mut none) = (0.0, 0.0, 0.0);
-                for (n, &depth) in depths[..count].iter().enumerate() {
+                for (n, &depth) in depths[start(k) * wide * wide..][..count].iter().enumerate() {
                     let middle = |i: usize| (i as f64 + 0.5) / edge as f64;
-                    let (x, y) = (middle(n % (across * edge)), middle(n / (across * edge)));
+                    let (x, y) = line_at(n, across * edge);
+                    let (x, y) = (middle(x), middle(y));
                     let met = crossing(k, x, y, lo.as_dvec3(), hi.as_dvec3()).map_or(0.0, |(from, to)| to - from);
                     let want = 2.0 * met * axis_length(k) * f64::from(width);
                     // All of it are a few roundings of numbers of up to 8, in f32.
@@ -200,11 +307,8 @@ mod tests {
                     none += 1.0 - (-want).exp();
                 }
                 // Sums of at most 256 of them; exp_neg is right to 1e-5.
-                for ((alone, together), want) in [
-                    (lines.blocked::<2>(k, |_| 2.0), full),
-                    (lines.blocked::<1>(k, |_| 2.0), half),
-                    (lines.blocked::<0>(k, |_| 2.0), none),
-                ] {
+                for (trial, want) in trials.iter().zip([none, half, full]) {
+                    let (alone, together) = (trial.alone[k], trial.together[k]);
                     assert!((f64::from(alone) - want).abs() < 1e-3, "{width} {k}: {alone} {want}");
                     assert!((alone - together).abs() < 1e-4, "one voxel hides nothing");
                 }

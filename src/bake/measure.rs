@@ -108,7 +108,7 @@ impl Measure {
 
 /// A finest voxel while its facets come in, one by one; nothing is kept of them but sums.
 pub struct Gather {
-    measure: Measure,
+    measure: Box<Measure>,
     beams: Arc<Beams>,
     /// Lines of each facet, before they are united; and oblique areas, an axis.
     parts: [u32; 13],
@@ -126,7 +126,7 @@ impl Gather {
     pub fn new(materials: bool) -> Gather {
         Gather {
             materials,
-            measure: Measure::empty(),
+            measure: Box::new(Measure::empty()),
             beams: Arc::default(),
             parts: [0; 13],
             pieces: 0,
@@ -205,26 +205,26 @@ impl Gather {
     }
 
     /// The voxel's measure and lines; `None` where its facets have no area.
-    pub fn finish(self) -> Option<(Measure, Arc<Beams>)> {
-        let Gather { measure: mut m, beams, parts, pieces, areas, closed, facing, .. } = self;
+    pub fn finish(mut self: Box<Gather>) -> Option<(Box<Measure>, Arc<Beams>)> {
+        let m = &mut self.measure;
         if m.total <= 0.0 {
             return None;
         }
         m.albedo /= m.total;
         m.materials.divide(m.total);
         (m.lo, m.hi) = (m.lo.clamp(DVec3::ZERO, DVec3::ONE), m.hi.clamp(DVec3::ZERO, DVec3::ONE));
-        let lines = if pieces == 1 { parts } else { beams.counts() };
-        for (k, &parts) in parts.iter().enumerate() {
+        let lines = if self.pieces == 1 { self.parts } else { self.beams.counts() };
+        for (k, &parts) in self.parts.iter().enumerate() {
             // One facet covers its area exactly; several share lines as the lattice finds it. Where they slip between its
             // lines, what is closed covers as much as faces one way, the way that more does.
             let area = if parts > 0 {
-                areas[k] * f64::from(lines[k]) / f64::from(parts)
+                self.areas[k] * f64::from(lines[k]) / f64::from(parts)
             } else {
-                areas[k] - 0.5 * (closed[k] - oblique_area(k, facing))
+                self.areas[k] - 0.5 * (self.closed[k] - oblique_area(k, self.facing))
             };
             m.cover[k] = area.min(box_area(k, m.hi - m.lo).max(0.0));
             m.averaged += m.cover[k] / box_area(k, DVec3::ONE) / 13.0;
         }
-        Some((m, beams))
+        Some((self.measure, self.beams))
     }
 }

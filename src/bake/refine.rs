@@ -10,9 +10,9 @@ use std::sync::OnceLock;
 
 use multiversion::multiversion;
 
-use super::beams::{Beams, PROJECTIONS, SQUARE, axis_length, box_area, crossing, planes_before};
+use super::beams::{Beams, PROJECTIONS, SQUARE, axis_length, box_area, child_offset, crossing, planes_before};
 use super::chord::{LENGTHS, Lanes, exp_neg, ln, sum};
-use super::march;
+use super::march::{self, TILE};
 use crate::geom::{DVec3, larger, smaller};
 use crate::volume::Voxel;
 use crate::volume::voxel::RATE_MAX;
@@ -37,11 +37,15 @@ const MOST_LINES: usize = 32;
 /// Levels of a group's lines, doubled from one a cube's edge.
 const SIZES: usize = 12;
 
+/// Most squares, one voxel wide, of a block along all axes; and their errors.
+const MOST_ERRORS: usize = planes_before(13) * 16;
+pub type Errors = [f32; MOST_ERRORS];
+
 /// What comes through a cube of fitted voxels along the lines of all axes, at each of the `GAINS`.
 pub struct Passed {
     /// Lines along the cube's edge, a power of two.
     lines: usize,
-    /// Axis by axis, row by row.
+    /// Axis by axis, tile by tile as [`march::Lines`] has them.
     at: [Vec<f32>; GAINS.len()],
     /// The area that is covered along each axis, in squares of the cube's edge: better known than from these lines, where some
     /// were left out.
@@ -50,21 +54,31 @@ pub struct Passed {
     pub voxels: usize,
 }
 
-/// For each of the lines of a cube with `lines` an edge, whether it meets the cube: 0, or misses it: 1.
-fn misses(lines: usize) -> &'static [f32] {
-    static KNOWN: [OnceLock<Vec<f32>>; SIZES] = [const { OnceLock::new() }; SIZES];
-    KNOWN[lines.ilog2() as usize].get_or_init(|| {
-        let middle = |i: usize| (i as f64 + 0.5) / lines as f64;
-        let mut at = Vec::with_capacity(planes_before(13) * lines * lines);
-        for (k, p) in PROJECTIONS.iter().enumerate() {
-            let (wa, wb) = p.extent();
-            for y in 0..wb * lines {
-                let row = (0..wa * lines).map(|x| crossing(k, middle(x), middle(y), DVec3::ZERO, DVec3::ONE));
-                at.extend(row.map(|met| f32::from(u8::from(met.is_none()))));
+/// Of a cube with some lines an edge, for each of them whether it meets the cube: 0, or misses it: 1; and how many of an axis
+/// meet it.
+struct Closed {
+    misses: Vec<f32>,
+    met: [f32; 13],
+}
+
+impl Closed {
+    fn of(lines: usize) -> &'static Closed {
+        static KNOWN: [OnceLock<Closed>; SIZES] = [const { OnceLock::new() }; SIZES];
+        KNOWN[lines.ilog2() as usize].get_or_init(|| {
+            let middle = |i: usize| (i as f64 + 0.5) / lines as f64;
+            let mut closed = Closed { misses: Vec::with_capacity(planes_before(13) * lines * lines), met: [0.0; 13] };
+            for (k, p) in PROJECTIONS.iter().enumerate() {
+                let (wa, wb) = p.extent();
+                for n in 0..wa * wb * lines * lines {
+                    let (x, y) = march::line_at(n, wa * lines);
+                    let met = crossing(k, middle(x), middle(y), DVec3::ZERO, DVec3::ONE).is_some();
+                    closed.misses.push(if met { 0.0 } else { 1.0 });
+                    closed.met[k] += if met { 1.0 } else { 0.0 };
+                }
             }
-        }
-        at
-    })
+            closed
+        })
+    }
 }
 
 /// Where the lines of the axis `k` are among those of a cube with `lines` an edge.
@@ -74,38 +88,37 @@ fn of_axis(k: usize, lines: usize) -> Range<usize> {
 }
 
 impl Passed {
-    /// Of a block with `lines` an edge and the correlation `c`; `depths(k, …)` gives the optical depths of axis `k`. Nothing comes
-    /// through its octants that are `closed`.
+    /// Of a block with `lines` an edge and the correlation `c`; `depths` are their optical depths. Nothing comes through its
+    /// octants that are `closed`.
     #[inline(always)]
-    pub fn of_block(
-        lines: usize,
-        c: f32,
-        (voxels, closed): (usize, [bool; 8]),
-        depths: impl Fn(usize, &mut [f32; march::MOST_LINES]),
-    ) -> Passed {
+    pub fn of_block(lines: usize, c: f32, (voxels, closed): (usize, [bool; 8]), depths: &[f32]) -> Passed {
         let square = lines * lines;
-        let mut at: [Vec<f32>; GAINS.len()] = GAINS.map(|_| Vec::with_capacity(planes_before(13) * square));
+        let mut at = GAINS.map(|_| depths.to_vec());
         let d = 1.0 - c;
-        let mut all = [0.0; march::MOST_LINES];
-        for k in 0..13 {
-            depths(k, &mut all);
-            let all = &mut all[..of_axis(k, lines).len().min(march::MOST_LINES)];
-            if d < 1e-3 {
-                for (at, gain) in at.iter_mut().zip(GAINS) {
-                    at.extend(all.iter().map(|tau| larger(1.0 - gain * tau, 0.0)));
+        let [as_is, up, down] = &mut at;
+        if d < 1e-3 {
+            for (at, gain) in [(as_is, GAINS[0]), (up, GAINS[1]), (down, GAINS[2])] {
+                for passes in at {
+                    *passes = larger(1.0 - gain * *passes, 0.0);
                 }
-                continue;
             }
+        } else {
             // T = (E − c) / (1 − c), E = e^−(1−c)τ, of which the gains 1, 3/2 and 2/3 are powers.
             let (by, less) = (1.0 / d, c / d);
-            all.iter_mut().for_each(|tau| *tau = exp_neg(d * *tau * (1.0 / 6.0)));
-            let [as_is, up, down] = &mut at;
-            as_is.extend(all.iter().map(|e| larger((e * e) * (e * e) * (e * e) * by - less, 0.0)));
-            up.extend(all.iter().map(|e| larger((e * e * e) * (e * e * e) * (e * e * e) * by - less, 0.0)));
-            down.extend(all.iter().map(|e| larger((e * e) * (e * e) * by - less, 0.0)));
+            for ((as_is, up), down) in as_is.iter_mut().zip(up).zip(down) {
+                let e = exp_neg(d * *as_is * (1.0 / 6.0));
+                let (square, cube) = (e * e, e * e * e);
+                *as_is = larger(square * square * square * by - less, 0.0);
+                *up = larger(cube * cube * cube * by - less, 0.0);
+                *down = larger(square * square * by - less, 0.0);
+            }
         }
         let mut passed = Passed { lines, at, areas: Default::default(), voxels };
-        (0..8).filter(|&j| closed[j]).for_each(|j| passed.close(j));
+        for (j, &closed) in closed.iter().enumerate() {
+            if closed {
+                passed.close(j);
+            }
+        }
         for g in 0..GAINS.len() {
             for k in 0..13 {
                 passed.areas[g][k] = passed.blocked(k, g) / (square as f32 * LENGTHS[k]);
@@ -114,38 +127,37 @@ impl Passed {
         passed
     }
 
-    /// Multiply what comes through by that of the child `j`, which has half the lines: at the gain `g`, `of(g)`.
+    /// Multiply what comes through along the axis `k` at the gain `g` by that of the child `j`, `of`, which has half the lines.
     #[inline(always)]
-    fn cover<'a>(&mut self, j: usize, of: impl Fn(usize) -> &'a [f32]) {
-        let (lines, small) = (self.lines, self.lines / 2);
-        for (g, at) in self.at.iter_mut().enumerate() {
-            let of = of(g);
-            for (k, p) in PROJECTIONS.iter().enumerate() {
-                let (wa, wb) = p.extent();
-                let (oa, ob) = p.child_offset(j);
-                let Some(of) = of.get(of_axis(k, small)) else { continue };
-                let first = planes_before(k) * lines * lines + ob * small * wa * lines;
-                let Some(at) = at.get_mut(first..first + wb * small * wa * lines) else { continue };
-                let (wide, from) = (wa * lines, oa * small);
-                // A child has at most half of MOST_LINES an edge, and its widest planes are twice as wide.
-                const { assert!(MOST_LINES == 32) };
-                match wa * small {
-                    32 => multiply::<32>(at, of, wide, from),
-                    16 => multiply::<16>(at, of, wide, from),
-                    8 => multiply::<8>(at, of, wide, from),
-                    4 => multiply::<4>(at, of, wide, from),
-                    2 => multiply::<2>(at, of, wide, from),
-                    _ => multiply::<1>(at, of, wide, from),
-                }
-            }
+    fn cover(&mut self, j: usize, k: usize, g: usize, of: &[f32]) {
+        let (lines, small, p) = (self.lines, self.lines / 2, &PROJECTIONS[k]);
+        let (wa, wb) = p.extent();
+        let (oa, ob) = child_offset(k, j);
+        // A row of tiles has two lines of each column.
+        let (wide, from) = (2 * wa * lines, 2 * oa * small);
+        let (Some(of), Some(at)) = (of.get(of_axis(k, small)), self.at[g].get_mut(of_axis(k, lines))) else { return };
+        let half = small / 2;
+        let Some(at) = at.get_mut(ob * half * wide..(ob + wb) * half * wide) else { return };
+        // A child has at most half of MOST_LINES an edge, a power of two, and its widest planes are twice as wide.
+        const { assert!(MOST_LINES == 32) };
+        match 2 * wa * small {
+            64 => multiply::<64>(at, of, wide, from),
+            32 => multiply::<32>(at, of, wide, from),
+            16 => multiply::<16>(at, of, wide, from),
+            8 => multiply::<8>(at, of, wide, from),
+            _ => multiply::<4>(at, of, wide, from),
         }
     }
 
     /// Let nothing through the octant `j`.
     #[inline(always)]
     fn close(&mut self, j: usize) {
-        let closed = misses(self.lines / 2);
-        self.cover(j, |_| closed);
+        let closed = Closed::of(self.lines / 2);
+        for k in 0..13 {
+            for g in 0..GAINS.len() {
+                self.cover(j, k, g, &closed.misses);
+            }
+        }
     }
 
     /// What an axis blocks, in lines.
@@ -161,18 +173,28 @@ impl Passed {
             return self;
         }
         let (lines, half) = (self.lines, self.lines / 2);
-        let mut at: [Vec<f32>; GAINS.len()] = GAINS.map(|_| Vec::with_capacity(planes_before(13) * half * half));
+        let mut at = GAINS.map(|_| vec![0.0; planes_before(13) * half * half]);
         for (at, all) in at.iter_mut().zip(&self.at) {
             for (k, p) in PROJECTIONS.iter().enumerate() {
-                for (n, row) in all[of_axis(k, lines)].chunks_exact(p.extent().0 * lines).step_by(2).enumerate() {
-                    at.extend(row.as_chunks::<2>().0.iter().map(|pair| pair[n & 1]));
+                // Of each tile a line of its first row: the first one in even rows of tiles, the second in odd ones.
+                let across = p.extent().0 * half;
+                let rows = all[of_axis(k, lines)].as_chunks::<TILE>().0.chunks_exact(2 * across);
+                for (rows, to) in rows.zip(at[of_axis(k, half)].as_chunks_mut::<TILE>().0.chunks_exact_mut(across / 2))
+                {
+                    let (even, odd) = rows.split_at(across);
+                    for (to, (even, odd)) in
+                        to.iter_mut().zip(even.as_chunks::<2>().0.iter().zip(odd.as_chunks::<2>().0))
+                    {
+                        *to = [even[0][0], even[1][0], odd[0][1], odd[1][1]];
+                    }
                 }
             }
         }
         Passed { lines: half, at, areas: self.areas, voxels: self.voxels }
     }
 
-    /// Of the cube of up to eight that are [`thinned`](Passed::thinned), in child order; of those that are `solid`, nothing comes through. `None` if none is known.
+    /// Of the cube of up to eight that are [`thinned`](Passed::thinned), in child order; nothing comes through those that are
+    /// `solid`. `None` if none is known.
     #[inline(always)]
     pub fn unite(children: &[Option<&Passed>; 8], solid: [bool; 8]) -> Option<Passed> {
         let small = children.iter().flatten().next()?.lines;
@@ -183,70 +205,59 @@ impl Passed {
             areas: Default::default(),
             voxels: children.iter().flatten().map(|c| c.voxels).sum(),
         };
-        // What the children cover one by one: as it is known, and in lines.
-        let (mut known, mut found) = ([[0.0; 16]; GAINS.len()], [[0.0; 16]; GAINS.len()]);
-        for (j, child) in children.iter().enumerate() {
-            if let Some(child) = child.filter(|c| c.lines == small) {
-                whole.cover(j, |g| &child.at[g]);
-                for g in 0..GAINS.len() {
-                    for k in 0..16 {
-                        known[g][k] += 0.25 * child.areas[g][k];
-                    }
-                    for k in 0..13 {
-                        found[g][k] += child.blocked(k, g);
-                    }
-                }
-            } else if solid[j] {
-                whole.close(j);
-                for k in 0..13 {
-                    let met: f32 = misses(small)[of_axis(k, small)].iter().map(|m| 1.0 - m).sum();
-                    let area = 0.25 * (box_area(k, DVec3::ONE) / axis_length(k)) as f32;
-                    for (known, found) in known.iter_mut().zip(&mut found) {
-                        known[k] += area;
-                        found[k] += met;
-                    }
-                }
-            }
-        }
+        let (children, closed) = (children.map(|child| child.filter(|c| c.lines == small)), Closed::of(small));
+        // Plane by plane, each of which stays near while all children cover it.
         for g in 0..GAINS.len() {
             for k in 0..13 {
-                whole.areas[g][k] =
-                    if found[g][k] > 0.0 { known[g][k] * whole.blocked(k, g) / found[g][k] } else { known[g][k] };
+                // What the children cover one by one: as it is known, and in lines.
+                let (mut known, mut found) = (0.0, 0.0);
+                for (j, child) in children.iter().enumerate() {
+                    if let Some(child) = child {
+                        whole.cover(j, k, g, &child.at[g]);
+                        known += 0.25 * child.areas[g][k];
+                        found += child.blocked(k, g);
+                    } else if solid[j] {
+                        whole.cover(j, k, g, &closed.misses);
+                        known += 0.25 * (box_area(k, DVec3::ONE) / axis_length(k)) as f32;
+                        found += closed.met[k];
+                    }
+                }
+                whole.areas[g][k] = if found > 0.0 { known * whole.blocked(k, g) / found } else { known };
             }
         }
         Some(whole)
     }
 
-    /// Compare with the lines that are met in `beams`: calls `each` with the difference of what is covered of every square one
-    /// voxel wide that either finds something in; a voxel is two of the cube's lines wide.
+    /// Compare a block with the lines that are met in `beams`: differences of what is covered of squares one voxel wide, −1 where
+    /// neither finds something in; a voxel is two of the cube's lines wide.
     #[inline(always)]
-    pub fn compare(&self, beams: &Beams, mut each: impl FnMut(f32)) {
+    pub fn compare(&self, beams: &Beams) -> Errors {
+        let mut errors = [-1.0; MOST_ERRORS];
+        let square = self.lines * self.lines / TILE;
         for (k, p) in PROJECTIONS.iter().enumerate() {
             let squares = beams.squares(k);
+            let errors = &mut errors[planes_before(k) * square..planes_before(k + 1) * square];
             match (self.lines, p.extent().0) {
-                (8, 1) => self.compare_axis::<1, 4>(k, &squares, &mut each),
-                (8, _) => self.compare_axis::<1, 8>(k, &squares, &mut each),
-                (4, 1) => self.compare_axis::<2, 2>(k, &squares, &mut each),
-                (4, _) => self.compare_axis::<2, 4>(k, &squares, &mut each),
-                (_, 1) => self.compare_axis::<4, 1>(k, &squares, &mut each),
-                _ => self.compare_axis::<4, 2>(k, &squares, &mut each),
+                (8, 1) => self.compare_axis::<1, 4>(k, &squares, errors),
+                (8, _) => self.compare_axis::<1, 8>(k, &squares, errors),
+                (4, 1) => self.compare_axis::<2, 2>(k, &squares, errors),
+                (4, _) => self.compare_axis::<2, 4>(k, &squares, errors),
+                (_, 1) => self.compare_axis::<4, 1>(k, &squares, errors),
+                _ => self.compare_axis::<4, 2>(k, &squares, errors),
             }
         }
+        errors
     }
 
     /// [`Passed::compare`] along the axis `k`, `WIDE` voxels to a row, each as wide as `STEP` of the `squares`.
     #[inline(always)]
-    fn compare_axis<const STEP: usize, const WIDE: usize>(
-        &self,
-        k: usize,
-        squares: &[[u8; 8]; 8],
-        each: &mut impl FnMut(f32),
-    ) {
-        let rows = self.at[0][of_axis(k, self.lines)].as_chunks::<2>().0.as_chunks::<WIDE>().0;
-        for (rows, squares) in rows.as_chunks::<2>().0.iter().zip(squares.as_chunks::<STEP>().0) {
+    fn compare_axis<const STEP: usize, const WIDE: usize>(&self, k: usize, squares: &[[u8; 8]; 8], errors: &mut [f32]) {
+        let voxels = self.at[0][of_axis(k, self.lines)].as_chunks::<TILE>().0.as_chunks::<WIDE>().0;
+        let squares = squares.as_chunks::<STEP>().0;
+        for ((voxels, squares), errors) in voxels.iter().zip(squares).zip(errors.as_chunks_mut::<WIDE>().0) {
             let (mut passes, mut met) = ([0.0f32; WIDE], [0.0f32; WIDE]);
             for i in 0..WIDE {
-                let ([a, b], [c, d]) = (rows[0][i], rows[1][i]);
+                let [a, b, c, d] = voxels[i];
                 passes[i] = 0.25 * (a + b + c + d);
                 for row in squares {
                     for n in 0..STEP {
@@ -255,20 +266,21 @@ impl Passed {
                 }
             }
             for i in 0..WIDE {
-                if met[i] > 0.0 || passes[i] < CLEAR {
-                    each((1.0 - passes[i] - met[i] / (STEP * STEP * SQUARE * SQUARE) as f32).abs());
-                }
+                let error = (1.0 - passes[i] - met[i] / (STEP * STEP * SQUARE * SQUARE) as f32).abs();
+                errors[i] = if met[i] > 0.0 || passes[i] < CLEAR { error } else { -1.0 };
             }
         }
     }
 
-    /// Correct the rates of blocks side by side, which were measured to cover `cover` (oblique areas in squares of the cube's
-    /// edge): gives steps of the rates' codes.
+    /// With the rates of blocks side by side corrected, which were measured to cover `cover` (oblique areas in squares of the
+    /// cube's edge), by steps of the rates' codes; [`thinned`](Passed::thinned).
     #[inline(always)]
-    pub fn correct(&mut self, cover: &[f64; 13]) -> i32 {
+    fn corrected(self, cover: &[f64; 13]) -> (Passed, i32) {
         let steps = (self.wish(cover) / STEP).round();
-        self.change(steps * STEP);
-        steps as i32
+        // What is left out need not be changed.
+        let mut passed = self.thinned();
+        passed.change(steps * STEP);
+        (passed, steps as i32)
     }
 
     /// The logarithm of what the rates are to be multiplied by so that the cube covers the oblique areas `cover`. Axes may
@@ -345,9 +357,7 @@ fn multiply<const N: usize>(at: &mut [f32], by: &[f32], wide: usize, from: usize
 /// steps of the rates' codes.
 #[multiversion(targets("x86_64+avx2+bmi1+bmi2+lzcnt+popcnt"))]
 pub fn group(children: &[Option<&Passed>; 8], solid: [bool; 8], cover: &[f64; 13]) -> Option<(Passed, i32)> {
-    let mut group = Passed::unite(children, solid)?;
-    let steps = group.correct(cover);
-    Some((group.thinned(), steps))
+    Some(Passed::unite(children, solid)?.corrected(cover))
 }
 
 /// A quantity over the logarithm of the gain, in steps of ln `TRIAL`, between and beyond those tried: parabolas that meet with
@@ -449,9 +459,9 @@ mod tests {
 
     /// What comes through a wall in the plane x = 0 of share `p` in each line along x, and of nothing along others.
     fn wall(p: f32) -> Passed {
-        Passed::of_block(8, 1.0, (3, [false; 8]), |k, depths| {
-            depths.fill(if k == 0 { p } else { 0.0 });
-        })
+        let mut depths = [0.0; planes_before(13) * 64];
+        depths[of_axis(0, 8)].fill(p);
+        Passed::of_block(8, 1.0, (3, [false; 8]), &depths)
     }
 
     #[test]
@@ -467,27 +477,28 @@ mod tests {
         // is .191 at first, the harmonic mean, and at last 2 · 3/16 − .191: the last 1/16 is .339 of a trial beyond the first.
         // 1.339 · ln 1.5 = .543 are 12.5 steps of a code.
         cover[0] = 0.25;
-        let mut group = unite();
-        assert_eq!(group.correct(&cover), 13);
+        let (group, steps) = unite().corrected(&cover);
+        assert_eq!(steps, 13);
         assert_eq!(group.blocked(0, 0), 64.0, "closed");
         cover[0] *= 0.75;
-        assert_eq!(unite().correct(&cover), 0, "independent halves are right as they are");
-        assert_eq!(unite().correct(&[0.0; 13]), (LEAST / STEP).round() as i32);
+        assert_eq!(unite().corrected(&cover).1, 0, "independent halves are right as they are");
+        assert_eq!(unite().corrected(&[0.0; 13]).1, (LEAST / STEP).round() as i32);
     }
 
     #[test]
     fn axes_that_disagree_are_not_followed() {
         // Walls along two axes, of which one should be closed and the other opened.
         let walls = || {
-            Passed::of_block(8, 1.0, (6, [false; 8]), |k, depths| {
-                depths.fill(if k < 2 { 0.5 } else { 0.0 });
-            })
+            let mut depths = [0.0; planes_before(13) * 64];
+            depths[of_axis(0, 8)].fill(0.5);
+            depths[of_axis(1, 8)].fill(0.5);
+            Passed::of_block(8, 1.0, (6, [false; 8]), &depths)
         };
         let mut cover = [0.0; 13];
         (cover[0], cover[1]) = (0.7, 0.32);
-        assert_eq!(walls().correct(&cover), 0);
+        assert_eq!(walls().corrected(&cover).1, 0);
         cover[1] = 0.65;
-        assert!(walls().correct(&cover) > 5);
+        assert!(walls().corrected(&cover).1 > 5);
     }
 
     #[test]

@@ -19,12 +19,12 @@ use crate::volume::{Depth, Model};
 
 /// A node whose voxel is not fitted yet, with its children, whose voxels are not either.
 pub struct Node {
-    measure: Measure,
+    measure: Box<Measure>,
     beams: Arc<Beams>,
     /// Children that there are; 0 on the finest depth and for a terminal node.
     mask: u8,
     /// In child order.
-    children: Vec<(Measure, u8)>,
+    children: Vec<(Box<Measure>, u8)>,
     /// Lines that the insides of solids block which are not measured.
     inside: Option<Box<Beams>>,
     /// What a ray finds of the voxels that are fitted: two depths below the node, three …, as far as they are refined.
@@ -238,7 +238,7 @@ impl Matter {
 
 impl Node {
     fn solid() -> Node {
-        let (measure, beams) = (Measure::full(), Beams::full().clone());
+        let (measure, beams) = (Box::new(Measure::full()), Beams::full().clone());
         Node { measure, beams, mask: 0, children: Vec::new(), inside: None, passed: Vec::new() }
     }
 
@@ -290,7 +290,7 @@ pub fn join(depth: usize, children: [Option<Box<Node>>; 8], output: &mut Output)
     let alike = colours.all(|c| first.is_none_or(|first| (c - first).abs().max_element() < ALIKE));
     let seen = output.how.materials || !alike;
     let union = Beams::unite(&std::array::from_fn(|j| counted(j).map(|c| &*c.beams)), depth, seen);
-    let mut measure = Measure::of_children(&std::array::from_fn(|j| counted(j).map(|c| &c.measure)), &union);
+    let mut measure = Box::new(Measure::of_children(&std::array::from_fn(|j| counted(j).map(|c| &*c.measure)), &union));
     measure.averaged += (0..8).filter(|&j| children[j].is_some() && !counts[j]).count() as f64 / 8.0;
     let inside: [Option<&Beams>; 8] = std::array::from_fn(|j| match &children[j] {
         Some(child) if counts[j] => child.inside.as_deref(),

@@ -49,9 +49,9 @@ fn lines_of_a_facet_measure_its_area() {
 #[test]
 fn neighbours_share_their_lines() {
     // A wall across two voxels, seen obliquely: each line is in one of both.
-    for p in &PROJECTIONS {
+    for (k, p) in PROJECTIONS.iter().enumerate() {
         for j in 0..8 {
-            let (oa, ob) = p.child_offset(j);
+            let (oa, ob) = child_offset(k, j);
             let (wa, wb) = p.extent();
             assert!(oa <= wa && ob <= wb);
             let centre = DVec3::new((j & 1) as f64, (j >> 1 & 1) as f64, (j >> 2) as f64) + 0.4;
