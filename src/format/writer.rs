@@ -24,7 +24,7 @@ const TRIAL_LEVEL: i32 = 3;
 /// Levels that are then tried with the best filter, up to the one that is asked for; a slower one has to save one byte in
 /// `WORTH`. Codes that never repeat gain nothing by a longer search, and those of small alphabets may even lose.
 const LEVELS: [i32; 3] = [4, 7, 11];
-const WORTH: usize = 64;
+const WORTH: usize = 32;
 
 /// How to write.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
