@@ -244,7 +244,7 @@ pub fn fit_block(
         }
     }
     let depths = lines.depths(&along);
-    let mut through = Passed::of_block(MARCH_LINES * width, c, (cells.len(), of.closed), &depths[..lines.count()]);
+    let mut through = Passed::of_block(MARCH_LINES * width, c, (cells.len(), of.closed), &depths);
     let mut log = 0.0;
     if cells.len() > 1 && !soft {
         log = through.wish(&of.cover);

@@ -3,6 +3,8 @@
 //! A voxel's own lines are so few that all of them are kept, also those that miss its box: their numbers are fixed, and many are
 //! handled at once. In a plane they are ordered by tiles, squares one voxel wide with four lines each, row by row.
 
+use std::ops::Range;
+
 use super::beams::{COORDINATES, PROJECTIONS, Projection, axis_length, coordinate, planes_before};
 use super::chord::{Lanes, exp_neg, sum};
 use crate::geom::{Vec3, larger, smaller};
@@ -25,6 +27,12 @@ pub type OfBlock = [f32; MOST_LINES];
 /// Where the lines of the axis `k` begin.
 const fn start(k: usize) -> usize {
     planes_before(k) * TILE
+}
+
+/// Where the lines of the axis `k` are among those of a cube with `lines` an edge.
+#[inline(always)]
+pub fn of_axis(k: usize, lines: usize) -> Range<usize> {
+    planes_before(k) * lines * lines..planes_before(k + 1) * lines * lines
 }
 
 /// Column and row of the line `n` in a plane that is `across` lines wide.
@@ -75,11 +83,6 @@ impl Lines {
         all
     }
 
-    /// How many there are.
-    pub fn count(&self) -> usize {
-        start(13) * self.width * self.width
-    }
-
     /// Their optical depths, where the voxels have these `rates` along the axes.
     #[inline(always)]
     pub fn depths(&self, rates: &[Lanes]) -> OfBlock {
@@ -120,10 +123,9 @@ impl Lines {
             all_axes!(lay(&mut lines, firsts, self.width, &own, both));
         }
         let mut trial = Trial { alone: [0.0; 13], together: [0.0; 13] };
-        let square = self.width * self.width;
         for k in 0..13 {
-            trial.alone[k] = sum(&alone[start(k)..start(k + 1)], |share| share);
-            trial.together[k] = sum(&lines[start(k) * square..start(k + 1) * square], share::<TWICE>);
+            trial.alone[k] = sum(&alone[of_axis(k, MARCH_LINES)], |share| share);
+            trial.together[k] = sum(&lines[of_axis(k, MARCH_LINES * self.width)], share::<TWICE>);
         }
         trial
     }
@@ -162,7 +164,7 @@ impl<const K: usize> Axis<K> {
     /// What is known of the axis, for each of its lines.
     #[inline(always)]
     fn fill(lines: &mut [f32], axes: &Lanes) {
-        lines[start(K)..start(K + 1)].fill(axes[K]);
+        lines[of_axis(K, MARCH_LINES)].fill(axes[K]);
     }
 
     /// Lay a voxel's `own` lines over the block's from the `firsts` on.
@@ -290,11 +292,10 @@ mod tests {
             let trials =
                 [lines.blocked::<0>(&[[2.0; 16]]), lines.blocked::<1>(&[[2.0; 16]]), lines.blocked::<2>(&[[2.0; 16]])];
             for (k, p) in PROJECTIONS.iter().enumerate() {
-                let (across, down) = p.extent();
+                let (across, _) = p.extent();
                 let edge = wide * MARCH_LINES;
-                let count = across * down * edge * edge;
                 let (mut full, mut half, mut none) = (0.0, 0.0, 0.0);
-                for (n, &depth) in depths[start(k) * wide * wide..][..count].iter().enumerate() {
+                for (n, &depth) in depths[of_axis(k, edge)].iter().enumerate() {
                     let middle = |i: usize| (i as f64 + 0.5) / edge as f64;
                     let (x, y) = line_at(n, across * edge);
                     let (x, y) = (middle(x), middle(y));

@@ -5,14 +5,13 @@
 //! Based on: G. Loubet, F. Neyret, *Hybrid Mesh-Volume LoDs for All-Scale Pre-Filtering*, EG 2017 (opacity fitted to measured
 //! coverage); the law of [`crate::volume::opacity`].
 
-use std::ops::Range;
 use std::sync::OnceLock;
 
 use multiversion::multiversion;
 
 use super::beams::{Beams, PROJECTIONS, SQUARE, axis_length, box_area, child_offset, crossing, planes_before};
 use super::chord::{LENGTHS, Lanes, exp_neg, ln, sum};
-use super::march::{self, TILE};
+use super::march::{self, OfBlock, TILE, of_axis};
 use crate::geom::{DVec3, larger, smaller};
 use crate::volume::Voxel;
 use crate::volume::voxel::RATE_MAX;
@@ -38,7 +37,7 @@ const MOST_LINES: usize = 32;
 const SIZES: usize = 12;
 
 /// Most squares, one voxel wide, of a block along all axes; and their errors.
-const MOST_ERRORS: usize = planes_before(13) * 16;
+const MOST_ERRORS: usize = size_of::<OfBlock>() / size_of::<[f32; TILE]>();
 pub type Errors = [f32; MOST_ERRORS];
 
 /// What comes through a cube of fitted voxels along the lines of all axes, at each of the `GAINS`.
@@ -81,19 +80,13 @@ impl Closed {
     }
 }
 
-/// Where the lines of the axis `k` are among those of a cube with `lines` an edge.
-#[inline(always)]
-fn of_axis(k: usize, lines: usize) -> Range<usize> {
-    planes_before(k) * lines * lines..planes_before(k + 1) * lines * lines
-}
-
 impl Passed {
     /// Of a block with `lines` an edge and the correlation `c`; `depths` are their optical depths. Nothing comes through its
     /// octants that are `closed`.
     #[inline(always)]
-    pub fn of_block(lines: usize, c: f32, (voxels, closed): (usize, [bool; 8]), depths: &[f32]) -> Passed {
+    pub fn of_block(lines: usize, c: f32, (voxels, closed): (usize, [bool; 8]), depths: &OfBlock) -> Passed {
         let square = lines * lines;
-        let mut at = GAINS.map(|_| depths.to_vec());
+        let mut at = GAINS.map(|_| depths[..planes_before(13) * square].to_vec());
         let d = 1.0 - c;
         let [as_is, up, down] = &mut at;
         if d < 1e-3 {
@@ -459,7 +452,7 @@ mod tests {
 
     /// What comes through a wall in the plane x = 0 of share `p` in each line along x, and of nothing along others.
     fn wall(p: f32) -> Passed {
-        let mut depths = [0.0; planes_before(13) * 64];
+        let mut depths: OfBlock = [0.0; planes_before(13) * 64];
         depths[of_axis(0, 8)].fill(p);
         Passed::of_block(8, 1.0, (3, [false; 8]), &depths)
     }
@@ -489,7 +482,7 @@ mod tests {
     fn axes_that_disagree_are_not_followed() {
         // Walls along two axes, of which one should be closed and the other opened.
         let walls = || {
-            let mut depths = [0.0; planes_before(13) * 64];
+            let mut depths: OfBlock = [0.0; planes_before(13) * 64];
             depths[of_axis(0, 8)].fill(0.5);
             depths[of_axis(1, 8)].fill(0.5);
             Passed::of_block(8, 1.0, (6, [false; 8]), &depths)
