@@ -65,7 +65,7 @@ use crate::geom::{Aabb, DAffine3, DVec3};
 use crate::progress::Progress;
 use crate::volume::{Channels, Info, Material, Model, Volume};
 use crate::{Error, Result, Warnings, morton, par};
-use tree::{How, Joiner, Node, Output, Region};
+use tree::{How, Joiner, Output, Region};
 
 /// Largest resolution that may be asked for.
 pub const MAX_RESOLUTION: u32 = 4096;
@@ -268,8 +268,9 @@ fn plan(bounds: Aabb, options: &Options) -> Result<Placement> {
     Ok(place)
 }
 
-/// Regions a thread that are measured before what they gave is put together: what a ray finds in each takes up to a quarter of a megabyte.
-const BATCH: usize = 16;
+/// Regions a thread that may be measured before the first of them is joined to others; what a ray finds in each takes up to an
+/// eighth of a megabyte.
+const AHEAD: usize = 16;
 
 /// An error where more memory is needed than is allowed.
 fn within(options: &Options, place: &Placement, needed: u64) -> Result<()> {
@@ -296,24 +297,21 @@ fn build(
     progress.stage("measure", regions.len() as u64);
     let mut output = Output::new(place.depth + 1, how);
     let mut joiner = Joiner::new(top);
-    let batch = BATCH * par::threads();
-    for first in (0..regions.len()).step_by(batch) {
-        let parts: Vec<(Option<Box<Node>>, Output)> = par::map(batch.min(regions.len() - first), |i| {
-            let origin = morton::decode(regions[first + i]).map(|v| v << levels);
-            let mut region = Region::new(staged, Output::new(place.depth + 1, how), origin, levels);
-            let node = region.node(first + i, top);
-            progress.advance(1);
-            (node, region.output)
-        });
-        for (&code, (node, part)) in regions[first..].iter().zip(parts) {
-            joiner.make_way(top, code, &mut output);
-            output.append(part);
-            if let Some(node) = node {
-                joiner.add(top, code, node);
-            }
+    let measure = |i: usize| {
+        let origin = morton::decode(regions[i]).map(|v| v << levels);
+        let mut region = Region::new(staged, Output::new(place.depth + 1, how), origin, levels);
+        let node = region.node(i, top);
+        progress.advance(1);
+        (node, region.output)
+    };
+    par::in_order(regions.len(), AHEAD * par::threads(), measure, |i, (node, part)| {
+        joiner.make_way(top, regions[i], &mut output);
+        output.append(part);
+        if let Some(node) = node {
+            joiner.add(top, regions[i], node);
         }
         let voxels: usize = output.depths.iter().map(|d| d.voxels.len()).sum();
-        within(options, place, voxels as u64 * estimate::VOXEL_MEMORY)?;
-    }
+        within(options, place, voxels as u64 * estimate::VOXEL_MEMORY)
+    })?;
     Ok(if joiner.finish(&mut output) { output } else { Output::new(0, how) })
 }
