@@ -10,7 +10,7 @@ use std::sync::OnceLock;
 use multiversion::multiversion;
 
 use super::beams::{Beams, PROJECTIONS, SQUARE, axis_length, box_area, child_offset, crossing, planes_before};
-use super::chord::{LENGTHS, Lanes, exp_neg, ln, sum};
+use super::chord::{LENGTHS, Lanes, exp_neg, ln};
 use super::march::{self, OfBlock, TILE, of_axis};
 use crate::geom::{DVec3, larger, smaller};
 use crate::volume::Voxel;
@@ -33,6 +33,8 @@ const CLEAR: f32 = 0.999;
 /// Lines along a group's edge, at most: beyond, every other one is left out. With half as many a sheet leaks (FLIP .052 for .044)
 /// and a tree covers 1.5 % more; certificates, which end at blocks, do not tell.
 const MOST_LINES: usize = 32;
+/// Lines that are handled at once; each axis has a multiple of them, but of the smallest blocks.
+const SIDE: usize = 16;
 /// Levels of a group's lines, doubled from one a cube's edge.
 const SIZES: usize = 12;
 
@@ -40,12 +42,37 @@ const SIZES: usize = 12;
 const MOST_ERRORS: usize = size_of::<OfBlock>() / size_of::<[f32; TILE]>();
 pub type Errors = [f32; MOST_ERRORS];
 
+/// The share of a line's light that comes through, in parts of `ALL`: half as wide as an f32, since planes of lines do not stay in
+/// the nearest cache, and far finer than a step of a rate's code.
+type Part = u16;
+const ALL: Part = Part::MAX;
+
+/// To whole parts, from 0 to `ALL`.
+#[inline(always)]
+fn whole(parts: f32) -> Part {
+    // Where the last bit is worth 1, adding rounds.
+    const ROUND: f32 = 12_582_912.0;
+    (parts + ROUND).to_bits() as Part
+}
+
+/// What comes through two, one behind the other: right where one of them is nothing or all, and up to a part too much elsewhere.
+#[inline(always)]
+fn through(a: Part, b: Part) -> Part {
+    let high = (u32::from(a) * u32::from(b) >> 16) as Part;
+    (high + 1).min(a).min(b)
+}
+
+/// So many lines at each of the `GAINS`, through which the same comes.
+fn lines_of(count: usize, passes: Part) -> [Vec<Part>; GAINS.len()] {
+    [vec![passes; count], vec![passes; count], vec![passes; count]]
+}
+
 /// What comes through a cube of fitted voxels along the lines of all axes, at each of the `GAINS`.
 pub struct Passed {
     /// Lines along the cube's edge, a power of two.
     lines: usize,
     /// Axis by axis, tile by tile as [`march::Lines`] has them.
-    at: [Vec<f32>; GAINS.len()],
+    at: [Vec<Part>; GAINS.len()],
     /// The area that is covered along each axis, in squares of the cube's edge: better known than from these lines, where some
     /// were left out.
     areas: [Lanes; GAINS.len()],
@@ -53,10 +80,10 @@ pub struct Passed {
     pub voxels: usize,
 }
 
-/// Of a cube with some lines an edge, for each of them whether it meets the cube: 0, or misses it: 1; and how many of an axis
+/// Of a cube with some lines an edge, for each of them whether it meets the cube: 0, or misses it: `ALL`; and how many of an axis
 /// meet it.
 struct Closed {
-    misses: Vec<f32>,
+    misses: Vec<Part>,
     met: [f32; 13],
 }
 
@@ -71,7 +98,7 @@ impl Closed {
                 for n in 0..wa * wb * lines * lines {
                     let (x, y) = march::line_at(n, wa * lines);
                     let met = crossing(k, middle(x), middle(y), DVec3::ZERO, DVec3::ONE).is_some();
-                    closed.misses.push(if met { 0.0 } else { 1.0 });
+                    closed.misses.push(if met { 0 } else { ALL });
                     closed.met[k] += if met { 1.0 } else { 0.0 };
                 }
             }
@@ -86,24 +113,28 @@ impl Passed {
     #[inline(always)]
     pub fn of_block(lines: usize, c: f32, (voxels, closed): (usize, [bool; 8]), depths: &OfBlock) -> Passed {
         let square = lines * lines;
-        let mut at = GAINS.map(|_| depths[..planes_before(13) * square].to_vec());
-        let d = 1.0 - c;
+        let depths = depths[..(planes_before(13) * square).next_multiple_of(SIDE)].as_chunks::<SIDE>().0;
+        let mut at = lines_of(depths.len() * SIDE, 0);
         let [as_is, up, down] = &mut at;
-        if d < 1e-3 {
-            for (at, gain) in [(as_is, GAINS[0]), (up, GAINS[1]), (down, GAINS[2])] {
-                for passes in at {
-                    *passes = larger(1.0 - gain * *passes, 0.0);
+        let chunks = as_is.as_chunks_mut::<SIDE>().0.iter_mut();
+        let chunks = chunks.zip(up.as_chunks_mut::<SIDE>().0).zip(down.as_chunks_mut::<SIDE>().0);
+        let d = 1.0 - c;
+        // T = (E − c) / (1 − c), E = e^−(1−c)τ, of which the gains 1, 3/2 and 2/3 are powers.
+        let all = f32::from(ALL);
+        let (by, less) = (all / d, all * c / d);
+        for (((as_is, up), down), depths) in chunks.zip(depths) {
+            for n in 0..SIDE {
+                if d < 1e-3 {
+                    as_is[n] = whole(larger(all - all * GAINS[0] * depths[n], 0.0));
+                    up[n] = whole(larger(all - all * GAINS[1] * depths[n], 0.0));
+                    down[n] = whole(larger(all - all * GAINS[2] * depths[n], 0.0));
+                } else {
+                    let e = exp_neg(d * depths[n] * (1.0 / 6.0));
+                    let (square, cube) = (e * e, e * e * e);
+                    as_is[n] = whole(larger(square * square * square * by - less, 0.0));
+                    up[n] = whole(larger(cube * cube * cube * by - less, 0.0));
+                    down[n] = whole(larger(square * square * by - less, 0.0));
                 }
-            }
-        } else {
-            // T = (E − c) / (1 − c), E = e^−(1−c)τ, of which the gains 1, 3/2 and 2/3 are powers.
-            let (by, less) = (1.0 / d, c / d);
-            for ((as_is, up), down) in as_is.iter_mut().zip(up).zip(down) {
-                let e = exp_neg(d * *as_is * (1.0 / 6.0));
-                let (square, cube) = (e * e, e * e * e);
-                *as_is = larger(square * square * square * by - less, 0.0);
-                *up = larger(cube * cube * cube * by - less, 0.0);
-                *down = larger(square * square * by - less, 0.0);
             }
         }
         let mut passed = Passed { lines, at, areas: Default::default(), voxels };
@@ -122,7 +153,7 @@ impl Passed {
 
     /// Multiply what comes through along the axis `k` at the gain `g` by that of the child `j`, `of`, which has half the lines.
     #[inline(always)]
-    fn cover(&mut self, j: usize, k: usize, g: usize, of: &[f32]) {
+    fn cover(&mut self, j: usize, k: usize, g: usize, of: &[Part]) {
         let (lines, small, p) = (self.lines, self.lines / 2, &PROJECTIONS[k]);
         let (wa, wb) = p.extent();
         let (oa, ob) = child_offset(k, j);
@@ -156,7 +187,13 @@ impl Passed {
     /// What an axis blocks, in lines.
     #[inline(always)]
     fn blocked(&self, k: usize, gain: usize) -> f32 {
-        sum(&self.at[gain][of_axis(k, self.lines)], |passes| 1.0 - passes)
+        let all = &self.at[gain][of_axis(k, self.lines)];
+        let mut passed = 0;
+        for &passes in all {
+            passed += u32::from(passes);
+        }
+        // At most four squares of MOST_LINES.
+        (all.len() as u32 * u32::from(ALL) - passed) as f32 * (1.0 / ALL as f32)
     }
 
     /// As a larger cube takes it in: with half of the lines each way, the rows by turns, where there would be too many.
@@ -166,7 +203,7 @@ impl Passed {
             return self;
         }
         let (lines, half) = (self.lines, self.lines / 2);
-        let mut at = GAINS.map(|_| vec![0.0; planes_before(13) * half * half]);
+        let mut at = lines_of(planes_before(13) * half * half, 0);
         for (at, all) in at.iter_mut().zip(&self.at) {
             for (k, p) in PROJECTIONS.iter().enumerate() {
                 // Of each tile a line of its first row: the first one in even rows of tiles, the second in odd ones.
@@ -194,7 +231,7 @@ impl Passed {
         let lines = 2 * small;
         let mut whole = Passed {
             lines,
-            at: GAINS.map(|_| vec![1.0; planes_before(13) * lines * lines]),
+            at: lines_of(planes_before(13) * lines * lines, ALL),
             areas: Default::default(),
             voxels: children.iter().flatten().map(|c| c.voxels).sum(),
         };
@@ -250,8 +287,8 @@ impl Passed {
         for ((voxels, squares), errors) in voxels.iter().zip(squares).zip(errors.as_chunks_mut::<WIDE>().0) {
             let (mut passes, mut met) = ([0.0f32; WIDE], [0.0f32; WIDE]);
             for i in 0..WIDE {
-                let [a, b, c, d] = voxels[i];
-                passes[i] = 0.25 * (a + b + c + d);
+                let [a, b, c, d] = voxels[i].map(u32::from);
+                passes[i] = (a + b + c + d) as f32 * (0.25 / ALL as f32);
                 for row in squares {
                     for n in 0..STEP {
                         met[i] += f32::from(row[i * STEP + n]);
@@ -316,11 +353,14 @@ impl Passed {
         }
         let steps = GAINS_AT.map(|gain| Step::new(log / ln(TRIAL) + gain));
         let [as_is, up, down] = &mut self.at;
-        for ((as_is, up), down) in as_is.iter_mut().zip(up).zip(down) {
-            let curve = Curve::new([*as_is, *up, *down]);
-            *as_is = curve.at(&steps[0]).clamp(0.0, 1.0);
-            *up = curve.at(&steps[1]).clamp(0.0, 1.0);
-            *down = curve.at(&steps[2]).clamp(0.0, 1.0);
+        let at = as_is.as_chunks_mut::<SIDE>().0.iter_mut();
+        for ((as_is, up), down) in at.zip(up.as_chunks_mut::<SIDE>().0).zip(down.as_chunks_mut::<SIDE>().0) {
+            for n in 0..SIDE {
+                let curve = Curve::new([as_is[n], up[n], down[n]].map(f32::from));
+                as_is[n] = whole(curve.at(&steps[0]).clamp(0.0, f32::from(ALL)));
+                up[n] = whole(curve.at(&steps[1]).clamp(0.0, f32::from(ALL)));
+                down[n] = whole(curve.at(&steps[2]).clamp(0.0, f32::from(ALL)));
+            }
         }
         let [as_is, up, down] = &mut self.areas;
         for k in 0..16 {
@@ -334,13 +374,13 @@ impl Passed {
 
 /// Multiply the rows of `at`, which are `wide`, from their column `from` on by those of `by`, which are `N` wide.
 #[inline(always)]
-fn multiply<const N: usize>(at: &mut [f32], by: &[f32], wide: usize, from: usize) {
+fn multiply<const N: usize>(at: &mut [Part], by: &[Part], wide: usize, from: usize) {
     for (row, by) in at.chunks_exact_mut(wide).zip(by.as_chunks::<N>().0) {
         let Some(row) = row.get_mut(from..).and_then(|row| row.first_chunk_mut::<N>()) else { continue };
         // Apart, so that the compiler need not fear that one is the other.
-        let mut product = [0.0; N];
+        let mut product = [0; N];
         for n in 0..N {
-            product[n] = row[n] * by[n];
+            product[n] = through(row[n], by[n]);
         }
         *row = product;
     }
@@ -520,8 +560,8 @@ mod tests {
         let group = Passed::unite(&children, solid).unwrap();
         // Along x: the low quarter of the face is closed, the rest open.
         let axis = &group.at[0][..256];
-        assert_eq!(axis.iter().filter(|t| **t == 0.0).count(), 64);
-        assert_eq!(axis.iter().filter(|t| **t == 1.0).count(), 192);
+        assert_eq!(axis.iter().filter(|t| **t == 0).count(), 64);
+        assert_eq!(axis.iter().filter(|t| **t == ALL).count(), 192);
     }
 
     #[test]
