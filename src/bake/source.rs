@@ -9,7 +9,7 @@ use crate::volume::Info;
 use crate::{Result, Warnings};
 
 /// log2 of the voxels a region is wide; a texel of fewer voxels is one region.
-pub const REGION_LOG2: usize = 5;
+pub const REGION_LOG2: usize = 4;
 
 /// Where a source lies in the grid of finest voxels.
 #[derive(Debug, Clone, Copy, PartialEq)]
