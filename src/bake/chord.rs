@@ -61,6 +61,9 @@ const GAUSS: [(f32, f32); 4] = [
     (0.930_568_16, 0.173_927_42),
 ];
 
+/// Correlation from which on the law is min(τ, 1).
+const CORRELATED: f32 = 0.999;
+
 /// Most steps towards a rate; and how small, of log rate, one has to be to be the last.
 const STEPS: usize = 6;
 const SMALL: f32 = 0.03;
@@ -92,7 +95,7 @@ impl Chords {
     #[inline(always)]
     fn blocked_and_slope(&self, r: &Lanes, c: f32) -> (Lanes, Lanes) {
         let (mut share, mut slope) = ([0.0; 16], [0.0; 16]);
-        if c > 0.999 {
+        if c > CORRELATED {
             for i in 0..16 {
                 let m = smaller(self.longest[i], 1.0 / r[i]);
                 let (b, d) = (self.b[i], self.d[i]);
@@ -131,6 +134,9 @@ impl Chords {
     /// the shares by the rates' logarithms, near there.
     #[inline(always)]
     pub fn rates(&self, p: &Lanes, c: f32) -> (Lanes, Lanes) {
+        if c > CORRELATED {
+            return self.correlated_rates(p);
+        }
         let mut rates = [0.0; 16];
         let mut slopes = [0.0; 16];
         let mut goal = [0.0; 16];
@@ -160,6 +166,25 @@ impl Chords {
             }
         }
         for i in 0..16 {
+            rates[i] = if p[i] > 0.0 { rates[i] } else { 0.0 };
+        }
+        (rates, slopes)
+    }
+
+    /// [`Chords::rates`] at c = 1: by the mean chord as long as the longest is not blocked throughout, or else by a quadratic
+    /// equation for the shortest that is, 1 / r: the rest of the share, 1 − p, is b/2 · m − d/3 · m².
+    #[inline(always)]
+    fn correlated_rates(&self, p: &Lanes) -> (Lanes, Lanes) {
+        let (mut rates, mut slopes) = ([0.0; 16], [0.0; 16]);
+        for i in 0..16 {
+            let (b, d, rest) = (0.5 * self.b[i], self.d[i] * (1.0 / 3.0), 1.0 - p[i]);
+            let even = p[i] * self.inverse_mean[i];
+            let root = larger(b * b - 4.0 * d * rest, 0.0).sqrt();
+            let shortest = 2.0 * rest / larger(b + root, 1e-20);
+            let all_grow = even * self.longest[i] <= 1.0;
+            rates[i] = smaller(if all_grow { even } else { 1.0 / shortest }, MAX_RATE);
+            let m = 1.0 / larger(rates[i], 1e-20);
+            slopes[i] = if all_grow { p[i] } else { m * (b - 2.0 * m * d) };
             rates[i] = if p[i] > 0.0 { rates[i] } else { 0.0 };
         }
         (rates, slopes)

@@ -100,35 +100,59 @@ impl Seen {
     }
 }
 
-/// The ellipsoids of normals, of the cells `side` by side, whose rates are nearest to `rates`, by what an error of each counts;
-/// nothing is wanted of lanes without a cell. Where a box is opaque, they may be any larger.
+/// What is asked of a cell's ellipsoid of normals, and the ellipsoid.
+struct Wanted {
+    /// Place among the cells.
+    cell: usize,
+    rates: Lanes,
+    /// What an error of each counts.
+    weights: Lanes,
+    normals: Option<Sggx>,
+}
+
+/// Find the ellipsoids whose rates are nearest to what is wanted. Where a box is opaque, they may be any larger.
 #[inline(always)]
-fn normals(side: &[usize], seen: &[Seen], rates: &[Lanes; SIDE], weights: &[Lanes; SIDE]) -> [Option<Sggx>; SIDE] {
-    let mut normals = fit_weighted(rates, weights);
-    let mut again = [true; SIDE];
-    for _ in 0..ROUNDS {
-        let mut lighter = *weights;
-        for (n, &i) in side.iter().enumerate() {
-            let Some(s) = normals[n].filter(|_| again[n]) else { continue };
-            let (sigma, tight) = (sigmas(&s), &seen[i].tight.0);
-            again[n] = false;
-            for k in 0..13 {
-                let free = tight[k] >= OPAQUE && sigma[k] > FREE * rates[n][k];
-                lighter[n][k] *= if free { LITTLE } else { 1.0 };
-                again[n] |= free;
+fn find_normals(wanted: &mut [Wanted], seen: &[Seen]) {
+    let mut left: Vec<usize> = (0..wanted.len()).collect();
+    let mut lighter: Vec<Lanes> = wanted.iter().map(|w| w.weights).collect();
+    for round in 0..=ROUNDS {
+        for side in left.chunks(SIDE) {
+            // Nothing is wanted of lanes without a cell.
+            let (mut rates, mut weights) = ([[0.0; 16]; SIDE], [[0.0; 16]; SIDE]);
+            for (n, &i) in side.iter().enumerate() {
+                (rates[n], weights[n]) = (wanted[i].rates, lighter[i]);
+            }
+            for (&i, normals) in side.iter().zip(fit_weighted(&rates, &weights)) {
+                wanted[i].normals = normals;
             }
         }
-        if !again[..side.len()].contains(&true) {
-            break;
+        if round == ROUNDS {
+            return;
         }
-        let next = fit_weighted(rates, &lighter);
-        (0..SIDE).filter(|&n| again[n]).for_each(|n| normals[n] = next[n]);
+        let mut again = Vec::with_capacity(left.len());
+        for i in left {
+            let Wanted { cell, rates, weights, normals } = &wanted[i];
+            let Some(s) = normals else { continue };
+            let (sigma, tight) = (sigmas(s), &seen[*cell].tight.0);
+            lighter[i] = *weights;
+            let mut any = false;
+            for k in 0..13 {
+                let free = tight[k] >= OPAQUE && sigma[k] > FREE * rates[k];
+                lighter[i][k] *= if free { LITTLE } else { 1.0 };
+                any |= free;
+            }
+            if any {
+                again.push(i);
+            }
+        }
+        left = again;
     }
-    normals
 }
 
 /// Steps in which errors are summed: far below what they are, and 2^40 errors fit.
 const UNIT: f32 = 16_777_216.0;
+/// Steps of the errors' histogram, from 0 to 1.
+const BINS: usize = 256;
 
 /// How far fitted blocks are from what was measured: |share of a square one voxel wide that is covered, marched − measured|, of
 /// all squares in which there is anything, along 13 axes.
@@ -137,38 +161,46 @@ pub struct Certificate {
     count: u64,
     /// In parts of 1 / `UNIT`.
     sum: u64,
-    /// Squares by error, in steps of 1/256.
-    histogram: Vec<u64>,
+    /// Squares by error, in four counts that are added to by turns, since many follow one another that count alike; the last are
+    /// those with nothing in them.
+    histogram: Vec<[u64; 4]>,
 }
 
 impl Certificate {
     /// Add the errors of a block's squares; there is nothing in those whose error is below 0.
     #[inline(always)]
     fn add(&mut self, errors: &Errors) {
-        self.histogram.resize(257, 0);
+        self.histogram.resize(BINS + 2, [0; 4]);
+        let (mut sums, mut counts) = ([0u32; 16], [0u32; 16]);
         for errors in errors.as_chunks::<16>().0 {
-            let (mut parts, mut steps) = ([0; 16], [0; 16]);
+            let mut steps = [0; 16];
             for n in 0..16 {
                 // Summed in fixed steps, so that the order in which regions are joined cannot show.
-                parts[n] = (errors[n] * UNIT) as i32;
-                steps[n] = (errors[n] * 256.0) as i32;
+                sums[n] += (larger(errors[n], 0.0) * UNIT) as i32 as u32;
+                counts[n] += u32::from(errors[n] >= 0.0);
+                let step = (errors[n] * BINS as f32) as i32;
+                steps[n] = if errors[n] >= 0.0 { step.min(BINS as i32) } else { BINS as i32 + 1 };
             }
             for n in 0..16 {
-                if errors[n] >= 0.0 {
-                    self.count += 1;
-                    self.sum += parts[n] as u64;
-                    self.histogram[(steps[n] as usize).min(256)] += 1;
+                if let Some(counts) = self.histogram.get_mut(steps[n] as usize) {
+                    counts[n % 4] += 1;
                 }
             }
+        }
+        for n in 0..16 {
+            self.count += u64::from(counts[n]);
+            self.sum += u64::from(sums[n]);
         }
     }
 
     pub fn merge(&mut self, other: &Certificate) {
         self.count += other.count;
         self.sum += other.sum;
-        self.histogram.resize(257, 0);
+        self.histogram.resize(BINS + 2, [0; 4]);
         for (mine, theirs) in self.histogram.iter_mut().zip(&other.histogram) {
-            *mine += theirs;
+            for n in 0..4 {
+                mine[n] += theirs[n];
+            }
         }
     }
 
@@ -176,9 +208,10 @@ impl Certificate {
     pub fn figures(&self) -> (f64, f64) {
         let mean = self.sum as f64 / f64::from(UNIT) / self.count.max(1) as f64;
         let mut left = self.count - self.count * 95 / 100;
-        for (step, &n) in self.histogram.iter().enumerate().rev() {
+        for (step, counts) in self.histogram.iter().enumerate().take(BINS + 1).rev() {
+            let n = counts.iter().sum::<u64>();
             if n >= left {
-                return (mean, (step as f64 + 0.5) / 256.0);
+                return (mean, (step as f64 + 0.5) / BINS as f64);
             }
             left -= n;
         }
@@ -222,25 +255,19 @@ pub fn fit_block(
             voxel.rate = RATE_MAX;
             along[i] = [MAX_RATE; 16];
         } else {
-            open.push(i);
+            let (inner, chords) = &seen[i].tight;
+            let (rates, slopes) = chords.rates(inner, c);
+            open.push(Wanted { cell: i, rates, weights: seen[i].weights(&rates, &slopes), normals: None });
         }
     }
-    for side in open.chunks(SIDE) {
-        let (mut rates, mut weights) = ([[0.0; 16]; SIDE], [[0.0; 16]; SIDE]);
-        for (n, &i) in side.iter().enumerate() {
-            let (inner, chords) = &seen[i].tight;
-            let slopes;
-            (rates[n], slopes) = chords.rates(inner, c);
-            weights[n] = seen[i].weights(&rates[n], &slopes);
-        }
-        for (&i, s) in side.iter().zip(normals(side, &seen, &rates, &weights)) {
-            let Some(s) = s else { continue };
-            fitted[i].ndf = s.encode();
-            let sigma = sigmas(&Sggx::decode(fitted[i].ndf));
-            levels[i] = level(&sigma, s.scale(), &seen[i], c);
-            for k in 0..16 {
-                along[i][k] = levels[i] * sigma[k];
-            }
+    find_normals(&mut open, &seen);
+    for &Wanted { cell: i, normals, .. } in &open {
+        let Some(s) = normals else { continue };
+        fitted[i].ndf = s.encode();
+        let sigma = sigmas(&Sggx::decode(fitted[i].ndf));
+        levels[i] = level(&sigma, s.scale(), &seen[i], c);
+        for k in 0..16 {
+            along[i][k] = levels[i] * sigma[k];
         }
     }
     let depths = lines.depths(&along);
