@@ -177,77 +177,69 @@ fn is_positive([xx, yy, zz, xy, xz, yz]: [f64; 6]) -> bool {
     x > 0.0 && minor > 0.0 && determinant > 0.0
 }
 
-/// The matrices (xx yy zz xy xz yz) with their eigenvalues raised to 1e-4 of the largest: Jacobi's rotations.
+/// The matrices (xx yy zz xy xz yz) with their eigenvalues raised to 1e-4 of the largest. Those of S = m + p B are the roots of
+/// x³ − 3 x = det B, by Newton's method for the one that stands apart and a quadratic equation for the others; and S is brought to
+/// where one or two are raised by its products with what is left of it at the others.
 #[inline(always)]
 fn positive(s: [Side; 6]) -> [Side; 6] {
-    let (mut small, mut fine) = ([0.0; SIDE], [false; SIDE]);
+    let mut fine = [false; SIDE];
     for l in 0..SIDE {
-        small[l] = 1e-5 * (s[0][l].abs() + s[1][l].abs() + s[2][l].abs());
         fine[l] = is_positive([s[0][l], s[1][l], s[2][l], s[3][l], s[4][l], s[5][l]]);
     }
     if fine == [true; SIDE] {
         return s;
     }
-    let (zero, one) = ([0.0; SIDE], [1.0; SIDE]);
-    let mut a = [[s[0], s[3], s[4]], [s[3], s[1], s[5]], [s[4], s[5], s[2]]];
-    let mut v = [[one, zero, zero], [zero, one, zero], [zero, zero, one]];
-    for _ in 0..SWEEPS {
-        let mut moved = false;
-        for (p, q) in [(0, 1), (0, 2), (1, 2)] {
-            let (mut c, mut sn) = (one, zero);
-            for l in 0..SIDE {
-                let off = a[p][q][l];
-                let turns = off.abs() > small[l];
-                let theta = (a[q][q][l] - a[p][p][l]) / (2.0 * if turns { off } else { 1.0 });
-                let t = 1.0_f64.copysign(theta) / (theta.abs() + (theta * theta + 1.0).sqrt());
-                let t = if turns { t } else { 0.0 };
-                c[l] = 1.0 / (t * t + 1.0).sqrt();
-                sn[l] = t * c[l];
-                moved |= turns && !fine[l];
-            }
-            turn_columns(&mut a, (p, q), &c, &sn);
-            for k in 0..3 {
-                for l in 0..SIDE {
-                    let (x, y) = (a[p][k][l], a[q][k][l]);
-                    (a[p][k][l], a[q][k][l]) = (c[l] * x - sn[l] * y, sn[l] * x + c[l] * y);
-                }
-            }
-            turn_columns(&mut v, (p, q), &c, &sn);
-        }
-        if !moved {
-            break;
-        }
-    }
-    let mut out = [zero; 6];
-    let mut raised = [zero; 3];
+    let mut out = s;
     for l in 0..SIDE {
-        let largest = a[0][0][l].max(a[1][1][l]).max(a[2][2][l]).max(0.0);
-        for i in 0..3 {
-            raised[i][l] = a[i][i][l].max(1e-4 * largest);
+        let [xx, yy, zz, xy, xz, yz] = [s[0][l], s[1][l], s[2][l], s[3][l], s[4][l], s[5][l]];
+        let m = (xx + yy + zz) * (1.0 / 3.0);
+        let (x, y, z) = (xx - m, yy - m, zz - m);
+        let squares = x * x + y * y + z * z + 2.0 * (xy * xy + xz * xz + yz * yz);
+        let p = (squares * (1.0 / 6.0)).sqrt().max(1e-90);
+        let determinant = x * (y * z - yz * yz) - xy * (xy * z - yz * xz) + xz * (xy * yz - y * xz);
+        let half = (0.5 * determinant / (p * p * p)).clamp(-1.0, 1.0);
+        // From √3 to 2.
+        let (way, half) = (p.copysign(half), half.abs());
+        let mut apart = 1.732_050_807_568_877_2 + half * 0.267_949_192_431_122_7;
+        for _ in 0..3 {
+            let square = apart * apart;
+            apart = (2.0 * square * apart + 2.0 * half) / (3.0 * square - 3.0);
         }
-    }
-    for (n, (i, j)) in [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)].into_iter().enumerate() {
-        for l in 0..SIDE {
-            let of = |e: usize| raised[e][l] * v[i][e][l] * v[j][e][l];
-            let all = of(0) + of(1) + of(2);
-            out[n][l] = if fine[l] { s[n][l] } else { all };
+        let split = (12.0 - 3.0 * apart * apart).max(0.0).sqrt();
+        let (one, two, three) = (m + way * apart, m + way * 0.5 * (split - apart), m - way * 0.5 * (split + apart));
+        // The greatest first.
+        let (high, middle, low) = if way > 0.0 { (one, two, three) } else { (three, two, one) };
+        let least = 1e-4 * high.max(0.0);
+        // One that is raised: S + (least − low) P, P the projection on its axis. Two: least + (high − least) P.
+        let single = middle >= least;
+        let (base, scale, from) = if single { (0.0, 1.0, low) } else { (least, 0.0, high) };
+        let others = if single { (high, middle) } else { (middle, low) };
+        let apart = (from - others.0) * (from - others.1);
+        let by = (if single { (least - low).max(0.0) } else { high - least })
+            / if apart.abs() > 1e-300 { apart } else { 1e-300 };
+        // P = (S − others.0) (S − others.1) / apart.
+        let (ax, ay, az) = (xx - others.0, yy - others.0, zz - others.0);
+        let (bx, by_, bz) = (xx - others.1, yy - others.1, zz - others.1);
+        let products = [
+            ax * bx + xy * xy + xz * xz,
+            xy * xy + ay * by_ + yz * yz,
+            xz * xz + yz * yz + az * bz,
+            ax * xy + xy * by_ + xz * yz,
+            ax * xz + xy * yz + xz * bz,
+            xy * xz + ay * yz + yz * bz,
+        ];
+        for i in 0..6 {
+            let raised = scale * s[i][l] + by * products[i] + if i < 3 { base } else { 0.0 };
+            out[i][l] = if fine[l] {
+                s[i][l]
+            } else if high > 0.0 {
+                raised
+            } else {
+                0.0
+            };
         }
     }
     out
-}
-
-/// Most sweeps of Jacobi's rotations.
-const SWEEPS: usize = 8;
-
-/// Rotate the columns `p` and `q`.
-#[inline(always)]
-fn turn_columns(a: &mut [[Side; 3]; 3], (p, q): (usize, usize), c: &Side, sn: &Side) {
-    for row in a {
-        for l in 0..SIDE {
-            let (x, y) = (row[p][l], row[q][l]);
-            (row[p][l], row[q][l]) = (c[l] * x - sn[l] * y, sn[l] * x + c[l] * y);
-        }
-    }
 }
 
 #[cfg(test)]
