@@ -15,18 +15,20 @@ pub const MARCH_LINES: usize = 2;
 pub const TILE: usize = MARCH_LINES * MARCH_LINES;
 /// Lines along an edge of the widest plane that a voxel has.
 const WIDE: usize = 2 * MARCH_LINES;
-/// Lines along all axes that a voxel's planes have; and room for them, in which eight at a time are handled.
-const LINES_OF_VOXEL: usize = start(13);
-const ROOM: usize = LINES_OF_VOXEL.next_multiple_of(8);
+/// Room for a voxel's lines along all axes, of which eight at a time are handled.
+const ROOM: usize = (planes_before(13) * TILE).next_multiple_of(8);
 /// Most lines along all axes of a block, which is four voxels wide.
-const MOST_LINES: usize = start(13) * 16;
+const MOST_LINES: usize = planes_before(13) * TILE * 16;
 
 /// Values of all lines of a block, axis by axis.
 pub type OfBlock = [f32; MOST_LINES];
 
-/// Where the lines of the axis `k` begin.
-const fn start(k: usize) -> usize {
-    planes_before(k) * TILE
+/// Where the lines of the axis `k` are among a voxel's own: the narrow planes, which have four, come last, so that the eight that
+/// are handled at once are written at once before. A processor waits where what it reads was written in parts.
+const fn own(k: usize) -> Range<usize> {
+    const NARROW: usize = planes_before(3);
+    let first = if k < 3 { planes_before(13) - NARROW + k } else { planes_before(k) - NARROW };
+    first * TILE..(first + planes_before(k + 1) - planes_before(k)) * TILE
 }
 
 /// Where the lines of the axis `k` are among those of a cube with `lines` an edge.
@@ -124,7 +126,7 @@ impl Lines {
         }
         let mut trial = Trial { alone: [0.0; 13], together: [0.0; 13] };
         for k in 0..13 {
-            trial.alone[k] = sum(&alone[of_axis(k, MARCH_LINES)], |share| share);
+            trial.alone[k] = sum(&alone[own(k)], |share| share);
             trial.together[k] = sum(&lines[of_axis(k, MARCH_LINES * self.width)], share::<TWICE>);
         }
         trial
@@ -153,7 +155,7 @@ impl<const K: usize> Axis<K> {
     #[inline(always)]
     fn cross(chords: &mut [f32; ROOM], slabs: &Slabs) {
         for row in 0..Self::ROWS {
-            let first = start(K) + TILE * Self::ACROSS * row;
+            let first = own(K).start + TILE * Self::ACROSS * row;
             match Self::ACROSS {
                 1 => chords[first..first + 4].copy_from_slice(&slabs.chords::<4>(&Self::AT, row, Self::LENGTH)),
                 _ => chords[first..first + 8].copy_from_slice(&slabs.chords::<8>(&Self::AT, row, Self::LENGTH)),
@@ -164,7 +166,7 @@ impl<const K: usize> Axis<K> {
     /// What is known of the axis, for each of its lines.
     #[inline(always)]
     fn fill(lines: &mut [f32], axes: &Lanes) {
-        lines[of_axis(K, MARCH_LINES)].fill(axes[K]);
+        lines[own(K)].fill(axes[K]);
     }
 
     /// Lay a voxel's `own` lines over the block's from the `firsts` on.
@@ -172,7 +174,7 @@ impl<const K: usize> Axis<K> {
     fn lay(lines: &mut [f32], firsts: &[u16; 13], width: usize, own: &[f32], both: impl Fn(f32, f32) -> f32) {
         for row in 0..Self::ROWS {
             let step = TILE * Self::ACROSS * row;
-            let (lines, own) = (&mut lines[usize::from(firsts[K]) + step * width..], &own[start(K) + step..]);
+            let (lines, own) = (&mut lines[usize::from(firsts[K]) + step * width..], &own[self::own(K).start + step..]);
             match Self::ACROSS {
                 1 => lay_row::<4>(lines, own, &both),
                 _ => lay_row::<8>(lines, own, &both),
