@@ -2,7 +2,7 @@
 
 use multiversion::multiversion;
 
-use super::{Beams, PROJECTIONS, child_offset};
+use super::{Beams, PROJECTIONS, child_offset, ones};
 use crate::geom::AXES13;
 
 /// What a parent learns when it unites its children's lines.
@@ -68,7 +68,7 @@ fn thinned<const HALF: usize, const ALL: usize, const PHASE: usize>(own: &[u32; 
     for n in 0..HALF / 2 {
         pairs[n] = rows[n] | rows[n + HALF / 2] << 1;
     }
-    let count = pairs[..HALF / 2].iter().map(|r| r.count_ones()).sum();
+    let count = ones(&pairs[..HALF / 2]);
     for n in 0..HALF {
         rows[n] = gathered(rows[n]) << (8 * oa);
     }
@@ -109,7 +109,7 @@ impl Union {
                         new[n] = rows[n] & !united[n];
                         united[n] |= rows[n];
                     }
-                    self.children[j][k].first += new.iter().map(|r| r.count_ones()).sum::<u32>();
+                    self.children[j][k].first += ones(&new);
                 }
             }
         } else {
@@ -121,7 +121,7 @@ impl Union {
                 }
             }
         }
-        self.lines[k] = united.iter().map(|r| r.count_ones()).sum();
+        self.lines[k] = ones(&united[..ALL]);
         self.beams.rows[p.first..p.first + ALL].copy_from_slice(&united[..ALL]);
     }
 }
