@@ -62,7 +62,7 @@ pub struct Lines {
     width: usize,
 }
 
-/// What a block's voxels block at some correlation.
+/// What a block's voxels block.
 pub struct Trial {
     /// Lines that are blocked, an axis: by the voxels one by one, and by all together.
     pub alone: [f32; 13],
@@ -100,34 +100,30 @@ impl Lines {
         depths
     }
 
-    /// What the voxels block where their correlation is half of `TWICE`, 0 to 2, and they have these
-    /// `rates`: independent, half, or fully correlated, which keeps lines that are not blocked apart as long as there are any.
+    /// What the voxels block with these `rates`: where they are independent, c = 0; or `FULL`y correlated, c = 1, which keeps lines
+    /// that are not blocked apart as long as there are any.
     #[inline(always)]
-    pub fn blocked<const TWICE: u8>(&self, rates: &[Lanes]) -> Trial {
-        // Of the voxels' own lines and the block's, E = e^−(1−c)τ; or at c = 1, τ.
+    pub fn blocked<const FULL: bool>(&self, rates: &[Lanes]) -> Trial {
+        // Of the voxels' own lines and the block's, T = e^−τ; or at c = 1, τ.
         let mut alone = [0.0; ROOM];
-        let mut lines = [if TWICE == 2 { 0.0 } else { 1.0 }; MOST_LINES];
+        let mut lines = [if FULL { 0.0 } else { 1.0 }; MOST_LINES];
         for ((chords, firsts), rates) in self.chords.iter().zip(&self.firsts).zip(rates) {
             let mut own = [0.0; ROOM];
             all_axes!(fill(&mut own, rates));
             for n in 0..ROOM {
                 let depth = own[n] * chords[n];
-                own[n] = match TWICE {
-                    0 => exp_neg(depth),
-                    1 => exp_neg(0.5 * depth),
-                    _ => depth,
-                };
+                own[n] = if FULL { depth } else { exp_neg(depth) };
             }
             for n in 0..ROOM {
-                alone[n] += share::<TWICE>(own[n]);
+                alone[n] += share::<FULL>(own[n]);
             }
-            let both = |all, own| if TWICE == 2 { all + own } else { all * own };
+            let both = |all, own| if FULL { all + own } else { all * own };
             all_axes!(lay(&mut lines, firsts, self.width, &own, both));
         }
         let mut trial = Trial { alone: [0.0; 13], together: [0.0; 13] };
         for k in 0..13 {
             trial.alone[k] = sum(&alone[own(k)], |share| share);
-            trial.together[k] = sum(&lines[of_axis(k, MARCH_LINES * self.width)], share::<TWICE>);
+            trial.together[k] = sum(&lines[of_axis(k, MARCH_LINES * self.width)], share::<FULL>);
         }
         trial
     }
@@ -195,14 +191,10 @@ fn lay_row<const N: usize>(lines: &mut [f32], own: &[f32], both: &impl Fn(f32, f
     *lines = all;
 }
 
-/// The share that is blocked of a line, by what [`Lines::blocked`] keeps of it: T = (E − c) / (1 − c), as long as it is positive.
+/// The share that is blocked of a line, by what [`Lines::blocked`] keeps of it.
 #[inline(always)]
-fn share<const TWICE: u8>(of: f32) -> f32 {
-    match TWICE {
-        0 => 1.0 - of,
-        1 => smaller(2.0 - 2.0 * of, 1.0),
-        _ => smaller(of, 1.0),
-    }
+fn share<const FULL: bool>(of: f32) -> f32 {
+    if FULL { smaller(of, 1.0) } else { 1.0 - of }
 }
 
 /// Where a voxel's lines are within a box in each of the planes' coordinates, by the dropped coordinate; empty stretches end
@@ -291,12 +283,11 @@ mod tests {
             let corner = Vec3::from(at.map(f32::from));
             let (lo, hi) = ((corner + lo) / f32::from(width), (corner + hi) / f32::from(width));
             let depths = lines.depths(&[[2.0; 16]]);
-            let trials =
-                [lines.blocked::<0>(&[[2.0; 16]]), lines.blocked::<1>(&[[2.0; 16]]), lines.blocked::<2>(&[[2.0; 16]])];
+            let trials = [lines.blocked::<false>(&[[2.0; 16]]), lines.blocked::<true>(&[[2.0; 16]])];
             for (k, p) in PROJECTIONS.iter().enumerate() {
                 let (across, _) = p.extent();
                 let edge = wide * MARCH_LINES;
-                let (mut full, mut half, mut none) = (0.0, 0.0, 0.0);
+                let (mut full, mut none) = (0.0, 0.0);
                 for (n, &depth) in depths[of_axis(k, edge)].iter().enumerate() {
                     let middle = |i: usize| (i as f64 + 0.5) / edge as f64;
                     let (x, y) = line_at(n, across * edge);
@@ -306,11 +297,10 @@ mod tests {
                     // All of it are a few roundings of numbers of up to 8, in f32.
                     assert!((f64::from(depth) - want).abs() < 1e-5, "{width} {k} {n}: {depth} {want}");
                     full += want.min(1.0);
-                    half += (2.0 - 2.0 * (-0.5 * want).exp()).min(1.0);
                     none += 1.0 - (-want).exp();
                 }
                 // Sums of at most 256 of them; exp_neg is right to 1e-5.
-                for (trial, want) in trials.iter().zip([none, half, full]) {
+                for (trial, want) in trials.iter().zip([none, full]) {
                     let (alone, together) = (trial.alone[k], trial.together[k]);
                     assert!((f64::from(alone) - want).abs() < 1e-3, "{width} {k}: {alone} {want}");
                     assert!((alone - together).abs() < 1e-4, "one voxel hides nothing");
