@@ -315,6 +315,23 @@ mod tests {
     }
 
     #[test]
+    fn what_is_correlated_has_its_rate_and_slope_in_closed_form() {
+        // A cube, a slab, a rod, and all of them from hardly blocked to nearly opaque.
+        for e in [DVec3::ONE, DVec3::new(1.0, 0.0625, 1.0), DVec3::new(0.1, 0.9, 0.1)] {
+            let chords = Chords::new(e);
+            for p in [1e-6, 0.1, 0.5, 0.7, 0.9, 0.97, 0.996] {
+                let (rates, slopes) = chords.rates(&[p; 16], 1.0);
+                let (back, slope) = chords.blocked_and_slope(&rates, 1.0);
+                for k in (0..13).filter(|&k| rates[k] < MAX_RATE) {
+                    // Some ten roundings of numbers of up to 1 / (1 − p), in f32.
+                    assert!((back[k] / p - 1.0).abs() < 2e-5, "{e} {p} {k}: {}", back[k]);
+                    assert!((slopes[k] - slope[k]).abs() < 2e-5, "{e} {p} {k}: {} {}", slopes[k], slope[k]);
+                }
+            }
+        }
+    }
+
+    #[test]
     fn functions_are_what_they_are_called() {
         for i in 0..400 {
             let x = i as f32 * 0.1;

@@ -395,9 +395,11 @@ mod tests {
         let mut found = Found { area: 0.0, lines: 0.0, error: [0.0; 2] };
         let (mut whole, mut count, mut projected) = (0.0, 0.0, 0.0);
         for region in 0..staged.regions().len() {
-            let corner = DVec3::from(crate::morton::decode(staged.regions()[region]).map(|v| f64::from(v << 5)));
+            let wide = 1 << crate::bake::source::REGION_LOG2;
+            let low = crate::morton::decode(staged.regions()[region]).map(|v| f64::from(v * wide));
+            let corner = DVec3::from(low);
             staged.emit(region, &mut |facet| {
-                pieces(&*staged, facet, corner, corner + 32.0, &mut |p, at, cut| {
+                pieces(&*staged, facet, corner, corner + f64::from(wide), &mut |p, at, cut| {
                     let area = p.area_vector();
                     let size = area.length();
                     let local = p.relative_to(at);

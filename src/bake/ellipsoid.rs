@@ -245,7 +245,52 @@ fn positive(s: [Side; 6]) -> [Side; 6] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geom::{DVec3, directions13};
+    use crate::geom::{DMat3, DVec3, directions13};
+
+    /// R diag(values) R^T, as xx yy zz xy xz yz.
+    fn turned(axes: DMat3, values: DVec3) -> [f64; 6] {
+        let m = axes * DMat3::from_diagonal(values) * axes.transpose();
+        [m.x_axis.x, m.y_axis.y, m.z_axis.z, m.x_axis.y, m.x_axis.z, m.y_axis.z]
+    }
+
+    #[test]
+    fn eigenvalues_are_raised_and_axes_kept() {
+        // None, one and two below 1e-4 of the largest; equal ones; none above 0; nothing at all.
+        let values = [
+            [3.0, 2.0, 1.0],
+            [1.0, 1.0, 1.0],
+            [2.0, 1.0, -0.3],
+            [2.0, 2.0, -0.3],
+            [5.0, -1.0, -1.0],
+            [5.0, -1.0, -0.2],
+            [1.0, 0.0, 0.0],
+            [1.0, 1e-4, 1e-5],
+            [1.0, 1e-4, -1e-12],
+            [1.0, 0.7, 0.0],
+            [-1.0, -2.0, -3.0],
+            [0.0, 0.0, 0.0],
+        ];
+        for (n, &v) in values.iter().enumerate() {
+            for turn in 0..8 {
+                let axis = DVec3::new(1.0, turn as f64 - 3.0, 0.3 * n as f64).normalize();
+                let axes = DMat3::from_axis_angle(axis, 0.7 * turn as f64);
+                for scale in [1e-6, 1.0, 1e6] {
+                    let v = DVec3::from(v) * scale;
+                    let largest = v.max_element().max(0.0);
+                    let want =
+                        turned(axes, if largest > 0.0 { v.max(DVec3::splat(1e-4 * largest)) } else { DVec3::ZERO });
+                    let s = turned(axes, v);
+                    let got = positive(s.map(|value| [value; SIDE]));
+                    for i in 0..6 {
+                        // The roots that do not stand apart are right to the root of f64's rounding, 1e-8 of the spread,
+                        // which is taken for 1e-90 at least.
+                        let error = (got[i][turn % SIDE] - want[i]).abs();
+                        assert!(error <= 1e-7 * v.abs().max_element() + 1e-90, "{n} {turn} {i}: {got:?} {want:?}");
+                    }
+                }
+            }
+        }
+    }
 
     #[test]
     fn a_single_facet_is_recovered() {

@@ -498,6 +498,19 @@ mod tests {
     }
 
     #[test]
+    fn parts_multiply_as_shares_do() {
+        for a in (0..=ALL).step_by(251) {
+            assert_eq!((through(a, ALL), through(ALL, a), through(a, 0), through(0, a)), (a, a, 0, 0));
+            for b in (0..=ALL).step_by(257) {
+                let want = f64::from(a) * f64::from(b) / f64::from(ALL);
+                let got = f64::from(through(a, b));
+                assert!(got > want - 1.0 && got <= want + 1.0, "{a} {b}: {got} {want}");
+            }
+            assert_eq!(whole(f32::from(a) + 0.25), a);
+        }
+    }
+
+    #[test]
     fn a_wall_in_halves_closes() {
         // Two blocks one behind the other, each with half of a wall: 1/4 leaks, where nothing should.
         let halves = [wall(0.5), wall(0.5)];
@@ -544,8 +557,9 @@ mod tests {
             assert_eq!(passed.lines, (8 << level).min(MOST_LINES));
             let want = 0.5 * 0.25f32.powi(level as i32);
             let square = (passed.lines * passed.lines) as f32;
-            // Sums of up to 1024 f32 that are 1/2 or 0, exact; a ratio's rounding.
-            assert!((passed.areas[0][0] / want - 1.0).abs() < 1e-5 && passed.blocked(0, 0) == want * square);
+            // Half of 65535 parts is rounded by 8e-6, as a share of the half 1.6e-5; a ratio's rounding.
+            assert!((passed.areas[0][0] / want - 1.0).abs() < 2e-5, "{}", passed.areas[0][0]);
+            assert!((passed.blocked(0, 0) / (want * square) - 1.0).abs() < 2e-5, "{}", passed.blocked(0, 0));
             passed = passed.thinned();
         }
     }

@@ -1,6 +1,7 @@
 //! A group against the same matter as one mesh.
 
 use super::*;
+use crate::bake::source::REGION_LOG2;
 use crate::bake::{MeshOptions, MeshSource, Options, bake};
 use crate::progress::Quiet;
 use crate::scene::model::{Instance, Material, Model, Part as MeshPart};
@@ -39,7 +40,7 @@ fn area(source: &dyn Source) -> (f64, DVec3) {
     let staged = source.stage(&place, &Quiet).unwrap();
     let mut sum = (0.0, DVec3::ZERO);
     for (i, &code) in staged.regions().iter().enumerate() {
-        let b = cube(code, 5);
+        let b = cube(code, REGION_LOG2);
         staged.emit(i, &mut |p| {
             let mut room = None;
             if let Some(p) = p.clip(b.min, b.max, &mut room) {
