@@ -64,6 +64,9 @@ impl<T: Send, M: Fn(usize) -> T + Sync, F: FnMut(usize, T) -> Result<(), E> + Se
     /// Make `i`, then take what comes next for as long as it is there; each that is taken makes room for another.
     fn run<'s>(&'s self, scope: &rayon::ScopeFifo<'s>, i: usize) {
         let lock = || self.queue.lock().unwrap_or_else(PoisonError::into_inner);
+        if lock().result.is_err() {
+            return;
+        }
         let made = (self.make)(i);
         let mut queue = lock();
         queue.made.insert(i, made);
