@@ -58,7 +58,7 @@ fn whole(parts: f32) -> Part {
 /// What comes through two, one behind the other: right where one of them is nothing or all, and up to a part too much elsewhere.
 #[inline(always)]
 fn through(a: Part, b: Part) -> Part {
-    let high = (u32::from(a) * u32::from(b) >> 16) as Part;
+    let high = ((u32::from(a) * u32::from(b)) >> 16) as Part;
     (high + 1).min(a).min(b)
 }
 
