@@ -53,6 +53,15 @@ fn a_pixel_tells_what_it_met() {
 }
 
 #[test]
+fn a_texel_is_no_landscape_and_says_so() {
+    let folder = land();
+    let (code, _, errors) = vtex(folder.path(), "render bush.vtex -o a.png");
+    assert!(code > 0 && errors.lines().count() == 1, "{errors}");
+    assert!(errors.contains("bush.vtex") && errors.contains("vtex inspect --preview"), "{errors}");
+    assert!(!folder.path().join("a.png").exists());
+}
+
+#[test]
 fn statistics_are_json_and_count_no_byte_twice() {
     let folder = land();
     for camera in ["near", "far"] {

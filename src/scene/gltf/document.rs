@@ -76,6 +76,10 @@ impl Document {
     /// Read the JSON of a `.gltf` or `.glb`, told apart by their first bytes.
     pub fn open(path: &Path, options: &ReadOptions) -> Result<Self> {
         let bytes = files::read(path, options.max_bytes)?;
+        if bytes.starts_with(&crate::format::MAGIC) {
+            let what = "a texel in place of a glTF scene (`vtex inspect --preview` shows it, `vtex map` covers a mesh with it)";
+            return Err(Error::unsupported(path, what));
+        }
         let (json, bin) = if bytes.starts_with(b"glTF") || is_glb(path) {
             let (json, bin) = split_glb(&bytes).map_err(|what| Error::input(path, "GLB container", what))?;
             (json, bin.map(<[u8]>::to_vec))
