@@ -62,7 +62,7 @@ const GAUSS: [(f32, f32); 4] = [
 ];
 
 /// Correlation from which on the law is min(τ, 1).
-const CORRELATED: f32 = 0.999;
+pub const CORRELATED: f32 = 0.999;
 
 /// Most steps towards a rate; and how small, of log rate, one has to be to be the last.
 const STEPS: usize = 6;
@@ -195,10 +195,10 @@ impl Chords {
 /// [`opacity::depth_for`](crate::volume::opacity::depth_for), to 1e-6 of it.
 #[inline(always)]
 pub fn depth_for(p: f32, c: f32) -> f32 {
-    let d = 1.0 - c;
-    if d < 1e-3 {
+    if c > CORRELATED {
         return p;
     }
+    let d = 1.0 - c;
     // −ln(1 − x) / d; what rounding took from x is given back.
     let x = p * d;
     let u = 1.0 - x;

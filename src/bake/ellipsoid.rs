@@ -1,7 +1,7 @@
 //! The ellipsoid of normals that fits values measured in 13 directions.
 //!
 //! Based on: E. Heitz et al., *The SGGX Microflake Distribution*, SIGGRAPH 2015; F. Neyret, *A General and Multiscale Model
-//! for Volumetric Textures*, GI 1995.
+//! for Volumetric Textures*, GI 1995; O. K. Smith, *Eigenvalues of a Symmetric 3 × 3 Matrix*, CACM 4(4), 1961.
 
 use super::chord::Lanes;
 use crate::geom::{AXES13, larger};
@@ -214,10 +214,10 @@ fn positive(s: [Side; 6]) -> [Side; 6] {
         let single = middle >= least;
         let (base, scale, from) = if single { (0.0, 1.0, low) } else { (least, 0.0, high) };
         let others = if single { (high, middle) } else { (middle, low) };
-        let apart = (from - others.0) * (from - others.1);
+        let between = (from - others.0) * (from - others.1);
         let by = (if single { (least - low).max(0.0) } else { high - least })
-            / if apart.abs() > 1e-300 { apart } else { 1e-300 };
-        // P = (S − others.0) (S − others.1) / apart.
+            / if between.abs() > 1e-300 { between } else { 1e-300 };
+        // P = (S − others.0) (S − others.1) / between.
         let (ax, ay, az) = (xx - others.0, yy - others.0, zz - others.0);
         let (bx, by_, bz) = (xx - others.1, yy - others.1, zz - others.1);
         let products = [

@@ -10,7 +10,7 @@ use std::sync::OnceLock;
 use multiversion::multiversion;
 
 use super::beams::{Beams, PROJECTIONS, SQUARE, axis_length, box_area, child_offset, crossing, planes_before};
-use super::chord::{LENGTHS, Lanes, exp_neg, ln};
+use super::chord::{CORRELATED, LENGTHS, Lanes, exp_neg, ln};
 use super::march::{self, OfBlock, TILE, of_axis};
 use crate::geom::{DVec3, larger, smaller};
 use crate::volume::Voxel;
@@ -124,7 +124,7 @@ impl Passed {
         let (by, less) = (all / d, all * c / d);
         for (((as_is, up), down), depths) in chunks.zip(depths) {
             for n in 0..SIDE {
-                if d < 1e-3 {
+                if c > CORRELATED {
                     as_is[n] = whole(larger(all - all * GAINS[0] * depths[n], 0.0));
                     up[n] = whole(larger(all - all * GAINS[1] * depths[n], 0.0));
                     down[n] = whole(larger(all - all * GAINS[2] * depths[n], 0.0));
