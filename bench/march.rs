@@ -6,7 +6,7 @@
 use std::time::Instant;
 
 use vtex::geom::{DVec3, Vec3};
-use vtex::render::shade::{Group, Shader};
+use vtex::march::shade::{Group, Shader};
 use vtex::render::{DepthChoice, MarchStats, Stretch, march, transmittance};
 use vtex::volume::{Channels, Depth, Info, Octree, Sggx, Volume, Voxel, voxel};
 use vtex::{format, morton};

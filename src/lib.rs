@@ -5,6 +5,7 @@
 //!
 //! ```text
 //! source ──bake──▶ volume ──format──▶ .vtex ──scene──▶ Scene ──render──▶ Film
+//!                                    (both bake and render let rays march through a texel: march)
 //! ```
 //!
 //! | quantity | unit |
@@ -24,6 +25,7 @@ pub mod progress;
 pub mod random;
 
 pub mod format;
+pub mod march;
 pub mod scene;
 pub mod volume;
 
@@ -31,7 +33,11 @@ pub mod volume;
 pub mod bake;
 #[cfg(feature = "cli")]
 pub mod cli;
+#[cfg(feature = "bake")]
+pub mod merge;
 #[cfg(feature = "render")]
 pub mod render;
+#[cfg(feature = "bake")]
+pub mod source;
 
 pub use error::{Error, Result, Warnings};

@@ -2,11 +2,12 @@
 
 use std::sync::Arc;
 
-use vtex::bake::{self, Fill, MeshOptions, MeshSource, Options};
+use vtex::bake::{self, Options};
 use vtex::geom::{Aabb, DAffine3, DVec3};
 use vtex::progress::Quiet;
 use vtex::render::{DepthChoice, MarchStats, Stretch, transmittance};
 use vtex::scene::{Alpha, Instance, Material, Model, Part, Texture, TextureRef};
+use vtex::source::{Fill, MeshOptions, MeshSource};
 use vtex::volume::{Octree, Volume};
 
 fn model(part: Part, material: Material) -> Model {

@@ -4,10 +4,12 @@ use std::path::PathBuf;
 
 use assert_cmd::Command;
 use vtex::Warnings;
-use vtex::bake::{self, CurveOptions, CurveSource, Options, Section, Strand};
+use vtex::bake::{self, Options};
 use vtex::format::{Limits, Reader};
 use vtex::geom::{DVec3, directions13};
 use vtex::progress::Quiet;
+use vtex::source;
+use vtex::source::{CurveOptions, CurveSource, Section, Strand};
 use vtex::volume::{Octree, Volume};
 
 use super::bake::area;
@@ -100,7 +102,7 @@ fn point_files_of_others_are_refused_by_name() {
     for name in ["a.bgeo", "b.geo", "c.PDB"] {
         let path = dir.path().join(name);
         std::fs::write(&path, b"PGEOMETRY V5").unwrap();
-        let error = bake::open(&path, &bake::OpenOptions::default()).err().unwrap().to_string();
+        let error = source::open(&path, &source::OpenOptions::default()).err().unwrap().to_string();
         assert!(error.contains("Partio") && error.contains(".csv"), "{error}");
     }
 }

@@ -298,7 +298,7 @@ fn a_camera_stands_in_the_shell() {
 fn restyled() {
     let sample = concat!(env!("CARGO_MANIFEST_DIR"), "/samples/tree.glb");
     let model = vtex::scene::gltf::read(Path::new(sample), &Default::default()).unwrap().model;
-    let source = vtex::bake::MeshSource::new(model, &Default::default());
+    let source = vtex::source::MeshSource::new(model, &Default::default());
     let baking = vtex::bake::Options { resolution: 64, ..Default::default() };
     let tree = vtex::bake::bake(&source, &baking, &Quiet, &mut |_| ()).unwrap().0;
     let style = |name: &str, factor, keep| (name.to_owned(), Style { factor, keep });

@@ -140,7 +140,7 @@ const OBJ: &[(&str, [usize; 3], [f64; 3])] = &[
 ];
 
 fn obj(path: &Path) -> vtex::Result<Model> {
-    vtex::bake::obj::read(path, &ReadOptions::default())
+    vtex::scene::obj::read(path, &ReadOptions::default())
 }
 
 #[test]
@@ -244,7 +244,7 @@ fn damage_never_panics() {
             std::fs::write(&path, bytes).unwrap();
             let options = ReadOptions { max_bytes: 64 << 20, ..ReadOptions::default() };
             if name.ends_with(".obj") {
-                let _ = vtex::bake::obj::read(&path, &options);
+                let _ = vtex::scene::obj::read(&path, &options);
             } else {
                 let _ = read(&path, &options);
             }

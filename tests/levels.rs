@@ -2,12 +2,15 @@
 
 use std::sync::Arc;
 
-use vtex::bake::{self, OpenOptions};
+use vtex::bake;
 use vtex::geom::{DAffine3, DVec3};
+use vtex::march::calibrate;
 use vtex::progress::Quiet;
-use vtex::render::{CameraChoice, Options, level, render_with};
+use vtex::render::{CameraChoice, Options, render_with};
 use vtex::scene::shell::{Environment, Layer, ShellMaterial, TexelRef};
 use vtex::scene::{Instance, Light, LightKind, Material, Model, Part, Scene};
+use vtex::source;
+use vtex::source::OpenOptions;
 use vtex::volume::{Octree, Volume, level as levels};
 
 const FINEST: u32 = 64;
@@ -80,12 +83,12 @@ fn step(zoom: &[f64]) -> f64 {
 #[test]
 fn a_change_of_depth_does_not_show() {
     let spruce = concat!(env!("CARGO_MANIFEST_DIR"), "/samples/spruce.glb");
-    let source = bake::open(spruce.as_ref(), &OpenOptions::default()).unwrap();
+    let source = source::open(spruce.as_ref(), &OpenOptions::default()).unwrap();
     let options = bake::Options { resolution: FINEST, ..bake::Options::default() };
     let (volume, _) = bake::bake(&*source, &options, &Quiet, &mut |_| ()).unwrap();
     let plain = Arc::new(volume);
     let mut levelled = (*plain).clone();
-    let measured = level::measure(Octree::new(Arc::clone(&plain)).unwrap()).unwrap();
+    let measured = calibrate::measure(Octree::new(Arc::clone(&plain)).unwrap()).unwrap();
     assert_eq!(measured.len(), 7);
     assert_eq!(measured[6], levels::Level::PLAIN, "the finest depth is what the others are held against");
     levels::store(&measured, &mut levelled.info.meta);

@@ -3,9 +3,11 @@
 use std::path::{Path, PathBuf};
 
 use assert_cmd::Command;
-use vtex::bake::{self, OpenOptions, Options, lsystem};
+use vtex::bake::{self, Options};
 use vtex::format::{Limits, Reader};
 use vtex::geom::{DAffine3, directions13};
+use vtex::source;
+use vtex::source::{OpenOptions, lsystem};
 
 fn sample(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("samples/lsystems").join(name)
@@ -47,7 +49,7 @@ fn the_samples_and_what_they_draw() {
     for name in ["spruce", "willow", "fern", "flower"] {
         let plant = count(&format!("{name}.lsys"));
         assert!(plant.segments > 40 && plant.polygons > 50, "{name} {plant:?}");
-        let source = bake::open(&sample(&format!("{name}.lsys")), &OpenOptions::default()).unwrap();
+        let source = source::open(&sample(&format!("{name}.lsys")), &OpenOptions::default()).unwrap();
         assert!(source.warnings().is_empty() && source.has_colour(), "{name} {:?}", source.warnings());
         assert_eq!(source.metres_per_unit(), 1.0);
     }
@@ -58,8 +60,8 @@ fn sigma(text: &str, resolution: u32) -> [f64; 13] {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("x.lsys");
     std::fs::write(&path, text).unwrap();
-    let source = bake::open(&path, &OpenOptions::default()).unwrap();
-    let mut place = bake::Placement {
+    let source = source::open(&path, &OpenOptions::default()).unwrap();
+    let mut place = source::Placement {
         bounds: source.bounds(),
         transform: DAffine3::IDENTITY,
         // What lies on the cube's upper faces would belong to the next one.
@@ -191,10 +193,10 @@ fn classical_examples_are_read() {
     assert_eq!(files.len(), 15);
     for path in files {
         let options = OpenOptions {
-            lsystem: bake::LSystemOptions { iterations: Some(5), ..Default::default() },
+            lsystem: source::LSystemOptions { iterations: Some(5), ..Default::default() },
             ..OpenOptions::default()
         };
-        let source = bake::open(&path, &options).unwrap();
+        let source = source::open(&path, &options).unwrap();
         let options = Options { resolution: 32, ..Options::default() };
         let (volume, _) = bake::bake(&*source, &options, &vtex::progress::Quiet, &mut |_| {}).unwrap();
         assert!(!volume.depths.is_empty(), "{}", path.display());

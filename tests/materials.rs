@@ -4,11 +4,12 @@ use std::path::Path;
 
 use assert_cmd::Command;
 use serde_json::Value;
-use vtex::bake::{self, Fill, MeshOptions, MeshSource, Options};
+use vtex::bake::{self, Options};
 use vtex::geom::{DAffine3, Vec3};
 use vtex::progress::Quiet;
 use vtex::scene::gltf::{self, ReadOptions};
 use vtex::scene::{Instance, Material, Model, Part};
+use vtex::source::{Fill, MeshOptions, MeshSource};
 use vtex::volume::palette::Restyled;
 use vtex::volume::{Pages, Palette, Style, Volume};
 

@@ -1,9 +1,10 @@
 //! Semi-transparent matter against the law of Beer and Lambert, at every depth.
 
-use vtex::bake::{self, Medium, Options, Placement, Polygon, Source, Staged, Surface};
+use vtex::bake::{self, Options};
 use vtex::geom::{Aabb, DVec3, directions13};
 use vtex::progress::Progress;
 use vtex::render::{DepthChoice, MarchStats, Stretch, transmittance};
+use vtex::source::{Medium, Placement, Polygon, Source, Staged, Surface};
 use vtex::volume::{Octree, Volume};
 use vtex::{Result, Warnings, morton};
 

@@ -3,11 +3,12 @@
 use std::path::{Path, PathBuf};
 
 use assert_cmd::Command;
-use vtex::bake::stack::{self, StackOptions, StackSource, TransferSpec};
 use vtex::bake::{self, Options};
 use vtex::geom::{Aabb, DVec3};
 use vtex::progress::Quiet;
 use vtex::render::{DepthChoice, MarchStats, Stretch, transmittance};
+use vtex::source;
+use vtex::source::stack::{self, StackOptions, StackSource, TransferSpec};
 use vtex::volume::{Octree, Volume};
 
 fn volumes() -> Option<PathBuf> {
@@ -68,7 +69,7 @@ fn a_sphere_of_256_slices_is_the_sphere() {
     save_nrrd(&path, n, "ushort", values);
     let options = StackOptions { transfer: TransferSpec::hard(32768.0), ..StackOptions::default() };
     let source = source(&path, &options);
-    let size = bake::Source::bounds(&source).size();
+    let size = source::Source::bounds(&source).size();
     // Of the radius, 120, the filter takes .6^2 / 120 = .003.
     assert!((size - 240.0).abs().max_element() < 0.02, "{size}");
     let volume = baked(&source, 64);
@@ -156,8 +157,8 @@ fn headers_place_stacks_in_millimetres() {
     let whole = StackOptions { transfer: TransferSpec::hard(-1e9), ..StackOptions::default() };
     let bounds = |name: &str| {
         let s = source(&dir.join(name), &whole);
-        assert_eq!(bake::Source::metres_per_unit(&s), 1e-3, "{name}");
-        bake::Source::bounds(&s)
+        assert_eq!(source::Source::metres_per_unit(&s), 1e-3, "{name}");
+        source::Source::bounds(&s)
     };
     let near = |a: DVec3, b: [f64; 3]| (a - DVec3::from(b)).length() < 1e-2;
     // 15 slices of 64 × 64, 5 mm apart, the first at z = -17.69.

@@ -3,9 +3,9 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
-use vtex::bake::stack::TransferSpec;
-use vtex::bake::{OpenOptions, StackOptions};
 use vtex::geom::DVec3;
+use vtex::source::stack::TransferSpec;
+use vtex::source::{OpenOptions, StackOptions};
 
 use super::measure::{Texel, baked, compared, open};
 

@@ -2,10 +2,12 @@
 
 use std::path::Path;
 
-use vtex::bake::{self, OpenOptions, Options, Placement, Source};
+use vtex::bake::{self, Options};
 use vtex::geom::{Aabb, DAffine3, DVec3, directions13};
 use vtex::progress::Quiet;
 use vtex::render::{DepthChoice, MarchStats, Stretch, transmittance};
+use vtex::source;
+use vtex::source::{OpenOptions, Placement, Source};
 use vtex::volume::Octree;
 
 use super::bodies::Body;
@@ -36,7 +38,7 @@ pub struct Texel {
 pub fn open(folder: &Path, name: &str, text: &[u8], options: &OpenOptions) -> Box<dyn Source> {
     let path = folder.join(name);
     std::fs::write(&path, text).unwrap_or_else(|e| panic!("{name}: {e}"));
-    bake::open(&path, options).unwrap_or_else(|e| panic!("{e}"))
+    source::open(&path, options).unwrap_or_else(|e| panic!("{e}"))
 }
 
 /// The recipe that draws `shape` within the cube from −2 to 2, or a sheet within −1 to 1.
@@ -124,7 +126,7 @@ pub fn compared(
 /// Area, volume, and projected areas of a source's facets, in its own units.
 pub fn facets(source: &dyn Source, place: &Placement) -> (f64, f64, [f64; 13]) {
     let staged = source.stage(place, &Quiet).unwrap_or_else(|e| panic!("{e}"));
-    let found = bake::facets(&*staged, place, 1 << 30, &Quiet).unwrap_or_else(|e| panic!("{e}"));
+    let found = source::facets(&*staged, place, 1 << 30, &Quiet).unwrap_or_else(|e| panic!("{e}"));
     let (mut area, mut volume, mut sigma) = (0.0, 0.0, [0.0; 13]);
     for piece in &found.pieces {
         let [a, b, c] = piece.corners;

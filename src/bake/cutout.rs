@@ -3,11 +3,11 @@
 //! Based on: T. Porter, T. Duff, *Compositing Digital Images*, SIGGRAPH 1984 (alpha as the share that is covered); the
 //! additive recurrence of M. Roberts, *The Unreasonable Effectiveness of Quasirandom Sequences*, 2018 (dither).
 
-use super::alpha::Presence;
-use super::beams::LINES;
-use super::clip::Polygon;
-use super::source::{Cut, Staged};
 use crate::geom::DVec3;
+use crate::geom::polygon::Polygon;
+use crate::geom::projection::LINES;
+use crate::source::Presence;
+use crate::source::{Cut, Staged};
 
 /// Most samples along an edge. Half as many as there are lines: finer alpha is averaged and dithered, and as many samples as
 /// lines told no more of opacity.
@@ -309,14 +309,14 @@ fn hash(facet: u32) -> f64 {
 mod tests {
     use std::sync::Arc;
 
-    use super::super::measure::Gather;
-    use super::super::mesh::{MeshOptions, MeshSource};
-    use super::super::source::{Placement, Source};
     use super::*;
+    use crate::bake::measure::Gather;
     use crate::geom::{Aabb, DAffine3, DMat3};
     use crate::progress::Quiet;
     use crate::scene::model::{Alpha, Instance, Material, Model, Part, TextureRef};
     use crate::scene::texture::Texture;
+    use crate::source::mesh::{MeshOptions, MeshSource};
+    use crate::source::{Placement, Source};
 
     /// A tilted card, 20 voxels wide, with `texture` on it once.
     fn card(texture: Texture, alpha: Alpha) -> (MeshSource, Placement) {
@@ -395,7 +395,7 @@ mod tests {
         let mut found = Found { area: 0.0, lines: 0.0, error: [0.0; 2] };
         let (mut whole, mut count, mut projected) = (0.0, 0.0, 0.0);
         for region in 0..staged.regions().len() {
-            let wide = 1 << crate::bake::source::REGION_LOG2;
+            let wide = 1 << crate::source::REGION_LOG2;
             let low = crate::morton::decode(staged.regions()[region]).map(|v| f64::from(v * wide));
             let corner = DVec3::from(low);
             staged.emit(region, &mut |facet| {
@@ -416,7 +416,7 @@ mod tests {
                     gather.add(&*staged, p, at, cut);
                     for k in 0..13 {
                         whole += f64::from(gather.lines(k)) / 256.0;
-                        projected += super::super::beams::oblique_area(k, area) / size / 13.0 * share * size;
+                        projected += crate::geom::oblique_area(k, area) / size / 13.0 * share * size;
                     }
                 });
             });

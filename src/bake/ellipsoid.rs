@@ -3,9 +3,9 @@
 //! Based on: E. Heitz et al., *The SGGX Microflake Distribution*, SIGGRAPH 2015; F. Neyret, *A General and Multiscale Model
 //! for Volumetric Textures*, GI 1995; O. K. Smith, *Eigenvalues of a Symmetric 3 × 3 Matrix*, CACM 4(4), 1961.
 
-use super::chord::Lanes;
 use crate::geom::{AXES13, larger};
 use crate::volume::Sggx;
+use crate::volume::chord::Lanes;
 
 /// What the six numbers of S are multiplied with to give w^T S w, for each of the 13 directions w.
 const FEATURES: [[f64; 6]; 13] = features();

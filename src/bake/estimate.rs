@@ -1,8 +1,8 @@
 //! How large a bake will be, before it is done: the facets of some regions are cut without being measured.
 
 use super::cutout;
-use super::source::{Placement, Staged};
 use crate::geom::DVec3;
+use crate::source::{Placement, Staged};
 use crate::{morton, par};
 
 /// Regions that are looked at: of sources whose facets are at hand, and of those that have to make them.

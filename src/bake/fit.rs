@@ -7,12 +7,12 @@
 use multiversion::multiversion;
 
 use super::beams::Beams;
-use super::chord::{Chords, LENGTHS, Lanes, MAX_RATE, box_areas, depth_for, exp_neg};
 use super::ellipsoid::{SIDE, fit_weighted, sigmas};
 use super::march::{Lines, MARCH_LINES, Trial};
 use super::measure::Measure;
 use super::refine::{Errors, Passed};
 use crate::geom::{DVec3, Vec3, larger, smaller};
+use crate::volume::chord::{Chords, LENGTHS, Lanes, MAX_RATE, box_areas, depth_for, exp_neg};
 use crate::volume::voxel::{RATE_MAX, encode_rate};
 use crate::volume::{Model, Sggx, Voxel};
 

@@ -5,9 +5,10 @@
 
 use std::ops::Range;
 
-use super::beams::{COORDINATES, PROJECTIONS, Projection, axis_length, coordinate, planes_before};
-use super::chord::{Lanes, exp_neg, sum};
+use crate::geom::axis_length;
+use crate::geom::projection::{COORDINATES, PROJECTIONS, Projection, coordinate, planes_before};
 use crate::geom::{Vec3, larger, smaller};
+use crate::volume::chord::{Lanes, exp_neg, sum};
 
 /// Lines a voxel edge.
 pub const MARCH_LINES: usize = 2;
@@ -271,8 +272,8 @@ fn rows<const N: usize>(of: &[f32; WIDE], row: usize) -> [f32; N] {
 
 #[cfg(test)]
 mod tests {
-    use super::super::beams::crossing;
     use super::*;
+    use crate::geom::projection::crossing;
 
     #[test]
     fn depths_are_those_of_lines_through_the_boxes() {

@@ -1,14 +1,9 @@
 //! Materials by name, and how much of each is seen of a voxel.
 
-use super::source::Source;
 use crate::geom::DVec3;
-use crate::scene::{Model, Part};
 use crate::volume::material::MOST_MATERIALS;
 use crate::volume::{Material, Mix};
 use crate::{Error, Result};
-
-/// The name of what has none, where other things have.
-pub const UNNAMED: &str = "unnamed";
 
 /// One material of a voxel.
 #[derive(Debug, Clone, Copy)]
@@ -77,55 +72,6 @@ impl Weights {
         };
         names.iter().enumerate().map(of).collect()
     }
-}
-
-/// The materials of several sources, each name once, and for each source what its own ids become. None where no source
-/// names any.
-pub fn unite<'s>(sources: impl IntoIterator<Item = &'s dyn Source>) -> (Vec<String>, Vec<Vec<u16>>) {
-    let sources: Vec<&dyn Source> = sources.into_iter().collect();
-    let (mut names, mut maps) = (Vec::new(), Vec::with_capacity(sources.len()));
-    if sources.iter().all(|s| s.materials().is_empty()) {
-        return (names, vec![vec![0]; sources.len()]);
-    }
-    let mut known = std::collections::BTreeMap::new();
-    let mut id = |name: &str| {
-        *known.entry(name.to_owned()).or_insert_with(|| {
-            names.push(name.to_owned());
-            (names.len() - 1).min(u16::MAX.into()) as u16
-        })
-    };
-    for source in sources {
-        let own = source.materials();
-        maps.push(if own.is_empty() { vec![id(UNNAMED)] } else { own.iter().map(|n| id(n)).collect() });
-    }
-    (names, maps)
-}
-
-/// The names of the materials of those parts that are placed and `wanted`, each once, and which each of the model's
-/// materials has; none where all are without.
-pub fn of_model(model: &Model, wanted: impl Fn(&Part) -> bool) -> (Vec<String>, Vec<u16>) {
-    let mut used = vec![false; model.materials.len()];
-    for part in model.instances.iter().map(|i| &model.parts[i.part]).filter(|p| wanted(p)) {
-        used[part.material] = true;
-    }
-    let (mut names, mut ids) = (Vec::new(), vec![0; used.len()]);
-    for ((material, id), _) in model.materials.iter().zip(&mut ids).zip(used).filter(|(_, used)| *used) {
-        let name = if material.name.is_empty() { UNNAMED } else { &material.name };
-        let known = names.iter().position(|n| n == name).unwrap_or_else(|| {
-            names.push(name.to_owned());
-            names.len() - 1
-        });
-        *id = known.min(u16::MAX.into()) as u16;
-    }
-    if names == [UNNAMED] {
-        names.clear();
-    }
-    (names, ids)
-}
-
-/// `mix` with the ids that `map` gives.
-pub fn renamed(mix: &Mix, map: &[u16]) -> Mix {
-    mix.renamed(|id| map.get(usize::from(id)).map_or(0, |&id| id.min(254) as u8))
 }
 
 /// That a texel can hold so many.

@@ -5,13 +5,15 @@
 
 use std::sync::Arc;
 
-use super::beams::{Beams, Union, axis_length, box_area, oblique_area};
-use super::clip::Polygon;
+use super::beams::{Beams, Union};
 use super::cutout::CutOut;
 use super::materials::Weights;
-use super::medium::{Medium, Share};
-use super::source::{Cut, Staged};
+use super::medium::Share;
 use crate::geom::DVec3;
+use crate::geom::polygon::Polygon;
+use crate::geom::{axis_length, box_area, oblique_area};
+use crate::source::Medium;
+use crate::source::{Cut, Staged};
 
 /// Lengths are in edges of the voxel itself.
 #[derive(Debug, Clone)]

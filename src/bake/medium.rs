@@ -10,70 +10,13 @@
 
 use std::sync::LazyLock;
 
-use super::beams::{Beams, PROJECTIONS, axis_length, box_area, crossing};
-use super::chord::Chords;
-use crate::geom::{DVec3, directions13};
+use super::beams::Beams;
+use crate::geom::DVec3;
+use crate::geom::projection::{PROJECTIONS, crossing};
+use crate::geom::{axis_length, box_area};
 use crate::random::SplitMix64;
-use crate::volume::Mix;
-
-/// Matter that fills a cube of voxels evenly.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Medium {
-    /// Lowest voxel of the cube, in grid space.
-    pub at: [u32; 3],
-    /// log2 of the cube's edge in voxels. The cube lies at a multiple of its edge, within one region.
-    pub levels: u32,
-    /// The part of the cube that is filled, within [0, 1]^3 of the cube.
-    pub lo: DVec3,
-    pub hi: DVec3,
-    /// Hits in a voxel's edge, > 0, in the mean over all directions.
-    pub extinction: f64,
-    /// Share of the matter that is flakes square to `normal`, in [0, 1]; the rest looks the same from every side.
-    pub flat: f64,
-    /// Unit direction that the matter faces, in grid space; zero where there is none.
-    pub normal: DVec3,
-    /// How far it faces that way, in [0, 1]: the length of the mean normal of what is seen.
-    pub facing: f64,
-    /// Whether chance alone has put its matter where it is, as in smoke; else it stands for surfaces, which go on from cube to
-    /// cube and whose coverage is corrected as a surface's is.
-    pub scattered: bool,
-    /// Linear Rec. 709.
-    pub albedo: [f32; 3],
-    /// Of which materials it is, among those of its source.
-    pub materials: Mix,
-}
-
-impl Medium {
-    /// A whole cube that looks the same from every side.
-    pub fn even(at: [u32; 3], levels: u32, extinction: f64, albedo: [f32; 3]) -> Medium {
-        Medium {
-            at,
-            levels,
-            lo: DVec3::ZERO,
-            hi: DVec3::ONE,
-            extinction,
-            flat: 0.0,
-            normal: DVec3::ZERO,
-            facing: 0.0,
-            scattered: true,
-            albedo,
-            materials: Mix::default(),
-        }
-    }
-
-    /// Whether there is anything, and nothing out of range.
-    pub fn is_valid(&self) -> bool {
-        let inner = self.lo.cmpge(DVec3::ZERO).all() && self.hi.cmple(DVec3::ONE).all();
-        self.extinction > 0.0 && self.extinction.is_finite() && inner && self.lo.cmplt(self.hi).all()
-    }
-
-    /// Hits in an edge of the cube of `2^levels` voxels along each axis.
-    fn rates(&self, levels: u32) -> [f64; 13] {
-        let whole = self.extinction * f64::from(1u32 << levels);
-        // Flakes of one normal: |n . w| is 1/2 in the mean.
-        directions13().map(|w| whole * (1.0 + self.flat * (2.0 * self.normal.dot(w).abs() - 1.0)))
-    }
-}
+use crate::source::Medium;
+use crate::volume::chord::Chords;
 
 /// What a cube of a medium adds to a voxel; lengths in edges of the cube.
 pub struct Share {
@@ -119,7 +62,7 @@ static TABLE: LazyLock<Vec<Beams>> = LazyLock::new(|| {
 
 /// Plane coordinates of a line, voxel edges.
 fn middle(row: usize, bit: usize) -> (f64, f64) {
-    let at = |i: usize| (i as f64 + 0.5) / super::beams::LINES as f64;
+    let at = |i: usize| (i as f64 + 0.5) / crate::geom::projection::LINES as f64;
     (at(bit), at(row))
 }
 

@@ -3,66 +3,24 @@
 //! A source gives its matter as planar convex facets; the bake cuts them exactly into voxels, measures coverage along 13
 //! axes at every depth, and fits each voxel's directional rate, correlation and colour.
 
-mod alpha;
 mod beams;
-mod cells;
-mod chord;
-mod clip;
-pub mod curve;
 mod cutout;
 mod ellipsoid;
-pub mod emitter;
 mod estimate;
-mod facets;
-pub mod field;
 mod fit;
-pub mod group;
-pub mod hypertexture;
-mod interior;
-mod kept;
-pub mod layers;
-mod lines;
-pub mod lsystem;
 mod march;
-pub mod materials;
+mod materials;
 mod measure;
 mod medium;
-pub mod merge;
-pub mod mesh;
-mod mixture;
-mod mtl;
-pub mod noise;
-pub mod obj;
-mod open;
-pub mod paint;
-mod patch;
-mod polygon;
-pub mod recipe;
 mod refine;
-mod source;
-pub mod stack;
-pub mod texel;
-pub mod trajectory;
 mod tree;
 
-pub use alpha::Presence;
-pub use clip::{MAX_CORNERS, Polygon};
-pub use curve::{CurveOptions, CurveSource, Interpolation, Section, Strand};
 pub use ellipsoid::fit_sggx;
 pub use estimate::Estimate;
-pub use facets::{Facets, Piece, facets};
-pub use group::{GroupSource, Part};
-pub use lsystem::LSystemOptions;
-pub use medium::Medium;
-pub use mesh::{Fill, MeshOptions, MeshSource};
-pub use open::{OpenOptions, dependencies, open};
-pub use recipe::{Laid, laid_files, lay};
-pub use source::{Cut, Placement, Source, Staged, Surface};
-pub use stack::{StackOptions, StackSource};
-pub use trajectory::TrajectoryOptions;
 
 use crate::geom::{Aabb, DAffine3, DVec3};
 use crate::progress::Progress;
+use crate::source::{Placement, Source, Staged};
 use crate::volume::{Channels, Info, Material, Model, Volume};
 use crate::{Error, Result, Warnings, morton, par};
 use tree::{How, Joiner, Output, Region};
@@ -214,7 +172,7 @@ fn meta(report: &Report) -> serde_json::Map<String, serde_json::Value> {
 }
 
 /// Where a source of `bounds` lies in the grid.
-fn plan(bounds: Aabb, options: &Options) -> Result<Placement> {
+pub(crate) fn plan(bounds: Aabb, options: &Options) -> Result<Placement> {
     if options.resolution == 0 || options.resolution > MAX_RESOLUTION {
         return Err(Error::Options(format!("-r {}: the resolution is 1 to {MAX_RESOLUTION}", options.resolution)));
     }

@@ -9,11 +9,14 @@ use std::sync::OnceLock;
 
 use multiversion::multiversion;
 
-use super::beams::{Beams, PROJECTIONS, SQUARE, axis_length, box_area, child_offset, crossing, planes_before};
-use super::chord::{CORRELATED, LENGTHS, Lanes, exp_neg, ln};
-use super::march::{self, OfBlock, TILE, of_axis};
+use super::beams::Beams;
+use super::march;
+use super::march::{OfBlock, TILE, of_axis};
+use crate::geom::projection::{PROJECTIONS, SQUARE, child_offset, crossing, planes_before};
 use crate::geom::{DVec3, larger, smaller};
+use crate::geom::{axis_length, box_area};
 use crate::volume::Voxel;
+use crate::volume::chord::{CORRELATED, LENGTHS, Lanes, exp_neg, ln};
 use crate::volume::voxel::RATE_MAX;
 
 /// Gains of the rates at which a group is marched: as they are, more and less; steps are interpolated between them.

@@ -4,16 +4,19 @@
 use std::borrow::Cow;
 use std::sync::Arc;
 
-use super::beams::{Beams, LINES};
+use super::beams::Beams;
 use super::cutout;
 use super::fit::{Block, Cell, Certificate, fit_block};
 use super::materials::Weights;
 use super::measure::{Gather, Measure};
-use super::medium::{Medium, share};
-use super::refine::{self, Passed};
-use super::source::Staged;
+use super::medium::share;
+use super::refine;
+use super::refine::Passed;
 use crate::geom::DVec3;
+use crate::geom::projection::LINES;
 use crate::morton;
+use crate::source::Medium;
+use crate::source::Staged;
 use crate::volume::material::{COARSE, FINE};
 use crate::volume::{Depth, Model};
 

@@ -11,9 +11,14 @@ use sha2::{Digest, Sha256};
 use super::Ui;
 use super::quantity::{bytes, count, size};
 use super::source::{SourceArgs, clap_name};
-use crate::bake::{self, DepthReport, Estimate, Laid, MAX_REFINE, MAX_RESOLUTION, Options, REFINE};
-use crate::format::{self, Quality, WriteOptions};
+use crate::bake;
+use crate::bake::Estimate;
+use crate::bake::{DepthReport, MAX_REFINE, MAX_RESOLUTION, Options, REFINE};
+use crate::format;
+use crate::format::{Quality, WriteOptions};
 use crate::progress::Progress;
+use crate::source;
+use crate::source::recipe::Laid;
 use crate::volume::{Model, Octree, Volume, level};
 use crate::{Error, Result, par};
 
@@ -172,8 +177,8 @@ fn bake_file(args: &Args, ui: &Ui) -> Result<()> {
         .clone()
         .unwrap_or_else(|| PathBuf::from(input.file_name().unwrap_or_default()).with_extension("vtex"));
     let laid = args.laid();
-    let mut files = args.input.as_deref().map(bake::dependencies).unwrap_or_default();
-    files.extend(bake::laid_files(&laid));
+    let mut files = args.input.as_deref().map(source::dependencies).unwrap_or_default();
+    files.extend(source::laid_files(&laid));
     check_outputs(args, &output, &files)?;
     if args.voxel_size.is_none() && !args.resolution.is_power_of_two() {
         ui.say(&format!("-r {} is rounded up to {}", args.resolution, args.resolution.next_power_of_two()));
@@ -181,10 +186,10 @@ fn bake_file(args: &Args, ui: &Ui) -> Result<()> {
     ui.stage("read", 0);
     let options = args.source.options(args.memory);
     let source = match &args.input {
-        Some(path) => bake::open(path, &options)?,
-        None => bake::lsystem::open(None, &options.lsystem, &options.read, &options.mesh)?,
+        Some(path) => source::open(path, &options)?,
+        None => source::lsystem::open(None, &options.lsystem, &options.read, &options.mesh)?,
     };
-    let source = bake::lay(source, &laid, &options.read)?;
+    let source = source::lay(source, &laid, &options.read)?;
     source.notes().iter().for_each(|note| ui.say(note));
     let read_time = start.elapsed();
     let mut foresee = |e: &Estimate| {
@@ -258,7 +263,7 @@ fn bake_file(args: &Args, ui: &Ui) -> Result<()> {
 #[cfg(feature = "render")]
 fn levelled(volume: Volume) -> Result<Volume> {
     let volume = std::sync::Arc::new(volume);
-    let levels = crate::render::level::measure(Octree::new(std::sync::Arc::clone(&volume))?)?;
+    let levels = crate::march::calibrate::measure(Octree::new(std::sync::Arc::clone(&volume))?)?;
     let mut volume = std::sync::Arc::unwrap_or_clone(volume);
     level::store(&levels, &mut volume.info.meta);
     Ok(volume)

@@ -3,8 +3,10 @@
 use std::path::PathBuf;
 
 use super::Ui;
-use crate::render::image_io::{self, srgb_decode};
-use crate::render::metrics::{self, Comparison, Measures, flip, picture};
+use crate::render::image_io;
+use crate::render::image_io::srgb_decode;
+use crate::render::metrics;
+use crate::render::metrics::{Comparison, Measures, flip, picture};
 use crate::render::reference::Reference;
 use crate::{Error, Result, Warnings};
 

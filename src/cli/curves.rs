@@ -4,8 +4,10 @@ use serde_json::{Value, json};
 
 use super::quantity::positive;
 use super::source::clap_name::Name;
-use crate::bake::emitter::SectionKind;
-use crate::bake::{CurveOptions, Fill, Interpolation, TrajectoryOptions};
+use crate::source::curve::trajectory::TrajectoryOptions;
+use crate::source::curve::{CurveOptions, Interpolation};
+use crate::source::emitter::SectionKind;
+use crate::source::mesh::Fill;
 
 /// Degrees between the sheets of a V.
 const V_ANGLE: f32 = 70.0;

@@ -3,7 +3,7 @@
 use serde_json::Value;
 
 use super::quantity::finite;
-use crate::bake::LSystemOptions;
+use crate::source::lsystem::LSystemOptions;
 
 /// How an L-system is taken.
 #[derive(clap::Args)]

@@ -6,9 +6,10 @@ use serde_json::json;
 
 use super::Ui;
 use super::quantity::{bytes, count, positive, size};
-use crate::bake::merge::{MergeOptions, merge};
-use crate::format::{self, Limits, Quality, Reader, WriteOptions};
+use crate::format;
+use crate::format::{Limits, Quality, Reader, WriteOptions};
 use crate::geom::{Aabb, DAffine3, DMat3, DVec3};
+use crate::merge::{MergeOptions, merge};
 use crate::{Error, Result};
 
 /// Put texels together, each with its own colours; where one lies on the grid alone, its voxels stay as they are

@@ -4,7 +4,8 @@ use std::path::PathBuf;
 
 use super::Ui;
 use crate::Result;
-use crate::bake::{OpenOptions, recipe};
+use crate::source::OpenOptions;
+use crate::source::recipe;
 
 /// Check a recipe, or print what one may say
 #[derive(clap::Args)]

@@ -5,7 +5,8 @@ use std::time::Instant;
 
 use super::{Ui, reference};
 use crate::geom::DVec3;
-use crate::render::{self, Ambient, CameraChoice, Met, Near, Options, Stats};
+use crate::render;
+use crate::render::{Ambient, CameraChoice, Met, Near, Options, Stats};
 use crate::scene::gltf;
 use crate::{Error, Result};
 

@@ -7,9 +7,10 @@ use serde_json::{Value, json};
 use super::curves::CurveArgs;
 use super::lsystem::LSystemArgs;
 use super::quantity::positive;
-use crate::bake::stack::{StackOptions, TransferSpec};
-use crate::bake::{Fill, MeshOptions, OpenOptions};
 use crate::scene::ReadOptions;
+use crate::source::OpenOptions;
+use crate::source::mesh::{Fill, MeshOptions};
+use crate::source::stack::{StackOptions, TransferSpec};
 
 /// Bytes that a source may take as it is read where --memory says nothing: a file that lies of its size cannot take more.
 const READ_BYTES: u64 = 2 << 30;

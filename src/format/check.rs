@@ -4,7 +4,8 @@ use std::path::Path;
 
 use sha2::{Digest, Sha256};
 
-use super::codes::{self, Broken, require};
+use super::codes;
+use super::codes::{Broken, require};
 use super::head::align8;
 use super::layout::SectionKind;
 use super::{Limits, Reader};

@@ -2,7 +2,8 @@
 
 use sha2::{Digest, Sha256};
 
-use super::codes::{self, Broken, require};
+use super::codes;
+use super::codes::{Broken, require};
 use super::layout::{
     DEPTH_LEN, DepthEntry, HEADER_LEN, Header, NONE, SECTION_LEN, STREAM_LEN, SectionEntry, SectionKind, StreamEntry,
 };

@@ -1,6 +1,7 @@
 //! The fixed-size records of the head, as bytes.
 
-use super::codes::{self, Broken, require};
+use super::codes;
+use super::codes::{Broken, require};
 use super::{Channel, MAGIC};
 
 pub const HEADER_LEN: usize = 128;

@@ -4,7 +4,8 @@ use std::cell::RefCell;
 
 use zstd::zstd_safe::{self, CParameter};
 
-use super::codes::{self, Broken, require};
+use super::codes;
+use super::codes::{Broken, require};
 use super::layout::{Fields, PAGE_REF_LEN, SectionEntry, SectionKind, TOPO_REF_LEN};
 
 /// Codecs 0 (stored) and 1 (a zstd frame a page).

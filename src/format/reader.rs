@@ -7,11 +7,13 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use memmap2::Mmap;
 
-use super::codes::{self, Broken, require};
+use super::codes;
+use super::codes::{Broken, require};
 use super::head::Head;
 use super::layout::{HEADER_LEN, NONE, SectionEntry, SectionKind};
 use super::material::Coding;
-use super::page::{self, PageRef};
+use super::page;
+use super::page::PageRef;
 use super::stream::{Quantiser, canonical};
 use super::{Channel, Limits, filter};
 use crate::volume::octree::{PAGE_LOG2, Pages};

@@ -6,14 +6,11 @@
 mod bvh;
 mod camera;
 mod cells;
-mod descent;
 pub mod error;
 mod faces;
 mod film;
 pub mod image_io;
-pub mod level;
 mod light;
-pub mod march;
 mod mesh;
 pub mod metrics;
 mod near;
@@ -23,7 +20,6 @@ mod pixel;
 mod prepare;
 pub mod preview;
 pub mod reference;
-pub mod shade;
 mod shell;
 mod source;
 mod stats;
@@ -31,17 +27,17 @@ pub mod stress;
 #[cfg(test)]
 mod tests;
 mod trace;
-pub mod vndf;
 
 use std::sync::Arc;
 use std::time::Instant;
 
 pub use cells::hash;
 pub use film::Film;
-pub use march::{DepthChoice, Hit, MarchStats, Sink, Stretch, march, transmittance};
 pub use options::{Ambient, CameraChoice, Near, Options};
 pub use stats::{Counts, Stats, peak_memory};
 pub use trace::{Met, Trace};
+
+pub use crate::march::transmittance::{DepthChoice, Hit, MarchStats, Sink, Stretch, march, transmittance};
 
 use crate::format::{Limits, Reader};
 use glam::Vec4;

@@ -2,11 +2,11 @@
 //! let through.
 
 use super::cells::Visit;
-use super::march::{DepthChoice, Stretch, leaving, transmittance};
 use super::prepare::World;
 use super::shell::Piece;
 use super::stats::Counts;
 use crate::geom::{DMat3, DVec3, Ray, Vec3};
+use crate::march::transmittance::{DepthChoice, Stretch, leaving, transmittance};
 
 /// A stretch in one copy, ready to be marched.
 pub struct Stretched {

@@ -9,15 +9,15 @@ use std::f32::consts::FRAC_1_PI;
 use super::bvh::{Pending, Sweep};
 use super::camera::Cone;
 use super::cells::Visit;
-use super::march::{DepthChoice, Hit, OPAQUE_BELOW, Sink, march};
 use super::mesh::{Contact, Surface};
 use super::options::{Ambient, Options};
 use super::passage::{Start, Stretched, passage};
 use super::prepare::World;
-use super::shade::{Group, Shader};
 use super::stats::Counts;
 use super::trace::{Met, Trace};
 use crate::geom::{DMat3, DVec3, Ray, Vec3};
+use crate::march::shade::{Group, Shader};
+use crate::march::transmittance::{DepthChoice, Hit, OPAQUE_BELOW, Sink, march};
 use crate::volume::Voxel;
 
 /// What stops part of the light, at a depth along the ray.

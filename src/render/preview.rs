@@ -5,8 +5,8 @@ use crate::volume::octree::Octree;
 use crate::{Error, Result, par};
 
 use super::image_io::srgb8;
-use super::march::{DepthChoice, MarchStats, Stretch, leaving, march};
-use super::shade::Shader;
+use crate::march::shade::Shader;
+use crate::march::transmittance::{DepthChoice, MarchStats, Stretch, leaving, march};
 
 /// An 8-bit sRGB picture, rows from the top.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -107,9 +107,10 @@ fn shade(tree: &Octree, view: &View, at: Vec2, pixel: f32) -> Vec3 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::march::tests::sparse;
     use super::*;
-    use crate::volume::{Voxel, voxel::RATE_MAX};
+    use crate::march::transmittance::tests::sparse;
+    use crate::volume::Voxel;
+    use crate::volume::voxel::RATE_MAX;
 
     #[test]
     fn an_opaque_cube_fills_its_tiles() {

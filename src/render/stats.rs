@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use super::march::MarchStats;
+use crate::march::transmittance::MarchStats;
 
 /// Counts of one thread's rays, or of all together.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]

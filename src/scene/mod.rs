@@ -4,10 +4,14 @@ pub(crate) mod files;
 pub mod gltf;
 pub(crate) mod image;
 pub mod model;
+#[cfg(feature = "bake")]
+pub mod obj;
 pub(crate) mod select;
 pub mod shell;
 pub mod texture;
 pub(crate) mod topology;
+#[cfg(feature = "bake")]
+pub(crate) mod triangulate;
 
 pub use model::{Alpha, Camera, Instance, Light, LightKind, Material, Model, Part, Projection, TextureRef};
 pub use texture::{Texture, Wrap};

@@ -1,8 +1,8 @@
 //! Lists, strips and fans of indices → triangles and lines; parts mended so that every promise of [`Part`] holds.
 
+use super::model::Part;
 use crate::Warnings;
 use crate::geom::{DVec3, Vec3};
-use crate::scene::model::Part;
 
 pub fn lines(indices: &[u32]) -> Vec<[u32; 2]> {
     indices.as_chunks::<2>().0.to_vec()

@@ -351,8 +351,8 @@ impl Octree {
 
 #[cfg(test)]
 mod tests {
-    use super::super::Depth;
     use super::*;
+    use crate::volume::Depth;
 
     fn depth(masks: &[u8]) -> Depth {
         let voxels = (0..masks.len()).map(|i| Voxel { rate: i as u8 + 1, ..Default::default() }).collect();

@@ -133,9 +133,9 @@ impl<P: Pages> Pages for Restyled<P> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::material::FINE;
-    use super::super::{Depth, Material, Volume};
     use super::*;
+    use crate::volume::material::FINE;
+    use crate::volume::{Depth, Material, Volume};
 
     fn texel(materials: &[(&str, [f64; 3])], voxels: &[([f64; 3], Mix)]) -> Volume {
         let mut info = crate::volume::Info::default();

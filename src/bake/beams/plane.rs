@@ -1,8 +1,8 @@
 //! A polygon in the planes of all axes at once, and the lines that meet it there.
 
-use super::{COORDINATES, LINES, coordinate};
-use crate::bake::clip::ROOM;
 use crate::geom::DVec3;
+use crate::geom::polygon::ROOM;
+use crate::geom::projection::{COORDINATES, LINES, coordinate};
 
 /// A polygon of at most `N` corners, a multiple of 4, in all planes at once, in lines.
 pub(super) struct Plane<const N: usize> {

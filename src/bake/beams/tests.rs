@@ -1,6 +1,8 @@
 //! Lines of facets and of full voxels, united and shared by neighbours.
 
 use super::*;
+use crate::geom::projection::child_offset;
+use crate::geom::{box_area, oblique_area};
 
 /// Plane coordinates of `q`, in voxel edges from the lowest that the voxel has.
 fn project(p: &Projection, q: DVec3) -> (f64, f64) {

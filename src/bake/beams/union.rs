@@ -2,8 +2,9 @@
 
 use multiversion::multiversion;
 
-use super::{Beams, PROJECTIONS, child_offset, ones};
+use super::{Beams, ones};
 use crate::geom::AXES13;
+use crate::geom::projection::{PROJECTIONS, child_offset};
 
 /// What a parent learns when it unites its children's lines.
 pub struct Union {

@@ -5,9 +5,13 @@
 
 use std::path::Path;
 
-use crate::bake::{self, OpenOptions, Placement};
+use crate::bake;
 use crate::cli::Ui;
-use crate::format::{self, Limits, Reader, WriteOptions};
+use crate::format;
+use crate::format::{Limits, Reader, WriteOptions};
+use crate::source;
+use crate::source::OpenOptions;
+use crate::source::Placement;
 use crate::volume::voxel::encode_rate;
 use crate::volume::{Voxel, level};
 use crate::{Error, Result};
@@ -22,10 +26,10 @@ pub fn write(source: &Path, baked: &Path, out: &Path, ui: &Ui) -> Result<()> {
     let Some(finest) = volume.depths.len().checked_sub(1) else {
         return Err(Error::input(baked, "", "is an empty texel"));
     };
-    let source = bake::open(source, &OpenOptions::default())?;
+    let source = source::open(source, &OpenOptions::default())?;
     let place = Placement::of(&volume.info, finest);
     let staged = source.stage(&place, ui)?;
-    let mut areas = bake::facets(&*staged, &place, FACETS, ui)?.areas;
+    let mut areas = source::facets(&*staged, &place, FACETS, ui)?.areas;
     let mut codes = vec![vec![0u64]];
     for depth in &volume.depths[..finest] {
         let nodes = codes.last().into_iter().flatten().zip(&depth.masks);

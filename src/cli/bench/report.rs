@@ -6,7 +6,8 @@ use super::points::Point;
 use super::summary;
 use super::texels::Texel;
 use crate::bake::REFINE;
-use crate::cli::plot::{self, Axis, Chart, Scale, Series};
+use crate::cli::plot;
+use crate::cli::plot::{Axis, Chart, Scale, Series};
 use crate::{Error, Result};
 
 /// `bench.csv`, `bench.md`, `bench.svg` and `bench.png` in `folder`.

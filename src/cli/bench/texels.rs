@@ -6,12 +6,13 @@ use serde::Serialize;
 use super::made::{Made, Recipe};
 use super::points::Bench;
 use super::scenes::{Layout, Place};
-use crate::bake::{self, OpenOptions};
 use crate::cli::{Ui, error};
 use crate::format::{Limits, Reader};
 use crate::progress::Quiet;
 use crate::render::error::{DepthError, Options as Measure};
 use crate::render::{Near, Options, render};
+use crate::source;
+use crate::source::OpenOptions;
 use crate::volume::Octree;
 use crate::{Error, Result};
 
@@ -38,7 +39,7 @@ impl Bench<'_> {
         let made = self.made(place, &source, Recipe::plain(place.resolution))?;
         let depths = if depths {
             let tree = Octree::new(Reader::open(&made.texel, &Limits { decoded_bytes: u64::MAX })?)?;
-            let source = bake::open(&source, &OpenOptions::default())?;
+            let source = source::open(&source, &OpenOptions::default())?;
             let [pixels, most] = if self.quick { [8, 256] } else { [24, 1024] };
             let options = Measure { pixels, rays: [64, most], turned: true, depths: 2, ..Measure::default() };
             let found = error::against(&tree, &*source, &options, FACETS, &Ui::new(true, false))?;

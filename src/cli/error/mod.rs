@@ -6,13 +6,15 @@ use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
 
 use super::Ui;
-use super::plot::{self, Axis, Chart, Scale, Series};
+use super::plot;
+use super::plot::{Axis, Chart, Scale, Series};
 use super::quantity::bytes;
 use super::source::SourceArgs;
-use crate::bake::{self, Placement};
 use crate::format::{Limits, Reader};
 use crate::geom::{Aabb, DVec3};
 use crate::render::error::{Areas, DepthError, Facet, Opacity, Options, Soft, Spread, Truth, measure};
+use crate::source;
+use crate::source::Placement;
 use crate::volume::Octree;
 use crate::{Error, Result, Warnings, par};
 
@@ -79,7 +81,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
         ui.warn(&reader.warnings())?;
         ui.warn(&differences(args, &reader)?)?;
         let tree = Octree::new(reader)?;
-        let source = bake::open(&args.source, &args.how.options(args.memory))?;
+        let source = source::open(&args.source, &args.how.options(args.memory))?;
         let limit = args.memory.unwrap_or(FACET_BYTES);
         let found = against(&tree, &*source, &args.measure.options(), limit, ui)?;
         if let Some(failure) = tree.into_failure() {
@@ -98,7 +100,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
 /// Measure a texel against its source.
 pub fn against(
     tree: &Octree,
-    source: &dyn bake::Source,
+    source: &dyn source::Source,
     options: &Options,
     max_bytes: u64,
     ui: &Ui,
@@ -106,14 +108,14 @@ pub fn against(
     let Some(finest) = tree.finest() else { return Ok(Vec::new()) };
     let place = Placement::of(tree.info(), finest);
     let staged = source.stage(&place, ui)?;
-    let bake::Facets { pieces, areas, media } = bake::facets(&*staged, &place, max_bytes, ui)?;
+    let source::Facets { pieces, areas, media } = source::facets(&*staged, &place, max_bytes, ui)?;
     let side = f64::from(place.side());
-    let facet = |p: bake::Piece| Facet { corners: p.corners.map(|c| c / side), number: p.facet, cut_out: p.cut_out };
+    let facet = |p: source::Piece| Facet { corners: p.corners.map(|c| c / side), number: p.facet, cut_out: p.cut_out };
     let look = |facet: u32, at: DVec3| {
         let seen = staged.surface(facet, at * side, 0.0);
         (seen.albedo, seen.alpha)
     };
-    let soft = |m: &bake::Medium| {
+    let soft = |m: &source::Medium| {
         let (low, edge) = (DVec3::from(m.at.map(f64::from)), f64::from(1u32 << m.levels));
         let bounds = Aabb::new((low + edge * m.lo) / side, (low + edge * m.hi) / side);
         Soft { bounds, extinction: m.extinction * side, flat: m.flat, normal: m.normal, albedo: m.albedo }

@@ -1,10 +1,13 @@
 //! The opacity that was aimed at, on objects that are each hard in their own way.
 
 use super::*;
-use crate::bake::{Fill, MeshOptions, MeshSource, Source};
-use crate::cli::shapes::{self, Shape, VOXELS};
+use crate::bake;
+use crate::cli::shapes;
+use crate::cli::shapes::{Shape, VOXELS};
 use crate::geom::DAffine3;
 use crate::scene::{Instance, Material, Model, Part};
+use crate::source::Source;
+use crate::source::mesh::{Fill, MeshOptions, MeshSource};
 
 /// One part of one white material; vertices that agree are one.
 fn model(shape: &Shape) -> Model {

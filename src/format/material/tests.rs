@@ -2,9 +2,9 @@
 
 use proptest::prelude::*;
 
-use super::super::tests::{ALL_CHANNELS, Dice, quantised, volume, written};
-use super::super::{Head, Limits, Quality, Reader, WriteOptions, filter, truncate, verify, write};
 use super::*;
+use crate::format::tests::{ALL_CHANNELS, Dice, quantised, volume, written};
+use crate::format::{Head, Limits, Quality, Reader, WriteOptions, filter, truncate, verify, write};
 use crate::volume::material::FINE;
 use crate::volume::octree::Pages;
 use crate::volume::{Mix, Volume};

@@ -3,9 +3,9 @@
 use super::truth::{Layer, Truth};
 use super::{Options, SUN};
 use crate::geom::{Aabb, DVec3, Ray, Vec3};
-use crate::render::march::{DepthChoice, Hit, MarchStats, Sink, Stretch, leaving, march, transmittance};
+use crate::march::shade::{Group, Shader};
+use crate::march::transmittance::{DepthChoice, Hit, MarchStats, Sink, Stretch, leaving, march, transmittance};
 use crate::render::reference::sampling::{hash, point};
-use crate::render::shade::{Group, Shader};
 use crate::volume::{Octree, Voxel};
 
 /// What is to be measured.

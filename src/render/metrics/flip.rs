@@ -6,8 +6,8 @@
 
 use std::f64::consts::PI;
 
-use super::super::image_io::{Image, unit};
 use crate::par;
+use crate::render::image_io::{Image, unit};
 
 /// Pixels a degree of visual angle of the paper's viewer: a 0.7 m wide display of 3840 pixels, seen from 0.7 m.
 pub const DEFAULT_PPD: f64 = 3840.0 * PI / 180.0;

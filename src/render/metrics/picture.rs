@@ -1,6 +1,6 @@
 //! Error maps in false colour, and pictures side by side.
 
-use super::super::image_io::{Image, srgb8};
+use crate::render::image_io::{Image, srgb8};
 
 /// Columns of grey between the pictures of a sheet.
 const GAP: usize = 8;

@@ -7,7 +7,8 @@ use std::path::Path;
 use super::Reference;
 use crate::render::film::Film;
 use crate::render::image_io::{Planes, read_planes, write_planes};
-use crate::render::metrics::{self, Comparison};
+use crate::render::metrics;
+use crate::render::metrics::Comparison;
 use crate::render::stats::Stats;
 use crate::{Error, Result, Warnings};
 

@@ -2,7 +2,7 @@
 
 use super::{Random, Tally};
 use crate::geom::{DMat3, DVec3, Vec3};
-use crate::render::vndf::{EQUAL, POINTS, visible_normals};
+use crate::march::vndf::{EQUAL, POINTS, visible_normals};
 use crate::volume::Sggx;
 use crate::volume::opacity::{advance, advance_f64};
 

@@ -2,8 +2,8 @@
 
 use super::{Random, Tally};
 use crate::geom::{DVec3, Vec3};
+use crate::march::transmittance::{DepthChoice, Hit, MarchStats, Sink, Stretch, run, transmittance};
 use crate::morton;
-use crate::render::march::{DepthChoice, Hit, MarchStats, Sink, Stretch, run, transmittance};
 use crate::volume::opacity::advance_f64;
 use crate::volume::voxel::{RATE_MAX, rate_table};
 use crate::volume::{Depth, Info, Octree, Sggx, Volume, Voxel};

@@ -4,7 +4,8 @@
 
 use serde_json::Value;
 
-use super::filters::{self, Filter};
+use super::filters;
+use super::filters::Filter;
 
 /// Bytes are packed in groups of so many.
 const GROUP: usize = 16;

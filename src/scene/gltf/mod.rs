@@ -19,8 +19,8 @@ mod write;
 
 use std::path::Path;
 
+use super::select::Selection;
 use super::{Instance, Model, Scene};
-use crate::scene::select::Selection;
 use crate::{Error, Result, Warnings};
 use document::Document;
 pub use document::named_files;

@@ -9,7 +9,8 @@ use serde_json::{Value, json};
 
 use super::document::{is_glb, split_glb};
 use crate::format::PartFile;
-use crate::scene::files::{self, Target};
+use crate::scene::files;
+use crate::scene::files::Target;
 use crate::{Error, Result, Warnings};
 
 /// What a path segment of a URI may hold besides letters and digits (RFC 3986, pchar, without `:`).

@@ -2,7 +2,7 @@
 
 use serde_json::json;
 
-use super::super::tests::shell;
+use crate::scene::gltf::tests::shell;
 use crate::volume::Style;
 
 #[test]

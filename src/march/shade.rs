@@ -1,0 +1,325 @@
+//! Shading of what a march meets: reflected sky at once, and sunlight gathered in groups that share one shadow ray.
+
+use crate::geom::{Mat3, Vec3};
+use crate::volume::level::Level;
+use crate::volume::{Sggx, Voxel};
+
+use super::transmittance::{Hit, Sink};
+use super::vndf::{EQUAL, visible_normals};
+
+/// Weight of a group of voxels that share a shadow ray.
+pub const GROUP_WEIGHT: f32 = 0.2;
+/// And how far from their mean place a voxel may lie, in voxels.
+const GROUP_WIDTH: f32 = 2.0;
+
+/// A share of the ray's light that one light shines on: to be multiplied by the light's irradiance / π and what of it arrives.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Group {
+    /// Index into the lights that [`Shader::new`] was given.
+    pub light: usize,
+    /// Weighted mean of the ray's parameter, and of the position in texel space: the shadow ray's origin.
+    pub t: f32,
+    pub position: Vec3,
+    /// Weighted mean edge of the voxels, cube edges.
+    pub voxel: f32,
+    /// Weighted mean of the normals of what has an outside, in the space of the lights; as long as it is one-sided and flat.
+    pub outside: Vec3,
+    /// Sum of weight · albedo · E[max(0, n·l)], linear.
+    pub energy: Vec3,
+}
+
+impl Group {
+    /// From the group's position to where its shadow ray begins, in cube edges, in the space of the light's direction
+    /// `towards`: a little of the way to the light (see [`shadow_start`]), and out of the voxels of a wall, which would shade
+    /// itself where the light grazes it.
+    pub fn start(&self, facet_size: f32, towards: Vec3) -> Vec3 {
+        shadow_start(facet_size, self.voxel) * towards + self.voxel * self.outside
+    }
+}
+
+/// Sums of one light's voxels that have no shadow ray yet.
+#[derive(Clone, Copy, Default)]
+struct Open {
+    weight: f32,
+    t: f32,
+    position: Vec3,
+    voxel: f32,
+    outside: Vec3,
+    energy: Vec3,
+}
+
+impl Open {
+    /// Squared distance of `position` from the mean, cube edges; 0 where there is none yet.
+    fn apart(&self, position: Vec3) -> f32 {
+        if self.weight > 0.0 { (self.position / self.weight).distance_squared(position) } else { 0.0 }
+    }
+}
+
+/// A voxel of a solid's surface.
+#[derive(Clone, Copy)]
+struct Skin {
+    voxel: Voxel,
+    t: f32,
+    position: Vec3,
+}
+
+/// How far within a solid its surface is still seen, in voxels.
+const SKIN_DEPTH: f32 = 3.0;
+
+/// The sink that shades. Directions are in the space in which normals are to be taken: texel space, or with a `warp` the
+/// space that it leads to.
+pub struct Shader<'a> {
+    view: Vec3,
+    lights: &'a [Vec3],
+    warp: Option<Mat3>,
+    tint: Vec3,
+    levels: &'a [Level],
+    /// The last voxel that was met of a solid's surface: what comes through it and ends within the solid is seen of it too.
+    skin: Option<Skin>,
+    /// One a light, from the first voxel on.
+    open: Vec<Open>,
+    groups: &'a mut Vec<Group>,
+    /// Sum of weight · albedo: times the radiance of a constant sky, the ambient light reflected.
+    pub albedo: Vec3,
+    /// Sum of weights: the coverage.
+    pub weight: f32,
+}
+
+impl<'a> Shader<'a> {
+    /// `view`: unit direction from the matter to the viewer; `lights`: unit directions from the matter to each light;
+    /// `tint` multiplies albedos, `levels` the lights by depth (plain where it ends); finished groups are appended to `groups`. `warp`: the cofactor matrix of the map from
+    /// texel space to where `view` and `lights` are given; `None` where that map is a similarity that they were brought
+    /// through.
+    pub fn new(
+        view: Vec3,
+        lights: &'a [Vec3],
+        warp: Option<Mat3>,
+        tint: Vec3,
+        levels: &'a [Level],
+        groups: &'a mut Vec<Group>,
+    ) -> Self {
+        Shader {
+            view,
+            lights,
+            warp,
+            tint,
+            levels,
+            skin: None,
+            open: Vec::new(),
+            groups,
+            albedo: Vec3::ZERO,
+            weight: 0.0,
+        }
+    }
+
+    /// Close every group; to be called where the ray leaves the instance.
+    pub fn finish(&mut self) {
+        for light in 0..self.open.len() {
+            self.close(light);
+        }
+    }
+
+    fn close(&mut self, light: usize) {
+        let Some(open) = self.open.get_mut(light) else { return };
+        if open.weight > 0.0 {
+            let inverse = 1.0 / open.weight;
+            let (t, position, voxel) = (open.t * inverse, open.position * inverse, open.voxel * inverse);
+            let outside = open.outside * inverse;
+            self.groups.push(Group { light, t, position, voxel, outside, energy: open.energy });
+        }
+        *open = Open::default();
+    }
+}
+
+impl Sink for Shader<'_> {
+    fn voxel(&mut self, hit: &Hit<'_>) {
+        let voxel = hit.voxel;
+        let edge = (-f32::from(hit.depth)).exp2();
+        let own = Skin { voxel: *voxel, t: hit.t, position: hit.position };
+        let near = |s: &Skin| s.position.distance_squared(hit.position) <= (SKIN_DEPTH * edge).powi(2);
+        let Skin { voxel, t, position } = match self.skin {
+            Some(skin) if voxel.is_inside() && near(&skin) => skin,
+            _ => own,
+        };
+        if voxel.one_sidedness() > 0.0 {
+            self.skin = Some(Skin { voxel, t, position });
+        }
+        let albedo = voxel.albedo() * self.tint * hit.weight;
+        self.albedo += albedo;
+        self.weight += hit.weight;
+        if self.lights.is_empty() {
+            return;
+        }
+        if self.open.is_empty() {
+            self.open.resize(self.lights.len(), Open::default());
+        }
+        let decoded = Sggx::decode(voxel.ndf);
+        let s = self.warp.map_or(decoded, |j| warped(&decoded, j));
+        let normals = visible_normals(&s, self.view);
+        let share = voxel.one_sidedness();
+        let (weights, mean) = if share > 0.0 {
+            let mean = mean_normal(&voxel, self.warp);
+            (normals.one_sided(mean, share), mean)
+        } else {
+            (EQUAL, Vec3::ZERO)
+        };
+        // The ellipsoid is that of the opacity: where all normals are one, it is known better.
+        let flat = share.powi(4);
+        let level = self.levels.get(usize::from(hit.depth)).unwrap_or(&Level::PLAIN);
+        for light in 0..self.lights.len() {
+            let towards = self.lights[light];
+            let all = normals.diffuse(&weights, towards);
+            let cosine = (all + flat * (mean.dot(towards).max(0.0) - all)) * level.lit(self.view.dot(towards));
+            let lit = hit.weight * cosine;
+            if lit <= 0.0 {
+                continue;
+            }
+            // The mean of places far apart is a place that nothing is seen of.
+            let gap = self.open[light].apart(position);
+            if gap > (GROUP_WIDTH * edge).powi(2) {
+                self.close(light);
+            }
+            let open = &mut self.open[light];
+            open.weight += lit;
+            open.t += lit * t;
+            open.position += lit * position;
+            open.voxel += lit * edge;
+            open.outside += lit * share * mean;
+            open.energy += albedo * cosine;
+            if open.weight >= GROUP_WEIGHT {
+                self.close(light);
+            }
+        }
+    }
+}
+
+fn mean_normal(voxel: &Voxel, warp: Option<Mat3>) -> Vec3 {
+    let n = voxel.mean_normal();
+    warp.map_or(n, |j| (j * n).try_normalize().unwrap_or(n))
+}
+
+/// J S J^T.
+pub fn warped(s: &Sggx, j: Mat3) -> Sggx {
+    let rows = [j.row(0), j.row(1), j.row(2)];
+    let [a, b, c] = rows.map(|r| s.mul(r));
+    Sggx {
+        xx: rows[0].dot(a),
+        yy: rows[1].dot(b),
+        zz: rows[2].dot(c),
+        xy: rows[0].dot(b),
+        xz: rows[0].dot(c),
+        yz: rows[1].dot(c),
+    }
+}
+
+/// In facets, see [`shadow_start`].
+const SHADOW_START: f32 = 0.4;
+
+/// How far from the matter that it starts in a shadow ray begins, in cube edges, so that a strand doesn't shade itself: less than
+/// half a facet, beyond which the facet's own neighbours are missed, and within the voxel. What of the rest is its own flat
+/// matter is known by its c (see [`super::transmittance::leaving`]). FLIP of one lane with a quarter, .4 and a half: a tree .0396, –,
+/// .0409; clumps .0474, –, .0485; fur .142, –, .111; near .0405, –, .0414. `facet_size`: [`crate::volume::Info::facet_size`];
+/// 0 where it is unknown.
+pub fn shadow_start(facet_size: f32, voxel: f32) -> f32 {
+    if facet_size > 0.0 { voxel.min(SHADOW_START * facet_size) } else { voxel }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::volume::voxel::RATE_MAX;
+
+    fn hit(voxel: &Voxel, weight: f32, t: f32) -> Hit<'_> {
+        Hit { t, weight, depth: 3, voxel, position: Vec3::splat(t) }
+    }
+
+    #[test]
+    fn white_furnace_gives_the_coverage() {
+        let voxel = Voxel::default();
+        let mut groups = Vec::new();
+        let mut shader = Shader::new(Vec3::Z, &[], None, Vec3::ONE, &[], &mut groups);
+        for i in 0..5 {
+            shader.voxel(&hit(&voxel, 0.15, i as f32));
+        }
+        // Albedo 1 under a sky of radiance 1 reflects exactly what it covers.
+        assert_eq!(shader.albedo, Vec3::splat(shader.weight));
+        assert!((shader.weight - 0.75).abs() < 1e-6);
+    }
+
+    #[test]
+    fn groups_hold_all_the_light_once() {
+        let voxel = Voxel::default();
+        let mut groups = Vec::new();
+        let lights = [Vec3::Z, -Vec3::Z];
+        let mut shader = Shader::new(Vec3::Z, &lights, None, Vec3::ONE, &[], &mut groups);
+        for i in 0..10 {
+            shader.voxel(&hit(&voxel, 0.1, 0.01 * i as f32));
+        }
+        shader.finish();
+        let front: f32 = groups.iter().filter(|g| g.light == 0).map(|g| g.energy.x).sum();
+        // Isotropic facets lit from the viewer: 2/3 of Lambert, by the cubature to .01.
+        assert!((front - 2.0 / 3.0).abs() < 0.01, "{front}");
+        assert!(groups.iter().all(|g| g.light == 0), "nothing reflects from behind");
+        // Each voxel adds .0667: three reach .2, the tenth is what finish() closes.
+        assert!((3..=4).contains(&groups.len()), "{groups:?}");
+        assert!(groups.windows(2).all(|g| g[0].t < g[1].t));
+        assert!((groups[0].voxel - 0.125).abs() < 1e-6);
+    }
+
+    #[test]
+    fn what_is_far_apart_has_shadow_rays_of_its_own() {
+        let voxel = Voxel::default();
+        let mut groups = Vec::new();
+        let light = [Vec3::Z];
+        let mut shader = Shader::new(Vec3::Z, &light, None, Vec3::ONE, &[], &mut groups);
+        // Voxels are 1/8 wide: two next to each other, and one half a cube behind.
+        for t in [0.0, 0.05, 0.55] {
+            shader.voxel(&hit(&voxel, 0.05, t));
+        }
+        shader.finish();
+        let places: Vec<f32> = groups.iter().map(|g| g.t).collect();
+        assert_eq!(places.len(), 2, "{places:?}");
+        assert!((places[0] - 0.025).abs() < 1e-6 && (places[1] - 0.55).abs() < 1e-6, "{places:?}");
+    }
+
+    #[test]
+    fn what_comes_through_a_solids_surface_is_seen_of_it() {
+        let mut surface = Voxel::default();
+        surface.set_mean_normal([0.0, 0.0, 1.0], 1.0);
+        surface.set_albedo([0.25; 3]);
+        let inside = Voxel { rate: RATE_MAX, ..Voxel::default() };
+        let albedo = surface.albedo().x;
+        // Depth 3: a voxel is 1/8 wide, and t is the place along all axes.
+        let lit = |behind: f32| {
+            let mut groups = Vec::new();
+            let light = [Vec3::Z];
+            let mut shader = Shader::new(Vec3::Z, &light, None, Vec3::ONE, &[], &mut groups);
+            shader.voxel(&hit(&surface, 0.5, 0.0));
+            shader.voxel(&hit(&inside, 0.5, behind));
+            shader.finish();
+            let outside = groups[0].start(0.0, Vec3::X);
+            // A voxel towards the light, and one out of the wall.
+            assert!((outside - Vec3::new(0.125, 0.0, 0.125)).length() < 1e-3, "{outside}");
+            groups.iter().map(|g| g.energy.x).sum::<f32>()
+        };
+        // Lambert's law with the surface's own normal and colour, to the step of the normal's code.
+        assert!((lit(0.15) / albedo - 1.0).abs() < 1e-3, "{}", lit(0.15));
+        // Elsewhere the inside has normals in all directions: 2/3.
+        assert!((lit(0.5) - (0.5 * albedo + 0.5 * 2.0 / 3.0)).abs() < 0.01, "{}", lit(0.5));
+    }
+
+    #[test]
+    fn a_warp_turns_normals_as_cofactors_do() {
+        // A facet with normal x, squeezed by 1/2 along x: its area and normal stay, those of z facets halve.
+        let j = glam::Mat3::from_diagonal(Vec3::new(1.0, 0.5, 0.5));
+        let s = warped(&Sggx { xx: 1.0, yy: 0.0, zz: 1.0, xy: 0.0, xz: 0.0, yz: 0.0 }, j);
+        assert_eq!((s.xx, s.zz), (1.0, 0.25));
+    }
+
+    #[test]
+    fn shadow_starts_within_half_a_facet() {
+        assert_eq!(shadow_start(0.0, 0.5), 0.5);
+        assert!((shadow_start(0.1, 0.5) - 0.04).abs() < 1e-7);
+        assert_eq!(shadow_start(2.5, 0.5), 0.5);
+    }
+}

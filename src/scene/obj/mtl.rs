@@ -1,0 +1,273 @@
+//! MTL files: the materials of Wavefront OBJ → [`Material`]s, textures decoded.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use crate::Warnings;
+use crate::scene::obj;
+use crate::scene::texture::{Texture, Wrap};
+use crate::scene::{Alpha, Material, ReadOptions, TextureRef, files, image};
+
+/// A material as the text has it.
+#[derive(Debug, Default)]
+pub struct Source {
+    pub name: String,
+    /// Folder of the MTL file, which paths start from.
+    dir: PathBuf,
+    diffuse: Option<[f32; 3]>,
+    opacity: Option<f32>,
+    color_map: Option<Map>,
+    alpha_map: Option<Map>,
+}
+
+impl Source {
+    /// Its textures that are there.
+    pub fn files(&self) -> impl Iterator<Item = PathBuf> {
+        [&self.color_map, &self.alpha_map].into_iter().flatten().filter_map(|m| files::find(&self.dir, &m.file, true))
+    }
+}
+
+/// A texture statement.
+#[derive(Debug, Clone, PartialEq)]
+struct Map {
+    file: String,
+    clamp: bool,
+    offset: [f32; 2],
+    scale: [f32; 2],
+}
+
+/// The materials of one file, in order. What is not understood is left out and counted.
+pub fn parse(text: &str, dir: &Path, warnings: &mut Warnings) -> Vec<Source> {
+    let mut out: Vec<Source> = Vec::new();
+    for line in text.lines() {
+        let line = obj::without_comment(line).trim();
+        let (key, rest) = line.split_once(char::is_whitespace).unwrap_or((line, ""));
+        let rest = rest.trim();
+        if key == "newmtl" {
+            out.push(Source { name: rest.into(), dir: dir.to_path_buf(), ..Source::default() });
+            continue;
+        }
+        let Some(material) = out.last_mut() else { continue };
+        match key {
+            "Kd" => {
+                let values: Option<Vec<f32>> = rest.split_whitespace().map(number).collect();
+                material.diffuse = match values.as_deref() {
+                    Some([grey]) => Some([*grey; 3]),
+                    Some([r, g, b, ..]) => Some([*r, *g, *b]),
+                    _ => {
+                        warnings.add("a material colour that is not three numbers is ignored");
+                        None
+                    }
+                };
+            }
+            // `d -halo x` depends on the angle of view: its x is what is seen face on.
+            "d" => material.opacity = rest.split_whitespace().last().and_then(number),
+            "Tr" => material.opacity = material.opacity.or(number(rest).map(|t| 1.0 - t)),
+            "map_Kd" => material.color_map = map(rest),
+            "map_d" => material.alpha_map = map(rest),
+            _ => {}
+        }
+    }
+    out
+}
+
+fn number(text: &str) -> Option<f32> {
+    text.parse().ok().filter(|v: &f32| v.is_finite())
+}
+
+/// `-option values … file name with spaces`
+fn map(mut rest: &str) -> Option<Map> {
+    let mut map = Map { file: String::new(), clamp: false, offset: [0.0; 2], scale: [1.0; 2] };
+    while let Some(option) = rest.strip_prefix('-') {
+        let (name, mut tail) = option.split_once(char::is_whitespace)?;
+        let mut word = || {
+            let (word, left) = tail.trim_start().split_once(char::is_whitespace).unwrap_or((tail.trim_start(), ""));
+            tail = left;
+            word
+        };
+        match name {
+            "o" | "s" | "t" => {
+                let mut values = [if name == "s" { 1.0 } else { 0.0 }; 2];
+                for k in 0..3 {
+                    // One to three numbers; what is none begins the name or the next option.
+                    let Some(value) = number(tail.trim_start().split(char::is_whitespace).next()?) else { break };
+                    let after = tail.trim_start().split_once(char::is_whitespace);
+                    tail = after?.1;
+                    if let Some(v) = values.get_mut(k) {
+                        *v = value;
+                    }
+                }
+                match name {
+                    "o" => map.offset = values,
+                    "s" => map.scale = values,
+                    _ => {}
+                }
+            }
+            "mm" => {
+                word();
+                word();
+            }
+            "clamp" => map.clamp = word() == "on",
+            _ => {
+                word();
+            }
+        }
+        rest = tail.trim_start();
+    }
+    map.file = rest.trim_matches('"').to_string();
+    (!map.file.is_empty()).then_some(map)
+}
+
+/// Textures decoded so far, by the name that the text has.
+#[derive(Default)]
+pub struct Textures(BTreeMap<PathBuf, Option<Arc<Texture>>>);
+
+impl Textures {
+    /// A material with its textures; those that cannot be had are left out and counted.
+    pub fn resolve(&mut self, source: &Source, options: &ReadOptions, warnings: &mut Warnings) -> Material {
+        let opacity = source.opacity.unwrap_or(1.0).clamp(0.0, 1.0);
+        let mut load = |map: &Option<Map>| {
+            let map = map.as_ref().filter(|_| options.textures)?;
+            self.load(&source.dir, &map.file, options, warnings)
+        };
+        let (color, alpha) = (load(&source.color_map), load(&source.alpha_map));
+        let same = source.color_map.as_ref().zip(source.alpha_map.as_ref()).is_some_and(|(c, a)| c.file == a.file);
+        let texture = match (&color, &alpha) {
+            (None, None) => None,
+            (Some(color), None) => Some(with_alpha(color, |_| 255)),
+            (Some(color), Some(alpha)) if same => Some(with_alpha(color, mask_of(alpha))),
+            (color, Some(alpha)) => Some(merged(color.as_deref(), alpha)),
+        };
+        let textured = color.is_some();
+        let mut diffuse = source.diffuse.unwrap_or([1.0; 3]);
+        if textured && diffuse == [0.0; 3] {
+            warnings.add("a black Kd under a texture is read as white");
+            diffuse = [1.0; 3];
+        }
+        let has_alpha = alpha.is_some();
+        let alpha = match &texture {
+            Some(t) if has_alpha && opacity == 1.0 && is_cut_out(t) => Alpha::Mask(0.5),
+            _ if has_alpha || opacity < 1.0 => Alpha::Blend,
+            _ => Alpha::Opaque,
+        };
+        let map = source.color_map.as_ref().filter(|_| textured).or(source.alpha_map.as_ref());
+        let texture = texture.zip(map).map(|(mut texture, map)| {
+            texture.wrap = [if map.clamp { Wrap::Clamp } else { Wrap::Repeat }; 2];
+            let ([u, v], [su, sv]) = (map.offset, map.scale);
+            // The file's v points up, the texture's down.
+            let transform = [[su, 0.0, u], [0.0, sv, 1.0 - sv - v]];
+            TextureRef { texture: Arc::new(texture), tex_coord: 0, transform }
+        });
+        let [r, g, b] = diffuse.map(|c| c.max(0.0));
+        Material {
+            name: source.name.clone(),
+            base_color: [r, g, b, opacity],
+            texture,
+            alpha,
+            // Faces of an OBJ have no culled side.
+            double_sided: true,
+            ..Material::default()
+        }
+    }
+
+    fn load(&mut self, dir: &Path, file: &str, options: &ReadOptions, warnings: &mut Warnings) -> Option<Arc<Texture>> {
+        let key = dir.join(file);
+        if let Some(known) = self.0.get(&key) {
+            return known.clone();
+        }
+        let decoded = files::find(dir, file, true).ok_or("no such file".to_string()).and_then(|path| {
+            let bytes = files::read(&path, options.max_bytes).map_err(|e| e.to_string())?;
+            image::decode(file, &bytes, file, options.max_pixels)
+        });
+        let texture = match decoded {
+            Ok(texture) => Some(Arc::new(texture)),
+            Err(what) => {
+                warnings.add(format!("texture {file} cannot be read ({what}); the colour Kd is used"));
+                None
+            }
+        };
+        self.0.insert(key, texture.clone());
+        texture
+    }
+}
+
+/// How a texel says how much is there: by its alpha where the image has any, else by its brightness.
+fn mask_of(alpha: &Texture) -> fn(&[u8; 4]) -> u8 {
+    if alpha.texels.iter().any(|t| t[3] < 255) {
+        |t| t[3]
+    } else {
+        |t| ((u16::from(t[0]) + u16::from(t[1]) + u16::from(t[2])) / 3) as u8
+    }
+}
+
+fn with_alpha(color: &Texture, alpha: fn(&[u8; 4]) -> u8) -> Texture {
+    let mut out = color.clone();
+    out.texels.iter_mut().for_each(|t| t[3] = alpha(t));
+    out
+}
+
+/// Colour of one image, white where there is none, and alpha of another, at the larger size of both.
+fn merged(color: Option<&Texture>, alpha: &Texture) -> Texture {
+    let (w, h) = color.map_or((0, 0), |c| (c.width, c.height));
+    let (w, h) = (w.max(alpha.width), h.max(alpha.height));
+    let mask = mask_of(alpha);
+    let texel = |t: &Texture, x: u32, y: u32| {
+        let at = |i: u32, from: u32, to: u32| (u64::from(i) * u64::from(to) / u64::from(from.max(1))) as usize;
+        t.texels.get(at(y, h, t.height) * t.width as usize + at(x, w, t.width)).copied().unwrap_or_default()
+    };
+    let merge = |(x, y)| {
+        let [r, g, b, _] = color.map_or([255; 4], |c| texel(c, x, y));
+        [r, g, b, mask(&texel(alpha, x, y))]
+    };
+    let texels = (0..h).flat_map(|y| (0..w).map(move |x| (x, y))).map(merge).collect();
+    Texture::new(alpha.name.clone(), w, h, texels)
+}
+
+/// Whether alpha is nearly all or nothing, as on a card of leaves, rather than the transparency of glass.
+fn is_cut_out(texture: &Texture) -> bool {
+    let between = texture.texels.iter().filter(|t| (26..230).contains(&t[3])).count();
+    between * 4 <= texture.texels.len()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn options_stand_before_a_name_with_spaces() {
+        let m = map("-s 2 3 1 -o 0.5 -clamp on -mm 0 1 -bm 0.2 my bark.png").unwrap();
+        let expected = Map { file: "my bark.png".into(), clamp: true, offset: [0.5, 0.0], scale: [2.0, 3.0] };
+        assert_eq!(m, expected);
+        assert_eq!(map("leaf 2.png").unwrap().file, "leaf 2.png");
+        assert_eq!(map("-imfchan r bump.jpg -bm 1.5").unwrap().file, "bump.jpg -bm 1.5");
+        assert_eq!(map("\"C:\\a b.png\"").unwrap().file, "C:\\a b.png");
+        for broken in ["", "-s", "-s 1", "-o 1 2", "-clamp", "-x y"] {
+            assert_eq!(map(broken), None, "{broken}");
+        }
+    }
+
+    #[test]
+    fn statements_are_understood() {
+        let mut warnings = Warnings::default();
+        let text = "Kd 1 0 0\nnewmtl a b # c\nKd .5\nTr 0.25\nnewmtl\nKd x\n\td 0.5\nTr 0.9\nmap_Kd t.png";
+        let list = parse(text, Path::new("."), &mut warnings);
+        assert_eq!((list[0].name.as_str(), list[0].diffuse, list[0].opacity), ("a b", Some([0.5; 3]), Some(0.75)));
+        assert_eq!((list[1].name.as_str(), list[1].diffuse, list[1].opacity), ("", None, Some(0.5)));
+        let material = Textures::default().resolve(&list[1], &ReadOptions::default(), &mut warnings);
+        assert_eq!((material.alpha, material.base_color), (Alpha::Blend, [1.0, 1.0, 1.0, 0.5]));
+        assert!(material.texture.is_none());
+        assert_eq!(warnings.iter().count(), 2, "the colour and the missing texture");
+    }
+
+    #[test]
+    fn alpha_comes_from_alpha_or_brightness() {
+        let color = Texture::new("c", 2, 2, vec![[9, 8, 7, 255]; 4]);
+        let grey = Texture::new("a", 1, 1, vec![[200, 200, 200, 255]]);
+        let m = merged(Some(&color), &grey);
+        assert_eq!((m.width, m.texels[3]), (2, [9, 8, 7, 200]));
+        let keyed = Texture::new("a", 1, 2, vec![[200, 200, 200, 0], [0, 0, 0, 255]]);
+        assert_eq!(merged(None, &keyed).texels, [[255, 255, 255, 0], [255, 255, 255, 255]]);
+        assert!(is_cut_out(&keyed) && !is_cut_out(&Texture::new("glass", 1, 1, vec![[9, 9, 9, 128]])));
+    }
+}

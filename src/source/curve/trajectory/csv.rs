@@ -1,0 +1,179 @@
+//! Tables of points (`.csv`, `.tsv`): id, t, x, y, z [, radius, r, g, b, a], by the names of a first line, in any order.
+
+use std::collections::BTreeMap;
+
+use super::{Content, Fault};
+use crate::geom::DVec3;
+use crate::source::curve::Strand;
+
+/// What a column holds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Column {
+    Id,
+    Time,
+    Place(usize),
+    Radius,
+    Width,
+    Colour(usize),
+}
+use Column::{Colour, Id, Place, Radius, Time, Width};
+
+/// Columns of tables without names, by their number.
+const UNNAMED: [(usize, &[Column]); 6] = [
+    (3, &[Place(0), Place(1), Place(2)]),
+    (4, &[Id, Place(0), Place(1), Place(2)]),
+    (5, &[Id, Time, Place(0), Place(1), Place(2)]),
+    (6, &[Id, Time, Place(0), Place(1), Place(2), Radius]),
+    (8, &[Id, Time, Place(0), Place(1), Place(2), Colour(0), Colour(1), Colour(2)]),
+    (9, &[Id, Time, Place(0), Place(1), Place(2), Radius, Colour(0), Colour(1), Colour(2)]),
+];
+
+struct Row {
+    time: f64,
+    at: DVec3,
+    radius: f32,
+    colour: [f32; 4],
+}
+
+/// Rows of one id are a strand, by ascending t (else in the file's order); strands in the order of their first rows.
+pub fn read(text: &str) -> Result<Content, Fault> {
+    let text = text.strip_prefix('\u{feff}').unwrap_or(text);
+    let mut lines = text.lines().enumerate().filter(|(_, l)| !l.trim().is_empty() && !l.trim_start().starts_with('#'));
+    let mut content = Content::default();
+    let Some((number, first)) = lines.clone().next() else { return Ok(content) };
+    let separator = [',', '\t', ';'].into_iter().find(|s| first.contains(*s)).unwrap_or(' ');
+    let names: Vec<&str> = fields(first, separator).map(|f| f.1).collect();
+    let columns = if names.iter().all(|n| n.parse::<f64>().is_ok()) {
+        let known = UNNAMED.iter().find(|u| u.0 == names.len());
+        let columns = known.ok_or_else(|| {
+            let what = "columns without names are read as id,t,x,y,z[,radius][,r,g,b]; name these in a first line";
+            (format!("line {}", number + 1), format!("{} {what}", names.len()))
+        })?;
+        columns.1.iter().map(|c| Some(*c)).collect()
+    } else {
+        lines.next();
+        named(&names).map_err(|what| (format!("line {}", number + 1), what))?
+    };
+    let ignored = columns.iter().filter(|c| c.is_none()).count();
+    content.warnings.add_many("columns of other names are ignored", ignored as u64);
+    let has = |c: Column| columns.contains(&Some(c));
+    let coloured = has(Colour(0)) || has(Colour(3));
+    let (mut ids, mut tracks): (BTreeMap<&str, usize>, Vec<Vec<Row>>) = (BTreeMap::new(), Vec::new());
+    let mut brightest = 0.0f32;
+    for (number, line) in lines {
+        let mut row = Row { time: 0.0, at: DVec3::ZERO, radius: f32::NAN, colour: [1.0; 4] };
+        let (mut id, mut count) = ("", 0);
+        for ((at, field), column) in fields(line, separator).zip(&columns) {
+            count += 1;
+            let Some(column) = column else { continue };
+            if *column == Id {
+                id = field;
+                continue;
+            }
+            let value = if field.is_empty() { Ok(f64::NAN) } else { field.parse::<f64>() };
+            let value = value.map_err(|_| {
+                let column_name =
+                    names.get(count - 1).filter(|n| n.parse::<f64>().is_err()).copied().unwrap_or("value");
+                (format!("line {}, column {at}", number + 1), format!("{column_name} is `{field}` and not a number"))
+            })?;
+            match *column {
+                Id => {}
+                Time => row.time = value,
+                Place(axis) => row.at[axis] = value,
+                Radius => row.radius = value as f32,
+                Width => row.radius = 0.5 * value as f32,
+                Colour(part) => row.colour[part] = value as f32,
+            }
+        }
+        if count < columns.len() {
+            let what = format!("{count} values where there are {} columns", columns.len());
+            return Err((format!("line {}, column {}", number + 1, line.chars().count() + 1), what));
+        }
+        if row.at.is_nan() || row.time.is_nan() {
+            content.warnings.add("rows without a place or a time are left out");
+            continue;
+        }
+        brightest = row.colour[..3].iter().fold(brightest, |a, b| a.max(*b));
+        let track = *ids.entry(id).or_insert(tracks.len());
+        if track == tracks.len() {
+            tracks.push(Vec::new());
+        }
+        tracks[track].push(row);
+    }
+    // 0 … 1, or 0 … 255 where any is more.
+    let scale = if brightest > 1.0 { 1.0 / 255.0 } else { 1.0 };
+    for mut track in tracks {
+        track.sort_by(|a, b| a.time.total_cmp(&b.time));
+        let mut strand = Strand::default();
+        for row in track {
+            strand.points.push(row.at);
+            strand.radii.push(row.radius);
+            if coloured {
+                let [r, g, b, a] = row.colour;
+                strand.colours.push([scale * r, scale * g, scale * b, a]);
+            }
+        }
+        content.strands.push(strand);
+    }
+    Ok(content)
+}
+
+/// The values of a line, without quotes, with the place of their first character, from 1 on.
+fn fields(line: &str, separator: char) -> impl Iterator<Item = (usize, &str)> {
+    let mut rest = Some((0, line));
+    std::iter::from_fn(move || {
+        let (start, text) = rest.take()?;
+        let skipped =
+            text.len() - text.trim_start_matches(|c: char| c.is_whitespace() && c != separator || c == ' ').len();
+        let (start, text) = (start + skipped, &text[skipped..]);
+        if text.is_empty() && separator == ' ' {
+            return None;
+        }
+        let end = match text.strip_prefix('"').and_then(|t| t.find('"')) {
+            Some(quote) => text[quote + 2..].find(separator).map(|e| e + quote + 2),
+            None => text.find(separator),
+        };
+        rest = end.map(|e| (start + e + 1, &text[e + 1..]));
+        let field = text[..end.unwrap_or(text.len())].trim();
+        let field = field.strip_prefix('"').and_then(|f| f.strip_suffix('"')).unwrap_or(field);
+        Some((line[..start].chars().count() + 1, field))
+    })
+}
+
+/// What columns hold, by their names; `None`: something else.
+fn named(names: &[&str]) -> Result<Vec<Option<Column>>, String> {
+    let lower: Vec<String> = names.iter().map(|n| n.trim().to_ascii_lowercase()).collect();
+    // `r` is red beside g and b.
+    let red = if lower.iter().any(|n| n == "g") && lower.iter().any(|n| n == "b") { Colour(0) } else { Radius };
+    let column = |name: &str| match name {
+        "id" | "strand" | "particle" | "particle_id" | "track" | "track_id" | "trajectory" | "curve" | "streamline" => {
+            Some(Id)
+        }
+        "t" | "time" | "point" | "frame" | "index" | "step" => Some(Time),
+        "x" | "pos_x" | "px" => Some(Place(0)),
+        "y" | "pos_y" | "py" => Some(Place(1)),
+        "z" | "pos_z" | "pz" => Some(Place(2)),
+        "radius" => Some(Radius),
+        "width" | "diameter" | "thickness" => Some(Width),
+        "r" => Some(red),
+        "red" => Some(Colour(0)),
+        "g" | "green" => Some(Colour(1)),
+        "b" | "blue" => Some(Colour(2)),
+        "a" | "alpha" | "opacity" => Some(Colour(3)),
+        _ => None,
+    };
+    let columns: Vec<Option<Column>> = lower.iter().map(|n| column(n)).collect();
+    for (axis, letter) in ["x", "y", "z"].iter().enumerate() {
+        if !columns.contains(&Some(Place(axis))) {
+            return Err(format!(
+                "no column is named {letter}; known names are id, t, x, y, z, radius, width, r, g, b, a"
+            ));
+        }
+    }
+    for (i, c) in columns.iter().enumerate() {
+        if c.is_some() && columns[..i].contains(c) {
+            return Err(format!("column {} is the second for the same: `{}`", i + 1, names[i]));
+        }
+    }
+    Ok(columns)
+}

@@ -1,0 +1,419 @@
+//! Fields as they are written in recipes, and how they are built.
+
+use serde::de::Error as _;
+use serde::{Deserialize, Deserializer, Serialize};
+
+use super::{
+    Block, Bone, Capsule, Coloured, Cone, Csg, Element, Ellipsoid, Field, Grown, HalfSpace, Kernel, Operation, Placed,
+    Plane, Skeleton, Sphere, Torus, Triangle,
+};
+use crate::geom::{DAffine3, DMat3, DVec3};
+use crate::source::hypertexture::{Hypertexture, HypertextureSpec};
+use crate::{Error, Result};
+
+type Point = [f64; 3];
+
+/// A shape, and what is done with it: grown or hollowed, coloured, then scaled, turned and moved.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema), schemars(extend("unevaluatedProperties" = false)))]
+pub struct FieldSpec {
+    #[serde(flatten)]
+    pub shape: Shape,
+    #[serde(flatten)]
+    pub change: Change,
+}
+
+/// What may be said of every shape.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields, default)]
+pub struct Change {
+    /// Matter is added all around, or with a number below 0 taken away, in source units.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub grow: Option<f64>,
+    /// Only a skin of this thickness about the surface.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub skin: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub colour: Option<Colour>,
+    /// A factor, or one an axis.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub scale: Option<Scale>,
+    /// Degrees about x, then y, then z.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub rotate: Option<Point>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub translate: Option<Point>,
+}
+
+const CHANGES: [&str; 6] = ["grow", "skin", "colour", "scale", "rotate", "translate"];
+
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[serde(untagged)]
+pub enum Scale {
+    Even(f64),
+    Axes(Point),
+}
+
+/// A colour: "#rrggbb" in sRGB, or linear red, green and blue in [0, 1].
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[serde(untagged)]
+pub enum Colour {
+    Linear([f32; 3]),
+    Hex(String),
+}
+
+impl Colour {
+    /// Linear Rec. 709.
+    ///
+    /// # Errors
+    /// [`Error::Options`] where it is no colour.
+    pub fn linear(&self) -> Result<[f32; 3]> {
+        match self {
+            Colour::Linear(c) if c.iter().all(|v| (0.0..=1.0).contains(v)) => Ok(*c),
+            Colour::Linear(c) => Err(Error::Options(format!("colour {c:?}: linear components are 0 to 1"))),
+            Colour::Hex(text) => {
+                let digits = text.strip_prefix('#').filter(|d| d.len() == 6 && d.is_ascii());
+                let code = digits.and_then(|d| u32::from_str_radix(d, 16).ok());
+                let code = code.ok_or_else(|| Error::Options(format!("colour \"{text}\": #rrggbb is wanted")))?;
+                let linear = |v: u32| {
+                    let v = f64::from(v & 255) / 255.0;
+                    (if v <= 0.04045 { v / 12.92 } else { libm::pow((v + 0.055) / 1.055, 2.4) }) as f32
+                };
+                Ok([linear(code >> 16), linear(code >> 8), linear(code)])
+            }
+        }
+    }
+}
+
+/// A shape by its kind. Lengths are in source units.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[serde(tag = "kind", rename_all = "kebab-case", deny_unknown_fields)]
+pub enum Shape {
+    Sphere {
+        #[serde(default)]
+        centre: Point,
+        radius: f64,
+    },
+    Ellipsoid {
+        #[serde(default)]
+        centre: Point,
+        radii: Point,
+    },
+    Box {
+        min: Point,
+        max: Point,
+        /// Radius of the edges.
+        #[serde(default)]
+        round: f64,
+    },
+    Cylinder {
+        from: Point,
+        to: Point,
+        radius: f64,
+    },
+    /// Truncated where both radii are above 0.
+    Cone {
+        from: Point,
+        to: Point,
+        radii: [f64; 2],
+    },
+    Capsule {
+        from: Point,
+        to: Point,
+        radius: f64,
+    },
+    Torus {
+        #[serde(default)]
+        centre: Point,
+        #[serde(default = "upward")]
+        axis: Point,
+        radius: f64,
+        /// Radius of the ring itself.
+        thickness: f64,
+    },
+    HalfSpace {
+        #[serde(default)]
+        point: Point,
+        #[serde(default = "upward")]
+        normal: Point,
+    },
+    Plane {
+        #[serde(default)]
+        point: Point,
+        #[serde(default = "upward")]
+        normal: Point,
+        thickness: f64,
+    },
+    Triangle {
+        corners: [Point; 3],
+        thickness: f64,
+    },
+    Union {
+        of: Vec<FieldSpec>,
+        #[serde(default)]
+        smooth: f64,
+    },
+    Intersection {
+        of: Vec<FieldSpec>,
+        #[serde(default)]
+        smooth: f64,
+    },
+    Difference {
+        of: Vec<FieldSpec>,
+        #[serde(default)]
+        smooth: f64,
+    },
+    Skeleton {
+        elements: Vec<ElementSpec>,
+        #[serde(default)]
+        kernel: KernelSpec,
+        /// Reach of the kernels gaussian and wyvill.
+        #[serde(default = "one")]
+        radius: f64,
+        /// Potential of the surface.
+        #[serde(default)]
+        level: Option<f64>,
+    },
+    Hypertexture(Box<HypertextureSpec>),
+}
+
+fn upward() -> Point {
+    [0.0, 1.0, 0.0]
+}
+
+fn one() -> f64 {
+    1.0
+}
+
+/// A bone: one of point, segment and triangle.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields)]
+pub struct ElementSpec {
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub point: Option<Point>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub segment: Option<[Point; 2]>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub triangle: Option<[Point; 3]>,
+    #[serde(default = "one")]
+    pub weight: f64,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub colour: Option<Colour>,
+}
+
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[serde(rename_all = "kebab-case")]
+pub enum KernelSpec {
+    #[default]
+    InverseSquare,
+    Gaussian,
+    Wyvill,
+}
+
+impl<'de> Deserialize<'de> for FieldSpec {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<FieldSpec, D::Error> {
+        let mut shape = serde_json::Map::deserialize(deserializer)?;
+        let mut change = serde_json::Map::new();
+        for key in CHANGES {
+            if let Some(value) = shape.remove(key) {
+                change.insert(key.into(), value);
+            }
+        }
+        Ok(FieldSpec {
+            shape: serde_json::from_value(shape.into()).map_err(D::Error::custom)?,
+            change: serde_json::from_value(change.into()).map_err(D::Error::custom)?,
+        })
+    }
+}
+
+/// The field that `spec` describes.
+///
+/// # Errors
+/// [`Error::Options`] on lengths that are no lengths, directions of no length, flattening transforms and missing parts.
+pub fn build(spec: &FieldSpec) -> Result<Box<dyn Field>> {
+    let mut field = shape(&spec.shape)?;
+    let change = &spec.change;
+    if change.grow.is_some() || change.skin.is_some() {
+        let by = finite("grow", change.grow.unwrap_or(0.0))?;
+        let skin = change.skin.map_or(Ok(0.0), |s| positive("skin", s))?;
+        field = Box::new(Grown { field, by, skin });
+    }
+    if let Some(colour) = &change.colour {
+        field = Box::new(Coloured { field, colour: colour.linear()? });
+    }
+    match change.transform()? {
+        Some(map) => {
+            let placed = Placed::new(field, map);
+            Ok(Box::new(placed.ok_or_else(|| wrong("scale", "a shape cannot be scaled to nothing"))?))
+        }
+        None => Ok(field),
+    }
+}
+
+impl Change {
+    /// Scale, then rotation, then translation; `None` where nothing is said.
+    ///
+    /// # Errors
+    /// [`Error::Options`] where a number is not finite.
+    pub fn transform(&self) -> Result<Option<DAffine3>> {
+        if self.scale.is_none() && self.rotate.is_none() && self.translate.is_none() {
+            return Ok(None);
+        }
+        let scale = match self.scale {
+            Some(Scale::Even(s)) => DVec3::splat(s),
+            Some(Scale::Axes(s)) => DVec3::from(s),
+            None => DVec3::ONE,
+        };
+        let turn = |degrees: f64| {
+            let angle = degrees.rem_euclid(360.0).to_radians();
+            (libm::cos(angle), libm::sin(angle))
+        };
+        let [(cx, sx), (cy, sy), (cz, sz)] = self.rotate.unwrap_or_default().map(turn);
+        let rx = DMat3::from_cols(DVec3::X, DVec3::new(0.0, cx, sx), DVec3::new(0.0, -sx, cx));
+        let ry = DMat3::from_cols(DVec3::new(cy, 0.0, -sy), DVec3::Y, DVec3::new(sy, 0.0, cy));
+        let rz = DMat3::from_cols(DVec3::new(cz, sz, 0.0), DVec3::new(-sz, cz, 0.0), DVec3::Z);
+        let matrix3 = rz * ry * rx * DMat3::from_diagonal(scale);
+        let translation = DVec3::from(self.translate.unwrap_or_default());
+        if !matrix3.is_finite() || !translation.is_finite() {
+            return Err(wrong("scale, rotate, translate", "finite numbers are wanted"));
+        }
+        Ok(Some(DAffine3 { matrix3, translation }))
+    }
+}
+
+fn wrong(key: &str, what: &str) -> Error {
+    Error::Options(format!("{key}: {what}"))
+}
+
+fn finite(key: &str, v: f64) -> Result<f64> {
+    if v.is_finite() { Ok(v) } else { Err(wrong(key, &format!("{v} is not a finite number"))) }
+}
+
+fn positive(key: &str, v: f64) -> Result<f64> {
+    if v > 0.0 && v.is_finite() { Ok(v) } else { Err(wrong(key, &format!("{v}: a number above 0 is wanted"))) }
+}
+
+fn not_negative(key: &str, v: f64) -> Result<f64> {
+    if v >= 0.0 && v.is_finite() { Ok(v) } else { Err(wrong(key, &format!("{v}: 0 or a number above is wanted"))) }
+}
+
+fn point(key: &str, p: Point) -> Result<DVec3> {
+    let p = DVec3::from(p);
+    if p.is_finite() { Ok(p) } else { Err(wrong(key, "three finite numbers are wanted")) }
+}
+
+fn direction(key: &str, p: Point) -> Result<DVec3> {
+    point(key, p)?.try_normalize().ok_or_else(|| wrong(key, "a direction has a length"))
+}
+
+/// Two points that are apart.
+fn segment(from: Point, to: Point) -> Result<(DVec3, DVec3)> {
+    let (from, to) = (point("from", from)?, point("to", to)?);
+    if from == to { Err(wrong("from, to", "both are the same point")) } else { Ok((from, to)) }
+}
+
+fn triangle(key: &str, corners: [Point; 3]) -> Result<[DVec3; 3]> {
+    let [a, b, c] = corners;
+    Ok([point(key, a)?, point(key, b)?, point(key, c)?])
+}
+
+fn parts(operation: Operation, of: &[FieldSpec], smooth: f64) -> Result<Box<dyn Field>> {
+    if of.is_empty() {
+        return Err(wrong("of", "there is nothing to join"));
+    }
+    let parts = of.iter().map(build).collect::<Result<Vec<_>>>()?;
+    Ok(Box::new(Csg::new(operation, parts, not_negative("smooth", smooth)?)))
+}
+
+fn shape(shape: &Shape) -> Result<Box<dyn Field>> {
+    Ok(match shape {
+        Shape::Sphere { centre, radius } => {
+            Box::new(Sphere { centre: point("centre", *centre)?, radius: positive("radius", *radius)? })
+        }
+        Shape::Ellipsoid { centre, radii } => {
+            let [x, y, z] = *radii;
+            let radii = DVec3::new(positive("radii", x)?, positive("radii", y)?, positive("radii", z)?);
+            Box::new(Ellipsoid { centre: point("centre", *centre)?, radii })
+        }
+        Shape::Box { min, max, round } => {
+            let (min, max) = (point("min", *min)?, point("max", *max)?);
+            let least = (max - min).min_element();
+            positive("max − min", least)?;
+            let round = not_negative("round", *round)?;
+            if round > 0.5 * least {
+                return Err(wrong("round", &format!("{round}: at most half the shortest edge, {}", 0.5 * least)));
+            }
+            Box::new(Block { min, max, round })
+        }
+        Shape::Cylinder { from, to, radius } => {
+            let (from, to) = segment(*from, *to)?;
+            Box::new(Cone { from, to, radii: [positive("radius", *radius)?; 2] })
+        }
+        Shape::Cone { from, to, radii } => {
+            let (from, to) = segment(*from, *to)?;
+            let radii = [not_negative("radii", radii[0])?, not_negative("radii", radii[1])?];
+            positive("the greater of radii", radii[0].max(radii[1]))?;
+            Box::new(Cone { from, to, radii })
+        }
+        Shape::Capsule { from, to, radius } => Box::new(Capsule {
+            from: point("from", *from)?,
+            to: point("to", *to)?,
+            radius: positive("radius", *radius)?,
+        }),
+        Shape::Torus { centre, axis, radius, thickness } => Box::new(Torus {
+            centre: point("centre", *centre)?,
+            axis: direction("axis", *axis)?,
+            radius: positive("radius", *radius)?,
+            thickness: positive("thickness", *thickness)?,
+        }),
+        Shape::HalfSpace { point: at, normal } => {
+            Box::new(HalfSpace { point: point("point", *at)?, normal: direction("normal", *normal)? })
+        }
+        Shape::Plane { point: at, normal, thickness } => Box::new(Plane {
+            point: point("point", *at)?,
+            normal: direction("normal", *normal)?,
+            thickness: positive("thickness", *thickness)?,
+        }),
+        Shape::Triangle { corners, thickness } => Box::new(Triangle {
+            corners: triangle("corners", *corners)?,
+            thickness: positive("thickness", *thickness)?,
+        }),
+        Shape::Union { of, smooth } => parts(Operation::Union, of, *smooth)?,
+        Shape::Intersection { of, smooth } => parts(Operation::Intersection, of, *smooth)?,
+        Shape::Difference { of, smooth } => parts(Operation::Difference, of, *smooth)?,
+        Shape::Skeleton { elements, kernel, radius, level } => {
+            if elements.is_empty() {
+                return Err(wrong("elements", "a skeleton has a point, a segment or a triangle at least"));
+            }
+            let elements = elements.iter().map(element).collect::<Result<Vec<_>>>()?;
+            let radius = positive("radius", *radius)?;
+            let (kernel, usual) = match kernel {
+                KernelSpec::InverseSquare => (Kernel::InverseSquare, 1.0),
+                KernelSpec::Gaussian => (Kernel::Gaussian { radius }, 0.5),
+                KernelSpec::Wyvill => (Kernel::Wyvill { radius }, 0.5),
+            };
+            Box::new(Skeleton::new(elements, kernel, positive("level", level.unwrap_or(usual))?))
+        }
+        Shape::Hypertexture(spec) => Box::new(Hypertexture::new(spec)?),
+    })
+}
+
+fn element(spec: &ElementSpec) -> Result<Element> {
+    let bone = match (spec.point, spec.segment, spec.triangle) {
+        (Some(p), None, None) => Bone::Point(point("point", p)?),
+        (None, Some([a, b]), None) => Bone::Segment([point("segment", a)?, point("segment", b)?]),
+        (None, None, Some(t)) => Bone::Triangle(triangle("triangle", t)?),
+        _ => return Err(wrong("elements", "each is one of point, segment and triangle")),
+    };
+    let weight = finite("weight", spec.weight)?;
+    if weight == 0.0 {
+        return Err(wrong("weight", "0 has no effect"));
+    }
+    Ok(Element { bone, weight, colour: spec.colour.as_ref().map(Colour::linear).transpose()? })
+}

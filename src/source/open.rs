@@ -1,0 +1,105 @@
+//! A source from a file, by its extension; and the files that it names.
+
+use std::path::{Path, PathBuf};
+
+use super::curve::CurveSource;
+use super::curve::{lines, trajectory};
+use super::group::GroupSource;
+use super::lsystem;
+use super::materials;
+use super::mesh::MeshSource;
+use super::options::{FileKind, OpenOptions, extension, file_kind};
+use super::stack;
+use super::stack::StackSource;
+use super::texel::TexelSource;
+use super::traits::Source;
+use super::{group, recipe};
+use crate::geom::DAffine3;
+use crate::scene::gltf;
+use crate::{Error, Result, Warnings};
+
+/// Extensions that are known.
+const KNOWN: &str = ".gltf, .glb, .obj, .lsys, .ls, .csv, .tsv, .hair, .trk, .tck, .swc, .vtex, .toml and .json (recipes), .nii, .nii.gz, .hdr, .img, .nrrd, .nhdr, .mha, .mhd, .dcm, .tif, a folder of slices or of DICOM";
+
+/// Open the source `path`.
+///
+/// # Errors
+/// [`Error::Input`] where the extension is not known, and all that reading gives.
+pub fn open(path: &Path, options: &OpenOptions) -> Result<Box<dyn Source>> {
+    let extension = extension(path);
+    let mut model = match file_kind(path) {
+        FileKind::Mesh if extension == "obj" => crate::scene::obj::read(path, &options.read)?,
+        FileKind::Mesh => gltf::read(path, &options.read)?.model,
+        FileKind::LSystem => return lsystem::open(Some(path), &options.lsystem, &options.read, &options.mesh),
+        FileKind::Texel => return Ok(Box::new(TexelSource::open(path, options.read.max_bytes)?)),
+        FileKind::Recipe => return recipe::open(path, options),
+        FileKind::Curves => {
+            return Ok(Box::new(trajectory::read(path, options.read.max_bytes, &options.trajectory)?));
+        }
+        FileKind::Stack => {
+            let stack = stack::read(path, &options.stack, options.read.max_bytes)?;
+            return Ok(Box::new(StackSource::new(stack, &options.stack)?));
+        }
+        FileKind::Other if ["bgeo", "geo", "pdb"].contains(&extension.as_str()) => {
+            return Err(Error::unsupported(path, "a Partio or Houdini file (export its points as .csv)"));
+        }
+        FileKind::Other => {
+            return Err(Error::input(path, "", format!("its extension is not known; what can be baked: {KNOWN}")));
+        }
+    };
+    let curves = &options.trajectory;
+    let (names, ids) = materials::of_model(&model, |p| !(p.lines.is_empty() && p.points.is_empty()));
+    let mut strands =
+        curves.width.map_or_else(Vec::new, |w| lines::take(&mut model, w * curves.width_scale, curves.section));
+    let units = model.metres_per_unit;
+    let mesh = MeshSource::new(model, &options.mesh);
+    if strands.is_empty() {
+        return Ok(Box::new(mesh));
+    }
+    strands.iter_mut().for_each(|s| s.material = ids.get(usize::from(s.material)).copied().unwrap_or(0));
+    let curves = CurveSource::new(strands, &curves.curve, units, Warnings::default()).with_materials(names);
+    let part = |source| group::Part { source, transform: DAffine3::IDENTITY };
+    Ok(Box::new(GroupSource::new(vec![Box::new(mesh), Box::new(curves)], &[part(0), part(1)], units)))
+}
+
+/// The file itself and, in order, the files beside it that it names and that are there.
+pub fn dependencies(path: &Path) -> Vec<PathBuf> {
+    if stack::is_stack(path) {
+        return stack::files(path);
+    }
+    let mut found = vec![path.to_path_buf()];
+    let mut add = |file: PathBuf| {
+        if file.is_file() && !found.contains(&file) {
+            found.push(file);
+        }
+    };
+    let text = || std::fs::read(path).map(|b| String::from_utf8_lossy(&b).into_owned()).unwrap_or_default();
+    match extension(path).as_str() {
+        "gltf" | "glb" => gltf::named_files(path).into_iter().for_each(&mut add),
+        "obj" => crate::scene::obj::named_files(path).into_iter().for_each(&mut add),
+        "lsys" | "ls" => {
+            // Surfaces are meshes; a grammar that names itself is an error when it is opened.
+            let meshes = lsystem::surfaces(path, &text());
+            for mesh in meshes.iter().filter(|m| ["gltf", "glb", "obj"].contains(&extension(m).as_str())) {
+                dependencies(mesh).into_iter().for_each(&mut add);
+            }
+        }
+        "toml" | "json" => {
+            let of = |f: PathBuf| if recipe::is_recipe(&f) { vec![f] } else { dependencies(&f) };
+            recipe::files(path).into_iter().flat_map(of).for_each(&mut add);
+        }
+        _ => {}
+    }
+    found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn unknown_extensions_are_told_the_known() {
+        let error = open(Path::new("a.xyz"), &OpenOptions::default()).err().unwrap();
+        assert!(error.to_string().contains(".gltf"), "{error}");
+    }
+}

@@ -1,0 +1,53 @@
+//! How sources are read, and which kind of source a file is.
+
+use std::path::{Path, PathBuf};
+
+use super::curve::trajectory::{self, TrajectoryOptions};
+use super::lsystem::LSystemOptions;
+use super::mesh::MeshOptions;
+use super::stack::{self, StackOptions};
+use crate::scene::gltf::ReadOptions;
+
+/// How a source is read; each kind of source has its own part.
+#[derive(Debug, Clone, Default)]
+pub struct OpenOptions {
+    /// Of every source: what is selected, and the limits.
+    pub read: ReadOptions,
+    pub mesh: MeshOptions,
+    pub stack: StackOptions,
+    /// Recipes that are being read: none of them may draw itself.
+    pub within: Vec<PathBuf>,
+    pub trajectory: TrajectoryOptions,
+    pub lsystem: LSystemOptions,
+}
+
+/// Kinds of sources, by how they are read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum FileKind {
+    Mesh,
+    LSystem,
+    Curves,
+    Stack,
+    Texel,
+    Recipe,
+    Other,
+}
+
+/// By the name, and where that says nothing by the first bytes.
+pub fn file_kind(path: &Path) -> FileKind {
+    match extension(path).as_str() {
+        "gltf" | "glb" | "obj" => FileKind::Mesh,
+        "lsys" | "ls" => FileKind::LSystem,
+        "vtex" => FileKind::Texel,
+        "toml" | "json" => FileKind::Recipe,
+        known if trajectory::KNOWN.contains(&known) => FileKind::Curves,
+        "bgeo" | "geo" | "pdb" => FileKind::Other,
+        _ if stack::is_stack(path) => FileKind::Stack,
+        _ => FileKind::Other,
+    }
+}
+
+/// Extension of the file, in lower case.
+pub fn extension(path: &Path) -> String {
+    path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase()
+}

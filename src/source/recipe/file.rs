@@ -1,0 +1,213 @@
+//! Another file as a shape: what a recipe says of how it is read, as the options of sources.
+
+use std::path::Path;
+
+use serde::Deserialize;
+
+use super::values::{Either, Least0, Number, Positive, Size};
+use crate::scene::ReadOptions;
+use crate::source::curve::trajectory::TrajectoryOptions;
+use crate::source::curve::{CurveOptions, Interpolation};
+use crate::source::emitter::SectionKind;
+use crate::source::lsystem::LSystemOptions;
+use crate::source::mesh::{Fill, MeshOptions};
+use crate::source::options::{FileKind, OpenOptions, file_kind};
+use crate::source::stack::{StackOptions, TransferSpec};
+
+/// Degrees between the sheets of a V, as on the command line.
+const V_ANGLE: f32 = 70.0;
+
+/// A file's name, or the name with how it is read.
+#[derive(Debug, Clone, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[serde(from = "Either<String, SourceTable>")]
+#[cfg_attr(test, schemars(with = "Either<String, SourceTable>"))]
+pub struct SourceFile(pub SourceTable);
+
+impl From<Either<String, SourceTable>> for SourceFile {
+    fn from(v: Either<String, SourceTable>) -> SourceFile {
+        SourceFile(match v {
+            Either::Plain(file) => SourceTable { file, ..SourceTable::default() },
+            Either::Table(table) => table,
+        })
+    }
+}
+
+/// How a file is read; what is not said is as on the command line.
+#[derive(Debug, Clone, Default, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields)]
+pub struct SourceTable {
+    pub file: String,
+    /// Of a glTF file: its scene, and which of its nodes.
+    pub scene: Option<String>,
+    #[serde(default)]
+    pub include: Vec<String>,
+    #[serde(default)]
+    pub exclude: Vec<String>,
+    /// What is within closed surfaces of a mesh.
+    pub fill: Option<FillName>,
+    /// Width of lines and points of a mesh, and of curves whose file gives none.
+    pub line_width: Option<Positive>,
+    /// Of curves: factor of all widths.
+    pub width_scale: Option<Positive>,
+    /// Of curves: what is swept along them.
+    pub section: Option<SectionKind>,
+    /// Of curves: what runs from point to point.
+    pub curve: Option<CurveName>,
+    /// Of an image stack: values from here on are solid.
+    pub iso: Option<Number>,
+    /// Of an image stack: opacity rises from 0 at the first value to 1 at the second.
+    pub window: Option<Window>,
+    /// Of an image stack: opacity and colour by value, and factors of opacity by gradient.
+    pub transfer: Option<Transfer>,
+    /// Of an image stack: deviation of the filter of values, in distances of samples.
+    pub sigma: Option<Least0>,
+    /// Of an image stack: distances of samples in millimetres.
+    pub spacing: Option<Size>,
+    /// Of several DICOM series, the one of this UID or number.
+    pub series: Option<String>,
+    /// Of an L-system: derivation steps, the seed of its lots, degrees that the turtle turns by.
+    pub iterations: Option<u64>,
+    pub seed: Option<u64>,
+    pub angle: Option<Number>,
+}
+
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[serde(rename_all = "lowercase")]
+pub enum FillName {
+    Surface,
+    Solid,
+    Auto,
+}
+
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[serde(rename_all = "kebab-case")]
+pub enum CurveName {
+    Linear,
+    CatmullRom,
+}
+
+/// Two values that ascend.
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[serde(try_from = "[Number; 2]")]
+#[cfg_attr(test, schemars(with = "[f64; 2]"))]
+pub struct Window([f64; 2]);
+
+impl TryFrom<[Number; 2]> for Window {
+    type Error = String;
+
+    fn try_from([lo, hi]: [Number; 2]) -> Result<Window, String> {
+        if lo.0 < hi.0 { Ok(Window([lo.0, hi.0])) } else { Err("a window needs two values that ascend".into()) }
+    }
+}
+
+/// A transfer function whose numbers are in order.
+#[derive(Debug, Clone, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[serde(try_from = "TransferSpec")]
+#[cfg_attr(test, schemars(with = "TransferSpec"))]
+pub struct Transfer(TransferSpec);
+
+impl TryFrom<TransferSpec> for Transfer {
+    type Error = String;
+
+    fn try_from(spec: TransferSpec) -> Result<Transfer, String> {
+        spec.check().map_err(|e| e.to_string())?;
+        Ok(Transfer(spec))
+    }
+}
+
+impl SourceTable {
+    /// The options to open `path` with: what is said here in place of `base`.
+    ///
+    /// # Errors
+    /// A key and what is wrong with it: one that says nothing of this kind of file, or two that exclude each other.
+    pub fn options(&self, path: &Path, base: &OpenOptions) -> Result<OpenOptions, (&'static str, String)> {
+        self.check(file_kind(path))?;
+        let fill = match self.fill {
+            Some(FillName::Surface) => Fill::Surface,
+            Some(FillName::Solid) => Fill::Solid,
+            Some(FillName::Auto) => Fill::Auto,
+            None => base.mesh.fill,
+        };
+        let interpolation = match self.curve {
+            Some(CurveName::Linear) => Interpolation::Linear,
+            Some(CurveName::CatmullRom) => Interpolation::CatmullRom,
+            None => base.trajectory.curve.interpolation,
+        };
+        let read = ReadOptions {
+            scene: self.scene.clone(),
+            include: self.include.clone(),
+            exclude: self.exclude.clone(),
+            ..base.read.clone()
+        };
+        let trajectory = TrajectoryOptions {
+            section: self.section.map_or(base.trajectory.section, |s| s.section(V_ANGLE, 0.0)),
+            curve: CurveOptions { interpolation, fill },
+            width: self.line_width.map(|w| w.0).or(base.trajectory.width),
+            width_scale: self.width_scale.map_or(base.trajectory.width_scale, |w| w.0),
+            ..base.trajectory
+        };
+        let lsystem = LSystemOptions {
+            iterations: self.iterations.or(base.lsystem.iterations),
+            seed: self.seed.or(base.lsystem.seed),
+            angle: self.angle.map(|a| a.0).or(base.lsystem.angle),
+            ..base.lsystem.clone()
+        };
+        let stack = self.stack(&base.stack);
+        Ok(OpenOptions { read, mesh: MeshOptions { fill }, stack, trajectory, lsystem, within: base.within.clone() })
+    }
+
+    fn stack(&self, base: &StackOptions) -> StackOptions {
+        let iso = self.iso.map(|v| v.0);
+        let matter = match (&self.transfer, self.window) {
+            (Some(t), _) => TransferSpec { iso: iso.or(t.0.iso), ..t.0.clone() },
+            (None, Some(Window([lo, hi]))) => TransferSpec { iso, ..TransferSpec::window(lo, hi) },
+            (None, None) => TransferSpec { iso, ..TransferSpec::default() },
+        };
+        let own = !matter.is_empty();
+        StackOptions {
+            transfer: if own { matter } else { base.transfer.clone() },
+            table: if own { None } else { base.table.clone() },
+            sigma: self.sigma.map_or(base.sigma, |s| s.0),
+            spacing: self.spacing.map(|s| s.0.to_array()).or(base.spacing),
+            series: self.series.clone().or_else(|| base.series.clone()),
+        }
+    }
+
+    fn check(&self, kind: FileKind) -> Result<(), (&'static str, String)> {
+        use FileKind::{Curves, LSystem, Mesh, Recipe, Stack};
+        if self.window.is_some() && self.transfer.is_some() {
+            return Err(("window", "a stack has either a window or a transfer function".into()));
+        }
+        let said: [(&'static str, bool, &[FileKind], &str); 17] = [
+            ("scene", self.scene.is_some(), &[Mesh, Recipe], "meshes"),
+            ("include", !self.include.is_empty(), &[Mesh, Recipe], "meshes"),
+            ("exclude", !self.exclude.is_empty(), &[Mesh, Recipe], "meshes"),
+            ("fill", self.fill.is_some(), &[Mesh, Curves, LSystem, Recipe], "meshes and curves"),
+            ("line_width", self.line_width.is_some(), &[Mesh, Curves, Recipe], "meshes and curves"),
+            ("width_scale", self.width_scale.is_some(), &[Mesh, Curves, Recipe], "curves"),
+            ("section", self.section.is_some(), &[Mesh, Curves, Recipe], "curves"),
+            ("curve", self.curve.is_some(), &[Mesh, Curves, Recipe], "curves"),
+            ("iso", self.iso.is_some(), &[Stack, Recipe], "image stacks"),
+            ("window", self.window.is_some(), &[Stack, Recipe], "image stacks"),
+            ("transfer", self.transfer.is_some(), &[Stack, Recipe], "image stacks"),
+            ("sigma", self.sigma.is_some(), &[Stack, Recipe], "image stacks"),
+            ("spacing", self.spacing.is_some(), &[Stack, Recipe], "image stacks"),
+            ("series", self.series.is_some(), &[Stack, Recipe], "DICOM folders"),
+            ("iterations", self.iterations.is_some(), &[LSystem, Recipe], "L-systems"),
+            ("seed", self.seed.is_some(), &[LSystem, Recipe], "L-systems"),
+            ("angle", self.angle.is_some(), &[LSystem, Recipe], "L-systems"),
+        ];
+        match said.into_iter().find(|(_, said, kinds, _)| *said && !kinds.contains(&kind)) {
+            Some((key, _, _, of)) => {
+                Err((key, format!("{key} says how {of} are read; '{}' is none of them", self.file)))
+            }
+            None => Ok(()),
+        }
+    }
+}

@@ -1,0 +1,228 @@
+//! What the command line lays on a whole source: a colour in a recipe's notation, and a name.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use serde::Deserialize;
+
+use super::model::{Albedo, Either, Noise, Projection, Varied};
+use crate::geom::{Aabb, DVec3};
+use crate::scene::{ReadOptions, files, image};
+use crate::source::noise;
+use crate::source::paint;
+use crate::source::paint::{Colouring, Paint, PaintedSource};
+use crate::source::traits::Source;
+use crate::{Error, Result};
+
+/// What is laid on a source.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Laid {
+    /// A colour `#rrggbb` or `r,g,b` (linear), a picture's name, the name of a `.toml` or `.json` file with the keys of a
+    /// recipe's `albedo`, or such a table itself, as TOML in braces.
+    pub albedo: Option<String>,
+    /// Multiply the source's own colours, and don't replace them.
+    pub tint: bool,
+    /// What all of its matter is called.
+    pub material: Option<String>,
+}
+
+/// Lay it on. A picture that is not placed fits the source's box.
+///
+/// # Errors
+/// [`Error::Options`] where the colour is not understood, [`Error::Input`] where its file is not.
+pub fn lay(source: Box<dyn Source>, laid: &Laid, read: &ReadOptions) -> Result<Box<dyn Source>> {
+    if laid.tint && laid.albedo.is_none() {
+        return Err(Error::Options("--tint multiplies by what --albedo says: give that too".into()));
+    }
+    if laid.material.as_ref().is_some_and(String::is_empty) {
+        return Err(Error::Options("--material needs a name".into()));
+    }
+    if laid.albedo.is_none() && laid.material.is_none() {
+        return Ok(source);
+    }
+    let mut paint = Paint { material: laid.material.clone(), tint: laid.tint, ..Paint::default() };
+    if let Some(text) = &laid.albedo {
+        let spec = Spec::of(text)?;
+        let albedo = spec.albedo(&source.bounds(), source.up())?;
+        let find = |name: &str| {
+            let found = files::find(&spec.folder, name, false).filter(|f| f.is_file());
+            found.ok_or_else(|| spec.error(format!("the picture '{name}' is not there")))
+        };
+        paint.tint |= matches!(&albedo, Either::Table(v) if v.tint);
+        (paint.colour, paint.cuts) = colour(&albedo, &find, &|what| spec.error(what.into()), read)?;
+    }
+    Ok(Box::new(PaintedSource::new(source, paint)))
+}
+
+/// The files that it names and that are there.
+pub fn files(laid: &Laid) -> Vec<PathBuf> {
+    let Some(spec) = laid.albedo.as_ref().and_then(|text| Spec::of(text).ok()) else { return Vec::new() };
+    let picture = spec.table.get("image").and_then(toml::Value::as_str);
+    let picture = picture.and_then(|name| files::find(&spec.folder, name, false));
+    spec.file.into_iter().chain(picture).filter(|f| f.is_file()).collect()
+}
+
+/// A colouring as it is written.
+struct Spec {
+    /// Empty where it is `plain`.
+    table: toml::Table,
+    plain: Option<toml::Value>,
+    /// What holds the table, and where names are looked up.
+    file: Option<PathBuf>,
+    folder: PathBuf,
+}
+
+impl Spec {
+    fn of(text: &str) -> Result<Spec> {
+        let text = text.trim();
+        let here = Spec { table: toml::Table::new(), plain: None, file: None, folder: PathBuf::new() };
+        let numbers: Option<Vec<f64>> = text.split(',').map(|v| v.trim().parse().ok()).collect();
+        if let Some(rgb) = numbers {
+            return Ok(Spec { plain: Some(toml::Value::from(rgb)), ..here });
+        }
+        if text.starts_with('#') {
+            return Ok(Spec { plain: Some(toml::Value::from(text)), ..here });
+        }
+        if text.starts_with('{') {
+            let whole: toml::Table =
+                toml::from_str(&format!("albedo = {text}")).map_err(|e| here.error(super::one_line(e.message())))?;
+            let table = whole.get("albedo").and_then(toml::Value::as_table).cloned().unwrap_or_default();
+            return Ok(Spec { table, ..here });
+        }
+        let path = Path::new(text);
+        let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
+        if !["toml", "json"].contains(&extension.as_str()) {
+            let mut table = toml::Table::new();
+            table.insert("image".into(), text.into());
+            return Ok(Spec { table, ..here });
+        }
+        let text = String::from_utf8_lossy(&files::read(path, super::MAX_BYTES)?).into_owned();
+        let bad = |at: String, what: &str| Error::input(path, at, super::one_line(what));
+        let table = match extension.as_str() {
+            "json" => serde_json::from_str(&text).map_err(|e| bad(String::new(), &e.to_string()))?,
+            _ => toml::from_str(&text).map_err(|e: toml::de::Error| {
+                bad(e.span().map_or(String::new(), |span| super::place(&text, span.start)), e.message())
+            })?,
+        };
+        Ok(Spec {
+            table,
+            file: Some(path.to_path_buf()),
+            folder: path.parent().unwrap_or(Path::new("")).to_path_buf(),
+            ..here
+        })
+    }
+
+    fn error(&self, what: String) -> Error {
+        match &self.file {
+            Some(file) => Error::input(file, "", what),
+            None => Error::Options(format!(
+                "--albedo: {what} (a colour '#8d9299' or r,g,b, a picture, a .toml file, or '{{ noise = {{ scale = 1 }}, colours = [\"#000000\", \"#ffffff\"] }}')"
+            )),
+        }
+    }
+
+    /// As a recipe has it, with pictures fitted to the box where nothing else is said.
+    fn albedo(&self, bounds: &Aabb, up: u8) -> Result<Albedo> {
+        let value = match &self.plain {
+            Some(plain) => plain.clone(),
+            None => toml::Value::Table(self.fitted(bounds, up)),
+        };
+        Albedo::deserialize(value).map_err(|e| self.error(super::one_line(e.message())))
+    }
+
+    fn fitted(&self, b: &Aabb, up: u8) -> toml::Table {
+        let mut table = self.table.clone();
+        if !table.contains_key("image") || b.is_empty() {
+            return table;
+        }
+        let point = |p: DVec3| toml::Value::from(p.to_array().to_vec());
+        let upward = if up == 1 { DVec3::Y } else { DVec3::Z };
+        let (size, least) = (b.size(), b.size().max_element() * 1e-6 + f64::MIN_POSITIVE);
+        let high = size.dot(upward).max(least);
+        let round = table.get("projection").and_then(toml::Value::as_str).is_some_and(|p| p != "planar");
+        let (origin, axis, wide) = match table.get("projection").and_then(toml::Value::as_str) {
+            Some("cylindrical") => (b.centre() - 0.5 * high * upward, upward, high),
+            Some("spherical") => (b.centre(), upward, high),
+            // Seen from the front.
+            _ if up == 1 => (b.min, DVec3::Z, size.x.max(least)),
+            _ => (b.min, DVec3::NEG_Y, size.x.max(least)),
+        };
+        let placed = ["origin", "axis", "size"].iter().any(|key| table.contains_key(*key));
+        if !placed || round {
+            table.entry("origin").or_insert_with(|| point(origin));
+            table.entry("axis").or_insert_with(|| point(axis));
+            table.entry("size").or_insert_with(|| toml::Value::from(vec![wide, high]));
+        }
+        table
+    }
+}
+
+/// A recipe's colouring, and whether it leaves anything out; files are looked up by `find`.
+pub fn colour(
+    albedo: &Albedo,
+    find: &dyn Fn(&str) -> Result<PathBuf>,
+    error: &dyn Fn(&str) -> Error,
+    read: &ReadOptions,
+) -> Result<(Option<Colouring>, bool)> {
+    let varied = match albedo {
+        Either::Plain(c) => {
+            let [r, g, b] = c.0;
+            return Ok((Some(Arc::new(move |_, _| [r, g, b, 1.0])), false));
+        }
+        Either::Table(varied) => varied,
+    };
+    let colours: Vec<[f32; 3]> = varied.colours.iter().map(|c| c.0).collect();
+    let even = match (&varied.image, &varied.gradient, &varied.noise) {
+        (Some(name), None, None) => {
+            let path = find(name)?;
+            let bytes = files::read(&path, read.max_bytes)?;
+            let hint = path.to_string_lossy();
+            let texture =
+                image::decode(name, &bytes, &hint, read.max_pixels).map_err(|what| Error::input(&path, "", what))?;
+            let cuts = texture.texels.iter().any(|t| t[3] < 255);
+            return Ok((Some(paint::picture(texture, projection(varied))), cuts));
+        }
+        (None, Some(g), None) if !colours.is_empty() => {
+            let (from, way) = (g.from.0, g.to.0 - g.from.0);
+            let length = way.length_squared();
+            paint::ramp(colours, move |p| if length > 0.0 { (p - from).dot(way) / length } else { 0.0 })
+        }
+        (None, None, Some(n)) if !colours.is_empty() => {
+            let (noise, signed) = (noise(n), !n.turbulence);
+            paint::ramp(colours, move |p| {
+                let value = noise.at(p).0;
+                if signed { 0.5 + 0.5 * value } else { value }
+            })
+        }
+        _ => {
+            return Err(error("an albedo is a colour, or has either an image, or noise or a gradient and its colours"));
+        }
+    };
+    Ok((Some(even), false))
+}
+
+pub fn noise(n: &Noise) -> noise::Noise {
+    noise::Noise {
+        seed: n.seed,
+        frequency: DVec3::splat(1.0 / n.scale.0),
+        origin: DVec3::ZERO,
+        period: [0; 3],
+        octaves: u32::from(n.octaves.clamp(1, 10)),
+        turbulence: n.turbulence,
+    }
+}
+
+fn projection(v: &Varied) -> paint::Projection {
+    let (origin, axis) = (v.origin.0, v.axis.0);
+    let [width, height] = v.size.map(|s| s.0);
+    match v.projection {
+        Projection::Planar => {
+            // Upright where it can be: seen from where the normal points to, with y (or z) upward.
+            let top = if axis.y.abs() < 0.999 { DVec3::Y } else { DVec3::NEG_Z };
+            let right = top.cross(axis).normalize_or(DVec3::X);
+            paint::Projection::Planar { origin, right: width * right, up: height * axis.cross(right) }
+        }
+        Projection::Cylindrical => paint::Projection::Cylindrical { origin, up: axis, height },
+        Projection::Spherical => paint::Projection::Spherical { origin, up: axis },
+    }
+}
