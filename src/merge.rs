@@ -1,7 +1,7 @@
 //! Texels in one grid: merged, tiled, cut, and at another resolution; where a voxel of one input lies in the grid as it was,
 //! and nothing else is there, it is kept byte for byte.
 
-use crate::bake::{Options, Report, bake};
+use crate::bake::{Options, Report, calibrate, measure_and_fit};
 use crate::geom::{Aabb, DAffine3, DMat3, DVec3};
 use crate::progress::Progress;
 use crate::source::Source;
@@ -10,7 +10,8 @@ use crate::source::group::{GroupSource, Part};
 use crate::source::layers::{LayersSource, Mode};
 use crate::source::materials::{UNNAMED, renamed};
 use crate::source::texel::{TexelSource, codes, own_grid, snapped};
-use crate::volume::Volume;
+use crate::volume::level::{self, Level};
+use crate::volume::{MAX_DEPTH, Volume};
 use crate::{Error, Result, Warnings, morton};
 
 /// What is to be made of texels.
@@ -105,11 +106,29 @@ pub fn merge(
         voxel_size: None,
         ..Options::default()
     };
-    let (mut volume, report) = bake(&*source, &bake_options, progress, &mut |_| {})?;
+    let (mut volume, report) = measure_and_fit(&*source, &bake_options, progress, &mut |_| {})?;
     if options.crop.is_none() {
         keep(&mut volume, &volumes, &parts);
     }
-    Ok((volume, report))
+    let finest = inherited(&volume, &volumes, &parts);
+    Ok((calibrate(volume, finest)?, report))
+}
+
+/// The brightness factor of the result's finest depth: the mean of the factors that the parts have at the depths whose voxels
+/// are nearest in size, weighted by how many voxels those have.
+fn inherited(volume: &Volume, inputs: &[Volume], parts: &[Part]) -> Level {
+    let edge = volume.info.bounds.size().x / f64::from(volume.resolution());
+    let (mut sum, mut weights) = ([0.0; 3], 0.0);
+    for part in parts {
+        let input = &inputs[part.source];
+        let own = input.info.bounds.size().x * libm::cbrt(part.transform.matrix3.determinant().abs());
+        let depth = libm::log2(own / edge).round().clamp(0.0, input.depths.len().saturating_sub(1) as f64) as usize;
+        let Some(weight) = input.depths.get(depth).map(|d| d.voxels.len() as f64) else { continue };
+        let factor = level::levels(&input.info)[depth.min(MAX_DEPTH)];
+        sum.iter_mut().zip(factor.light).for_each(|(s, f)| *s += weight * f64::from(f));
+        weights += weight;
+    }
+    if weights > 0.0 { Level::new(sum.map(|s| s / weights)) } else { Level::PLAIN }
 }
 
 /// A cube on the lattice of `first`'s voxels, a power of two of them wide, that holds `extent`; and how many.
@@ -179,6 +198,7 @@ fn keep(volume: &mut Volume, inputs: &[Volume], parts: &[Part]) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::bake::bake;
     use crate::progress::Quiet;
     use crate::source::field::Sphere;
 
@@ -227,6 +247,23 @@ mod tests {
             // measured .10 and .16, of which .025 is what the ball itself covers too much.
             assert!((share - 1.0).abs() < 0.18, "{resolution}: {share}");
         }
+    }
+
+    #[test]
+    fn brightness_factors_are_kept() {
+        let (a, w) = ball(DVec3::ZERO);
+        let own = level::levels(&a.info);
+        let again = merge(vec![(a.clone(), w.clone())], &MergeOptions::default(), &Quiet).unwrap().0;
+        assert_eq!(level::levels(&again.info), own, "nothing was changed");
+        // A depth that becomes the finest keeps the factor that it had against the depths below it, to a step of 1/256.
+        let dimmed = Level::new([0.5, 0.75, 1.25]);
+        let mut factors = own[..6].to_vec();
+        factors[4] = dimmed;
+        let mut other = a.clone();
+        level::store(&factors, &mut other.info.meta);
+        let options = MergeOptions { resolution: Some(16), ..MergeOptions::default() };
+        let coarse = merge(vec![(other, w)], &options, &Quiet).unwrap().0;
+        assert_eq!(level::levels(&coarse.info)[4], dimmed);
     }
 
     #[test]

@@ -4,6 +4,7 @@
 //! axes at every depth, and fits each voxel's directional rate, correlation and colour.
 
 mod beams;
+mod calibrate;
 mod cutout;
 mod ellipsoid;
 mod estimate;
@@ -15,12 +16,14 @@ mod medium;
 mod refine;
 mod tree;
 
+pub(crate) use calibrate::calibrate;
 pub use ellipsoid::fit_sggx;
 pub use estimate::Estimate;
 
 use crate::geom::{Aabb, DAffine3, DVec3};
 use crate::progress::Progress;
 use crate::source::{Placement, Source, Staged};
+use crate::volume::level::Level;
 use crate::volume::{Channels, Info, Material, Model, Volume};
 use crate::{Error, Result, Warnings, morton, par};
 use tree::{How, Joiner, Output, Region};
@@ -55,6 +58,9 @@ pub struct Options {
     pub refine: u8,
     /// Whether the texel tells the source's materials apart.
     pub materials: bool,
+    /// Whether the brightness of the depths is measured against the finest, so that it does not step from depth to depth in
+    /// a picture ([`crate::volume::level`]).
+    pub calibrate: bool,
 }
 
 impl Default for Options {
@@ -69,6 +75,7 @@ impl Default for Options {
             cube: None,
             refine: REFINE,
             materials: true,
+            calibrate: true,
         }
     }
 }
@@ -91,12 +98,27 @@ pub struct DepthReport {
     pub error_p95: f64,
 }
 
-/// Bake `source`; `foresee` is told the size before the work begins.
+/// Bake `source` into a texel that is ready to be written; `foresee` is told the size before the work begins.
 ///
 /// # Errors
 /// [`Error::Options`] on options out of range, [`Error::Limit`] where more memory is needed than is allowed, and what the
 /// source gives.
 pub fn bake(
+    source: &dyn Source,
+    options: &Options,
+    progress: &dyn Progress,
+    foresee: &mut dyn FnMut(&Estimate),
+) -> Result<(Volume, Report)> {
+    let (volume, report) = measure_and_fit(source, options, progress, foresee)?;
+    if !options.calibrate {
+        return Ok((volume, report));
+    }
+    progress.stage("calibrate", 0);
+    Ok((calibrate(volume, Level::PLAIN)?, report))
+}
+
+/// [`bake`] without the calibration of depths, which comes last: what puts other voxels in place of some calibrates itself.
+pub(crate) fn measure_and_fit(
     source: &dyn Source,
     options: &Options,
     progress: &dyn Progress,

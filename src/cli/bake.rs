@@ -19,7 +19,7 @@ use crate::format::{Quality, WriteOptions};
 use crate::progress::Progress;
 use crate::source;
 use crate::source::recipe::Laid;
-use crate::volume::{Model, Octree, Volume, level};
+use crate::volume::{Model, Volume};
 use crate::{Error, Result, par};
 
 /// Turn a 3D source (a mesh, an image stack) into a texel
@@ -132,6 +132,7 @@ impl Args {
             cube: None,
             refine: self.refine,
             materials: self.materials == Materials::On,
+            calibrate: true,
         }
     }
 
@@ -203,15 +204,13 @@ fn bake_file(args: &Args, ui: &Ui) -> Result<()> {
             size(e.memory_bytes)
         ));
     };
-    let (volume, report) = bake::bake(&*source, &args.options(source.up()), ui, &mut foresee)?;
+    let (mut volume, report) = bake::bake(&*source, &args.options(source.up()), ui, &mut foresee)?;
     if volume.depths.is_empty() {
         let why = report.warnings.as_reasons();
         return Err(Error::input(input, "", format!("there is nothing in it to bake: no facet has an area{why}")));
     }
     ui.warn(&report.warnings)?;
     let bake_time = start.elapsed() - read_time;
-    ui.stage("level", 0);
-    let mut volume = levelled(volume)?;
     volume.info.meta.insert("options".into(), args.provenance(volume.info.up));
     volume.info.meta.insert("sources".into(), sources(input, &files)?);
     ui.stage("write", 0);
@@ -257,21 +256,6 @@ fn bake_file(args: &Args, ui: &Ui) -> Result<()> {
         ));
     }
     Ok(())
-}
-
-/// With the factors that make its depths agree.
-#[cfg(feature = "render")]
-fn levelled(volume: Volume) -> Result<Volume> {
-    let volume = std::sync::Arc::new(volume);
-    let levels = crate::march::calibrate::measure(Octree::new(std::sync::Arc::clone(&volume))?)?;
-    let mut volume = std::sync::Arc::unwrap_or_clone(volume);
-    level::store(&levels, &mut volume.info.meta);
-    Ok(volume)
-}
-
-#[cfg(not(feature = "render"))]
-fn levelled(volume: Volume) -> Result<Volume> {
-    Ok(volume)
 }
 
 /// That what will be written has a place, and is none of the files that are read.
