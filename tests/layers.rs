@@ -43,7 +43,7 @@ fn sources(folder: &str) -> Vec<(PathBuf, String)> {
 }
 
 /// Files and code of the library without its unit tests, which may build their inputs with any part and print.
-fn library() -> Vec<(PathBuf, String)> {
+pub fn library() -> Vec<(PathBuf, String)> {
     let files = sources("src").into_iter().filter(|(path, _)| !path.ends_with("tests.rs"));
     files.map(|(path, text)| (path, code(text.split("#[cfg(test)]\nmod tests {").next().unwrap_or_default()))).collect()
 }

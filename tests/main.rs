@@ -6,6 +6,7 @@ mod assets;
 mod bake;
 mod bake_cli;
 mod bench;
+mod circles;
 mod compare;
 mod curves;
 mod demo;

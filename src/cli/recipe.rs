@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use super::Ui;
 use crate::Result;
 use crate::source::OpenOptions;
-use crate::source::recipe;
+use crate::source::{self, recipe};
 
 /// Check a recipe, or print what one may say
 #[derive(clap::Args)]
@@ -24,7 +24,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
         out!("{}", recipe::SCHEMA)?;
     }
     if let Some(path) = &args.check {
-        let nodes = recipe::check(path, &OpenOptions::default())?;
+        let nodes = recipe::check(path, &OpenOptions::default(), source::open)?;
         ui.say(&format!("{}: a recipe of {nodes} nodes, nothing wrong", path.display()));
     }
     Ok(())

@@ -5,15 +5,14 @@ use sha2::{Digest, Sha256};
 use super::codes;
 use super::codes::{Broken, require};
 use super::layout::{
-    DEPTH_LEN, DepthEntry, HEADER_LEN, Header, NONE, SECTION_LEN, STREAM_LEN, SectionEntry, SectionKind, StreamEntry,
+    DEPTH_LEN, DepthEntry, HEADER_LEN, Header, MAX_META, NONE, SECTION_LEN, STREAM_LEN, SectionEntry, SectionKind,
+    StreamEntry,
 };
 use super::{filter, meta, page};
 use crate::volume::{Info, MAX_DEPTH};
 
 /// Largest head: what a reader may have to hold before it trusts anything.
 pub const MAX_HEAD: usize = 1 << 20;
-/// Largest META.
-pub const MAX_META: usize = 256 << 10;
 
 /// The parsed head of a file.
 #[derive(Debug, Clone, PartialEq)]

@@ -4,6 +4,9 @@ use super::codes;
 use super::codes::{Broken, require};
 use super::{Channel, MAGIC};
 
+/// Largest META.
+pub const MAX_META: usize = 256 << 10;
+
 pub const HEADER_LEN: usize = 128;
 pub const DEPTH_LEN: usize = 64;
 pub const STREAM_LEN: usize = 32;

@@ -4,8 +4,8 @@ use std::collections::BTreeSet;
 
 use serde_json::{Map, Value};
 
-use super::layout::{Header, StreamEntry};
-use super::{Channel, head};
+use super::Channel;
+use super::layout::{Header, MAX_META, StreamEntry};
 use crate::geom::{Aabb, DVec3};
 use crate::volume::material::{MOST_MATERIALS, Material};
 use crate::volume::{Channels, Info, Model};
@@ -37,8 +37,8 @@ pub fn encode(info: &Info) -> Result<Vec<u8>> {
     }
     let mut out = String::new();
     put(&all, &mut out);
-    if out.len() > head::MAX_META {
-        return Err(Error::Limit { what: "META".into(), needed: out.len() as u64, allowed: head::MAX_META as u64 });
+    if out.len() > MAX_META {
+        return Err(Error::Limit { what: "META".into(), needed: out.len() as u64, allowed: MAX_META as u64 });
     }
     Ok(out.into_bytes())
 }

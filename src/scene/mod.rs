@@ -56,3 +56,13 @@ impl Default for ReadOptions {
         }
     }
 }
+
+/// The model in a glTF or, by its extension, an OBJ file.
+///
+/// # Errors
+/// As [`gltf::read`] and [`obj::read`].
+#[cfg(feature = "bake")]
+pub fn read_model(path: &std::path::Path, options: &ReadOptions) -> crate::Result<Model> {
+    let is_obj = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("obj"));
+    if is_obj { obj::read(path, options) } else { gltf::read(path, options).map(|scene| scene.model) }
+}

@@ -15,7 +15,7 @@ use super::texel::TexelSource;
 use super::traits::Source;
 use super::{group, recipe};
 use crate::geom::DAffine3;
-use crate::scene::gltf;
+use crate::scene::{self, gltf};
 use crate::{Error, Result, Warnings};
 
 /// Extensions that are known.
@@ -28,11 +28,10 @@ const KNOWN: &str = ".gltf, .glb, .obj, .lsys, .ls, .csv, .tsv, .hair, .trk, .tc
 pub fn open(path: &Path, options: &OpenOptions) -> Result<Box<dyn Source>> {
     let extension = extension(path);
     let mut model = match file_kind(path) {
-        FileKind::Mesh if extension == "obj" => crate::scene::obj::read(path, &options.read)?,
-        FileKind::Mesh => gltf::read(path, &options.read)?.model,
+        FileKind::Mesh => scene::read_model(path, &options.read)?,
         FileKind::LSystem => return lsystem::open(Some(path), &options.lsystem, &options.read, &options.mesh),
         FileKind::Texel => return Ok(Box::new(TexelSource::open(path, options.read.max_bytes)?)),
-        FileKind::Recipe => return recipe::open(path, options),
+        FileKind::Recipe => return recipe::open(path, options, open),
         FileKind::Curves => {
             return Ok(Box::new(trajectory::read(path, options.read.max_bytes, &options.trajectory)?));
         }

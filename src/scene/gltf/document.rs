@@ -9,8 +9,8 @@ use gltf::json::{self, Root};
 use serde::Deserialize;
 use serde_json::{Map, Value};
 
-use super::ReadOptions;
 use super::meshopt;
+use crate::scene::ReadOptions;
 use crate::scene::files;
 use crate::{Error, Result};
 

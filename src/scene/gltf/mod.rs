@@ -1,6 +1,7 @@
 //! glTF 2.0 files (`.gltf`, `.glb`) → [`Scene`]: the one place that knows the format.
 
 mod accessor;
+mod attributes;
 mod chart;
 mod document;
 mod extension;

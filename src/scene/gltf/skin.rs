@@ -2,9 +2,9 @@
 
 use gltf::json::mesh::Semantic;
 
+use super::attributes::Reader;
 use super::document::{Document, index};
 use super::nodes::{Graph, Placed};
-use super::primitive::Reader;
 use crate::geom::{DAffine3, DMat3, DVec3};
 use crate::scene::model::Part;
 use crate::{Result, Warnings};

@@ -20,12 +20,11 @@ use std::path::{Path, PathBuf};
 use super::curve::{CurveOptions, CurveSource, Strand};
 use super::group::{GroupSource, Part as Placed};
 use super::mesh::{MeshOptions, MeshSource};
-use super::options::OpenOptions;
 use super::paint::{Paint, PaintedSource};
 use super::traits::Source;
 use crate::geom::DAffine3;
 use crate::scene::model::{Instance, Material, Part};
-use crate::scene::{Model, ReadOptions, files};
+use crate::scene::{self, Model, ReadOptions, files};
 use crate::source::materials::UNNAMED;
 use crate::{Error, Result};
 use derive::Budget;
@@ -109,8 +108,7 @@ pub fn open(
             return Err(Error::input(path, at, format!("{file} is no mesh; a surface is a .gltf, .glb or .obj file")));
         }
         let read = ReadOptions { max_bytes: read.max_bytes, ..ReadOptions::default() };
-        let options = OpenOptions { read, mesh: *mesh, ..OpenOptions::default() };
-        let mut mesh = super::open(&found, &options)?;
+        let mut mesh: Box<dyn Source> = Box::new(MeshSource::new(scene::read_model(&found, &read)?, mesh));
         if let Some(id) = grammar.materials.surface(symbol) {
             let material = Some(grammar.materials.name(id).to_owned());
             mesh = Box::new(PaintedSource::new(mesh, Paint { material, ..Paint::default() }));

@@ -5,6 +5,7 @@ use std::marker::PhantomData;
 use serde::de::value::{MapAccessDeserializer, SeqAccessDeserializer};
 use serde::de::{Deserialize, Deserializer, IntoDeserializer, MapAccess, SeqAccess, Visitor};
 
+use super::checked::Check;
 use super::model::{
     Albedo, Box3, Colour, Direction, Either, Least0, Matrix, Number, NumbersOrHex, OneOrThree, Point, Positive, RawBox,
     Rotation, Scale, Size, Turn, Unit,
@@ -55,23 +56,6 @@ impl<'de, S: Deserialize<'de>, T: Deserialize<'de>> Deserialize<'de> for Either<
         }
 
         deserializer.deserialize_any(Kinds(PhantomData))
-    }
-}
-
-/// What is checked as a whole once it is read, while an error still has a place.
-#[derive(Debug, Clone)]
-pub struct Checked<T>(pub T);
-
-pub trait Check {
-    /// What is wrong with it.
-    fn check(&self) -> Result<(), String>;
-}
-
-impl<'de, T: Deserialize<'de> + Check> Deserialize<'de> for Checked<T> {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        let value = T::deserialize(deserializer)?;
-        value.check().map_err(serde::de::Error::custom)?;
-        Ok(Checked(value))
     }
 }
 

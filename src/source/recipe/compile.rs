@@ -7,7 +7,7 @@ use std::sync::Arc;
 use super::model::{
     Albedo, Blade, Box3, Either, Line, LineSection, Mode, Node, Plane, Recipe, Shape, SourceFile, Widths,
 };
-use super::{laid, model, place, scatter};
+use super::{Opener, laid, model, place, scatter};
 use crate::geom::{Aabb, DAffine3, DVec3};
 use crate::scene::model::{Instance, Material, Model};
 use crate::source::curve::{CurveOptions, CurveSource, Interpolation, Section, Strand};
@@ -19,7 +19,6 @@ use crate::source::hypertexture::Hypertexture;
 use crate::source::layers;
 use crate::source::layers::LayersSource;
 use crate::source::mesh::{MeshOptions, MeshSource};
-use crate::source::open::open;
 use crate::source::options::OpenOptions;
 use crate::source::paint;
 use crate::source::paint::{Paint, PaintedSource};
@@ -35,6 +34,7 @@ pub struct Compiler<'a> {
     path: &'a Path,
     text: &'a str,
     options: &'a OpenOptions,
+    opener: Opener,
     /// Names that are being drawn.
     using: Vec<&'a str>,
     nodes: u64,
@@ -51,8 +51,14 @@ struct Run<'a> {
 }
 
 impl<'a> Compiler<'a> {
-    pub fn new(recipe: &'a Recipe, path: &'a Path, text: &'a str, options: &'a OpenOptions) -> Compiler<'a> {
-        Compiler { recipe, path, text, options, using: Vec::new(), nodes: 0, copies: 0 }
+    pub fn new(
+        recipe: &'a Recipe,
+        path: &'a Path,
+        text: &'a str,
+        options: &'a OpenOptions,
+        opener: Opener,
+    ) -> Compiler<'a> {
+        Compiler { recipe, path, text, options, opener, using: Vec::new(), nodes: 0, copies: 0 }
     }
 
     pub fn all(&mut self) -> Result<Box<dyn Source>> {
@@ -285,7 +291,7 @@ impl<'a> Compiler<'a> {
         let quoted = format!("\"{}\"", file.0.file);
         let options =
             file.0.options(&path, self.options).map_err(|(key, what)| self.error_after(&quoted, key, what))?;
-        open(&path, &options)
+        (self.opener)(&path, &options)
     }
 
     fn colour(&self, albedo: &Albedo) -> Result<(Option<paint::Colouring>, bool)> {

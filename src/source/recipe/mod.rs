@@ -3,6 +3,7 @@
 //! Based on: F. Neyret, *Synthesizing Verdant Landscapes using Volumetric Textures*, INRIA RR-2846, 1996, section 3 (the
 //! declarative script of primitives and drawing modes).
 
+mod checked;
 mod checks;
 mod compile;
 mod file;
@@ -28,22 +29,25 @@ const MAX_BYTES: u64 = 16 << 20;
 /// Recipes within recipes.
 const MAX_NESTING: usize = 16;
 
-/// Read the recipe `path`.
+/// Opens a source of any kind: what a recipe does with the files that it names.
+pub type Opener = fn(&Path, &OpenOptions) -> Result<Box<dyn Source>>;
+
+/// Read the recipe `path`; the files that it names are opened by `opener` ([`crate::source::open`](crate::source::open())).
 ///
 /// # Errors
 /// [`Error::Input`] with line and column, [`Error::Io`], and what the files that it names give.
-pub fn open(path: &Path, options: &OpenOptions) -> Result<Box<dyn Source>> {
+pub fn open(path: &Path, options: &OpenOptions, opener: Opener) -> Result<Box<dyn Source>> {
     let chain = enter(path, &options.within)?;
     let (recipe, text) = read(path)?;
-    compile::Compiler::new(&recipe, path, &text, &OpenOptions { within: chain, ..options.clone() }).all()
+    compile::Compiler::new(&recipe, path, &text, &OpenOptions { within: chain, ..options.clone() }, opener).all()
 }
 
 /// Read the recipe `path` and all that it names; gives how many nodes are drawn.
 ///
 /// # Errors
 /// As [`open`].
-pub fn check(path: &Path, options: &OpenOptions) -> Result<usize> {
-    open(path, options)?;
+pub fn check(path: &Path, options: &OpenOptions, opener: Opener) -> Result<usize> {
+    open(path, options, opener)?;
     Ok(read(path)?.0.draw.len())
 }
 

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::Deserialize;
 
-use super::checks::Checked;
+use super::checked::Checked;
 pub use super::file::SourceFile;
 pub use super::values::{
     Colour, Direction, Either, Least0, Matrix, Number, NumbersOrHex, OneOrThree, Point, Positive, Rotation, Scale,

@@ -26,7 +26,7 @@ impl Folder {
     }
 
     fn open(&self) -> Result<Box<dyn Source>> {
-        open(&self.0.path().join("r.toml"), &OpenOptions::default())
+        open(&self.0.path().join("r.toml"), &OpenOptions::default(), crate::source::open)
     }
 }
 
@@ -302,7 +302,7 @@ fn recipes_and_files_within() {
     let all = crate::source::open::dependencies(&f.0.path().join("r.toml"));
     let names: Vec<_> = all.iter().map(|p| p.file_name().unwrap().to_string_lossy().into_owned()).collect();
     assert_eq!(names, ["r.toml", "a b.json", "c.obj"]);
-    assert_eq!(check(&f.0.path().join("r.toml"), &OpenOptions::default()).unwrap(), 2);
+    assert_eq!(check(&f.0.path().join("r.toml"), &OpenOptions::default(), crate::source::open).unwrap(), 2);
     f.add("a b.json", r#"{ "draw": [{ "source": "r.toml" }] }"#);
     assert!(f.open().err().unwrap().to_string().contains("draws itself"));
 }
@@ -337,10 +337,10 @@ fn errors_say_where() {
     }
     let f = Folder::new("");
     let json = f.add("x.json", "{ \"draw\": [\n { \"sphere\": { \"radius\": 0 } } ] }");
-    let error = open(&json, &OpenOptions::default()).err().unwrap().to_string();
+    let error = open(&json, &OpenOptions::default(), crate::source::open).err().unwrap().to_string();
     assert!(error.contains("line 2, column") && error.contains("0 is not a number above 0"), "{error}");
     std::fs::write(&json, [b'{', 0xff]).unwrap();
-    assert!(open(&json, &OpenOptions::default()).err().unwrap().to_string().contains("UTF-8"));
+    assert!(open(&json, &OpenOptions::default(), crate::source::open).err().unwrap().to_string().contains("UTF-8"));
 }
 
 #[test]
@@ -467,7 +467,7 @@ fn samples_are_right_and_say_the_same_in_json() {
         let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("samples").join(folder);
         for entry in std::fs::read_dir(folder).unwrap() {
             let path = entry.unwrap().path();
-            assert!(check(&path, &OpenOptions::default()).unwrap() > 0, "{}", path.display());
+            assert!(check(&path, &OpenOptions::default(), crate::source::open).unwrap() > 0, "{}", path.display());
             let text = std::fs::read_to_string(&path).unwrap();
             let value: serde_json::Value = toml::from_str(&text).unwrap();
             let (toml, json) = (from_toml(&text).unwrap(), from_json(&value.to_string()).unwrap());
