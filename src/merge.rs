@@ -216,7 +216,7 @@ mod tests {
         (bake(&source, &options, &Quiet, &mut |_| {}).unwrap().0, Warnings::default())
     }
 
-    /// What the root covers along an axis, in source units.
+    /// Area that the root covers along x, in source units.
     fn covered(v: &Volume) -> f64 {
         let root = &v.depths[0].voxels[0];
         let shape = crate::volume::Sggx::decode(root.ndf);
@@ -265,7 +265,7 @@ mod tests {
         let crop = Some(Aabb::new(DVec3::new(0.0, -1.0, -1.0), DVec3::ONE));
         let half = merge(vec![a.clone()], &MergeOptions { crop, ..MergeOptions::default() }, &Quiet).unwrap().0;
         let size = half.info.content.size() * half.info.bounds.size();
-        // The content is told in sixteenths of the cube.
+        // Bounds of the content are rounded to sixteenths of the cube.
         assert!((size.x - 1.0).abs() < 0.2 && (size.y - 2.0).abs() < 0.2, "{size}");
         assert!(merge(Vec::new(), &MergeOptions::default(), &Quiet).is_err());
     }

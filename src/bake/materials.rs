@@ -10,8 +10,8 @@ use crate::{Error, Result};
 struct Weight {
     id: u8,
     /// Visible area, any unit.
-    seen: f32,
-    /// Linear albedo times `seen`.
+    area: f32,
+    /// Linear albedo times `area`.
     colour: [f32; 3],
 }
 
@@ -20,9 +20,9 @@ struct Weight {
 pub struct MaterialWeights(Vec<Weight>);
 
 impl MaterialWeights {
-    /// Add the visible area `seen` of the material `id` with its linear `albedo`.
-    pub fn add(&mut self, id: u8, seen: f64, albedo: DVec3) {
-        self.accumulate(Weight { id, seen: seen as f32, colour: (seen * albedo).as_vec3().to_array() });
+    /// Add the visible `area` of the material `id` with its linear `albedo`.
+    pub fn add(&mut self, id: u8, area: f64, albedo: DVec3) {
+        self.accumulate(Weight { id, area: area as f32, colour: (area * albedo).as_vec3().to_array() });
     }
 
     /// Add all of `other`, scaled by `share`.
@@ -31,13 +31,13 @@ impl MaterialWeights {
         other
             .0
             .iter()
-            .for_each(|w| self.accumulate(Weight { seen: share * w.seen, colour: w.colour.map(|c| share * c), ..*w }));
+            .for_each(|w| self.accumulate(Weight { area: share * w.area, colour: w.colour.map(|c| share * c), ..*w }));
     }
 
     fn accumulate(&mut self, new: Weight) {
         match self.0.iter_mut().find(|w| w.id == new.id) {
             Some(own) => {
-                own.seen += new.seen;
+                own.area += new.area;
                 own.colour.iter_mut().zip(new.colour).for_each(|(sum, c)| *sum += c);
             }
             None => self.0.push(new),
@@ -48,7 +48,7 @@ impl MaterialWeights {
     pub fn divide(&mut self, whole: f64) {
         let share = (1.0 / whole) as f32;
         for w in &mut self.0 {
-            w.seen *= share;
+            w.area *= share;
             w.colour = w.colour.map(|c| share * c);
         }
     }
@@ -58,7 +58,7 @@ impl MaterialWeights {
         match self.0[..] {
             [] => Mix::default(),
             [one] => Mix::one(one.id),
-            _ => Mix::new(self.0.iter().map(|w| (w.id, w.seen.into())), step),
+            _ => Mix::new(self.0.iter().map(|w| (w.id, w.area.into())), step),
         }
     }
 
@@ -66,12 +66,12 @@ impl MaterialWeights {
     /// to four places.
     pub fn summarize(&self, names: &[String]) -> Vec<Material> {
         let round = |v: f64| (v.clamp(0.0, 1.0) * 1e4).round() / 1e4;
-        let whole: f64 = self.0.iter().map(|w| f64::from(w.seen)).sum();
+        let whole: f64 = self.0.iter().map(|w| f64::from(w.area)).sum();
         let of = |(id, name): (usize, &String)| {
             let own = self.0.iter().find(|w| usize::from(w.id) == id);
-            let seen = own.map_or(0.0, |w| f64::from(w.seen));
-            let albedo = own.filter(|_| seen > 0.0).map_or([1.0; 3], |w| w.colour.map(|c| round(f64::from(c) / seen)));
-            Material { name: name.clone(), albedo, share: round(if whole > 0.0 { seen / whole } else { 0.0 }) }
+            let area = own.map_or(0.0, |w| f64::from(w.area));
+            let albedo = own.filter(|_| area > 0.0).map_or([1.0; 3], |w| w.colour.map(|c| round(f64::from(c) / area)));
+            Material { name: name.clone(), albedo, share: round(if whole > 0.0 { area / whole } else { 0.0 }) }
         };
         names.iter().enumerate().map(of).collect()
     }

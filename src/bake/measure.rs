@@ -82,12 +82,12 @@ impl Measure {
             let offset = DVec3::new((j & 1) as f64, (j >> 1 & 1) as f64, (j >> 2) as f64);
             m.lo = m.lo.min(0.5 * (child.lo + offset));
             m.hi = m.hi.max(0.5 * (child.hi + offset));
-            let mut seen = 0.0;
+            let mut visible_area = 0.0;
             for k in 0..13 {
                 m.cover[k] += 0.25 * child.cover[k];
                 let lines = union.children[j][k];
                 let visible = if lines.lines > 0 { f64::from(lines.visible) / f64::from(2 * lines.lines) } else { 1.0 };
-                seen += child.cover[k] * visible / axis_length(k);
+                visible_area += child.cover[k] * visible / axis_length(k);
             }
             m.mean_opacity += 0.125 * child.mean_opacity;
             m.total += 0.25 * child.total;
@@ -95,10 +95,10 @@ impl Measure {
             m.mean += 0.25 * child.mean;
             if child.total > 0.0 {
                 // A child that is hidden in all 26 directions still counts a little, so that a voxel always has a colour.
-                let seen = seen.max(1e-9);
-                m.albedo += seen * child.albedo;
-                m.materials.add_all(&child.materials, seen);
-                weight += seen;
+                let visible_area = visible_area.max(1e-9);
+                m.albedo += visible_area * child.albedo;
+                m.materials.add_all(&child.materials, visible_area);
+                weight += visible_area;
             }
         }
         if weight > 0.0 {
