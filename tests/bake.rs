@@ -1,4 +1,4 @@
-//! Bakes with answers known in closed form, and the command.
+//! Bakes of meshes whose coverage is known in closed form, and the bake command.
 
 use std::sync::Arc;
 
@@ -55,7 +55,7 @@ fn at(resolution: u32) -> Options {
     Options { resolution, ..Options::default() }
 }
 
-/// What comes through along `dir` at `depth`, from a point of texel space outside the cube.
+/// Transmittance along `dir` at `depth`, from a point of texel space outside the cube.
 fn through(tree: &Octree, origin: DVec3, dir: DVec3, depth: usize) -> f64 {
     let Some((t0, t1)) = Aabb::UNIT.hit(origin, 1.0 / dir, 0.0, 9.0) else { return 1.0 };
     let stretch = Stretch {
@@ -69,7 +69,7 @@ fn through(tree: &Octree, origin: DVec3, dir: DVec3, depth: usize) -> f64 {
     transmittance(tree, &stretch, DepthChoice::default(), 0.0, &mut MarchStats::default()).into()
 }
 
-/// Area that is covered as seen along `dir`, in cube faces, by `n` x `n` rays.
+/// Area that is covered as seen along `dir`, in cube faces, by `n` × `n` rays.
 pub fn area(tree: &Octree, dir: DVec3, depth: usize, n: usize) -> f64 {
     let (a, b) = dir.any_orthonormal_pair();
     let step = 1.8 / n as f64;
@@ -90,7 +90,8 @@ fn an_aligned_sheet_is_opaque_along_its_normal_and_nothing_along_itself() {
         for x in [0.11, 0.37, 0.83] {
             let along = through(&tree, DVec3::new(x, 0.4, 2.0), DVec3::NEG_Z, depth);
             let across = through(&tree, DVec3::new(-1.0, x, 0.02), DVec3::X, depth);
-            // Opaque means 1 − .996 for a voxel, and the rate is levelled over 13 directions; the SGGX is raised to 1 % of its largest axis, in a sixteenth of a voxel.
+            // An opaque voxel lets up to 1 − .996 through, and its rate is a compromise of 13 directions. Along the sheet, the SGGX
+            // keeps 1 % of its largest axis, in a sixteenth of a voxel.
             assert!(along < 0.05, "{depth} {along}");
             assert!(across > 0.1 || depth < 4, "{depth} {across}");
         }
@@ -101,8 +102,9 @@ fn an_aligned_sheet_is_opaque_along_its_normal_and_nothing_along_itself() {
 fn a_sphere_covers_pi_r_squared_from_26_sides_at_every_depth() {
     let tree = Octree::new(baked(model(sphere(48), Material::default()), &hollow(), &at(64))).unwrap();
     let want = std::f64::consts::PI * 0.25;
-    // The rim is one voxel wide, and a voxel that it crosses spreads over its support: measured .061, .037, .024, .008. What
-    // closes the seams between blocks makes the rim a little darker: .012 and .005 without --refine.
+    // A voxel that the rim crosses spreads its matter over its support box, so the error is a share of the rim, one voxel wide:
+    // measured .061, .037, .024 and .008. The refinement that closes the seams between blocks makes the rim a little denser:
+    // without it the last two are .012 and .005.
     for (depth, allowed) in [(3, 0.07), (4, 0.04), (5, 0.026), (6, 0.012)] {
         for dir in vtex::geom::directions13() {
             for dir in [dir, -dir] {
@@ -144,7 +146,7 @@ fn a_closed_sphere_is_solid_and_its_inside_is_terminal() {
 
 #[test]
 fn a_masked_card_covers_what_its_texture_leaves() {
-    // The left half of each quarter is there.
+    // Opaque and transparent stripes, 8 texels each.
     let texels = (0..64 * 64).map(|i| [0, 255, 0, if i % 16 < 8 { 255 } else { 0 }]).collect();
     let mut texture = Texture::new("stripes", 64, 64, texels);
     texture.nearest = true;
@@ -155,7 +157,7 @@ fn a_masked_card_covers_what_its_texture_leaves() {
     let volume = baked(model(part, material), &MeshOptions::default(), &at(64));
     let albedo = volume.depths[6].voxels[0].albedo();
     assert!(albedo.y > 0.99 && albedo.x < 0.01, "{albedo}");
-    // 64 columns of which half are there; a voxel on a stripe's edge may be touched.
+    // Half of 64 columns are opaque; a voxel on a stripe's edge may be touched as well.
     assert!((volume.depths[6].voxels.len() as f64 / 2048.0 - 1.0).abs() < 0.1);
     let tree = Octree::new(volume).unwrap();
     for depth in [3, 6] {
@@ -181,15 +183,16 @@ fn cut_out_and_blended_cards_cover_their_alphas_area_at_every_depth() {
     let masked = bake(card(|x, y| if (x - 0.5).hypot(y - 0.5) < 0.4 { 255 } else { 0 }, Alpha::Mask(0.5)));
     let veil = bake(card(|_, _| 128, Alpha::Blend));
     let mut found = Vec::new();
-    // Face on, and from 45° where all is narrower.
+    // Face on, and from 45°, where areas are narrower by √½.
     for (dir, narrow) in [(DVec3::Y, 1.0), (DVec3::new(1.0, 1.0, 0.0).normalize(), 0.5f64.sqrt())] {
         for depth in 3..=6 {
             let [masked, veil] = [&masked, &veil].map(|tree| area(tree, dir, depth, 256) / narrow);
             found.push([masked / (std::f64::consts::PI * 0.16), veil * 255.0 / 128.0]);
         }
     }
-    // What closes the seams between blocks makes the disc's rim and the veil a little darker: measured .986 to .999 of the disc,
-    // but 1.040 where it is six voxels wide, and 1.007 to 1.014 of the veil. Rays are 1/142 apart: .5 % of the disc.
+    // The refinement that closes the seams between blocks makes the disc's rim and the veil a little denser: measured .986 to
+    // .999 of the disc, but 1.040 where it is six voxels wide, and 1.007 to 1.014 of the veil. Rays are 1/142 apart, which is
+    // .5 % of the disc.
     for (name, k, lo, hi) in [("disc", 0, 0.975, 1.05), ("veil", 1, 0.985, 1.025)] {
         assert!(found.iter().all(|f| (lo..hi).contains(&f[k])), "{name} {found:.4?}");
     }
@@ -197,7 +200,7 @@ fn cut_out_and_blended_cards_cover_their_alphas_area_at_every_depth() {
 
 #[test]
 fn what_reaches_beyond_a_cyclic_cube_comes_in_again() {
-    // A sheet two cubes long covers a cube of one twice, along x.
+    // A sheet that is two cubes long along x covers its cube twice.
     let part = quad([[-1.0, 0.5, 0.0], [1.0, 0.5, 0.0], [1.0, 0.5, 1.0], [-1.0, 0.5, 1.0]]);
     let options =
         Options { resolution: 16, voxel_size: Some(1.0 / 16.0), cyclic: [true, false, false], ..Options::default() };

@@ -90,7 +90,7 @@ fn a_change_of_depth_does_not_show() {
     let mut levelled = (*plain).clone();
     let measured = calibrate::measure(Octree::new(Arc::clone(&plain)).unwrap()).unwrap();
     assert_eq!(measured.len(), 7);
-    assert_eq!(measured[6], levels::Level::PLAIN, "the finest depth is what the others are held against");
+    assert_eq!(measured[6], levels::BrightnessFactors::PLAIN, "the finest depth is what the others are held against");
     levels::store(&measured, &mut levelled.info.meta);
     let levelled = Arc::new(levelled);
     let (mut before, mut after) = (0.0, 0.0);

@@ -8,7 +8,7 @@ use vtex::source::{Medium, Placement, Polygon, Source, Staged, Surface};
 use vtex::volume::{Octree, Volume};
 use vtex::{Result, Warnings, morton};
 
-/// Fills the unit cube with what a function of place gives for each voxel (or cube of `2^levels` voxels).
+/// Source that fills the unit cube with the medium that `matter` returns for each voxel, or cube of `2^levels` voxels an edge.
 struct Cloud<F> {
     levels: u32,
     matter: F,
@@ -61,7 +61,7 @@ impl<F: Fn(DVec3) -> Option<Medium> + Sync> Staged for StagedCloud<'_, F> {
     fn surface(&self, _: u32, _: DVec3, _: f64) -> Surface {
         Surface { albedo: [1.0; 3], alpha: 1.0 }
     }
-    fn cut_out(&self, _: u32) -> bool {
+    fn has_alpha(&self, _: u32) -> bool {
         false
     }
     fn one_sided(&self, _: u32) -> bool {
@@ -109,7 +109,7 @@ fn through(tree: &Octree, middle: DVec3, dir: DVec3, depth: usize) -> (f64, f64)
     (t.into(), t1 - t0)
 }
 
-/// Mean and worst over 26 directions of T(marched) / T(law) − 1 … as a difference, over rays through the middle part.
+/// Mean, and largest absolute value, over 26 directions of T(marched) − T(law), each the mean over rays through the middle part.
 fn compare(tree: &Octree, depth: usize, law: impl Fn(DVec3, DVec3) -> f64) -> (f64, f64) {
     let (mut bias, mut worst) = (0.0f64, 0.0f64);
     for d in directions13() {
@@ -142,8 +142,8 @@ fn a_slab_takes_away_e_to_the_minus_depth_in_26_directions() {
                 let (bias, worst) = compare(&tree, depth, |p, dir| {
                     slab.hit(p - 2.0 * dir, 1.0 / dir, 0.0, 9.0).map_or(1.0, |(a, b)| (-kappa * (b - a)).exp())
                 });
-                // Codes of rates are steps of 4.4 %, which at κ = 6 is .013 of T through the slab's middle; which lines coarse
-                // voxels share is drawn by chance.
+                // Codes of rates are steps of 4.4 %, which at κ = 6 is .013 of T through the slab's middle; the lines of coarse voxels
+                // are drawn pseudo-randomly.
                 let known = depth.min(5 - levels as usize);
                 let allowed = [0.03, 0.02, 0.02, 0.01, 0.006, 0.005][known];
                 assert!(bias.abs() < allowed, "{kappa} {levels} {depth}: {bias} {worst}");
@@ -178,7 +178,7 @@ fn colours_are_weighted_by_what_is_there() {
         Some(Medium::even([0; 3], 0, extinction, albedo))
     });
     let root = volume(&source, 8).depths[0].voxels[0].albedo();
-    // Thin matter: three parts of red to one of blue, less what hides itself; codes are squares of 1/255 steps.
+    // Faint matter hardly hides itself, so colours mix as extinctions do, 3 : 1; codes are squares of 1/255 steps.
     assert!((root.x - 0.75).abs() < 0.05 && (root.z - 0.25).abs() < 0.05 && root.y == 0.0, "{root}");
 }
 
@@ -190,7 +190,7 @@ fn a_half_filled_voxel_blocks_on_its_filled_side() {
     for voxel in 0..16 {
         let at = |share: f64| DVec3::new((f64::from(voxel) + share) / 16.0, 0.5, 8.5 / 16.0);
         let filled = through(&tree, at(0.25), DVec3::Z, 4).0;
-        // One layer of voxels: e^−1.2; a block's rates are levelled against its lines, here by 8 %.
+        // One layer of voxels: e^−1.2; the rates of a block are corrected together, here by 8 %.
         assert!((filled - (-1.2f64).exp()).abs() < 0.04, "{filled}");
         assert_eq!(through(&tree, at(0.75), DVec3::Z, 4).0, 1.0);
     }
@@ -203,7 +203,7 @@ fn flakes_block_more_across_than_along() {
     let voxel = volume.depths[4].voxels[77];
     let tree = Octree::new(volume).unwrap();
     let along = |dir: DVec3| -through(&tree, DVec3::splat(0.5), dir, 4).0.ln() / 16.0;
-    // sigma(w) = 2 extinction |n . w|; the ellipsoid keeps 1 % of its largest axis, and a flake's |cos| is fitted by one.
+    // σ(w) = 2 extinction |n · w|; the SGGX keeps 1 % of its largest axis, and approximates a flake's |cos|.
     assert!((along(DVec3::Z) / 0.1 - 1.0).abs() < 0.06, "{}", along(DVec3::Z));
     assert!(along(DVec3::X) < 0.004, "{}", along(DVec3::X));
     assert!(voxel.one_sidedness() > 0.99 && voxel.mean_normal().z > 0.999);

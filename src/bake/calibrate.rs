@@ -4,21 +4,21 @@ use std::sync::Arc;
 
 use crate::Result;
 use crate::march::calibrate::measure;
-use crate::volume::level::{self, Level};
+use crate::volume::level::{self, BrightnessFactors};
 use crate::volume::{Octree, Volume};
 
 /// The texel with the factors that make its depths agree, in its META; rays are marched through every depth to find them.
 ///
-/// `finest`: the factor that the finest depth itself needs, [`Level::PLAIN`] for matter that was measured at that depth. A
+/// `finest`: the factor that the finest depth itself needs, [`BrightnessFactors::PLAIN`] for matter that was measured at that depth. A
 /// texel that was made of the coarser depths of another inherits theirs.
 ///
 /// # Errors
 /// [`crate::Error::Limit`] where there are more depths than a texel may have.
-pub fn calibrate(volume: Volume, finest: Level) -> Result<Volume> {
+pub fn calibrate(volume: Volume, finest: BrightnessFactors) -> Result<Volume> {
     let volume = Arc::new(volume);
     let mut factors = measure(Octree::new(Arc::clone(&volume))?)?;
     for factor in &mut factors {
-        *factor = Level::new([0, 1, 2].map(|k| f64::from(factor.light[k]) * f64::from(finest.light[k])));
+        *factor = BrightnessFactors::new([0, 1, 2].map(|k| f64::from(factor.light[k]) * f64::from(finest.light[k])));
     }
     let mut volume = Arc::unwrap_or_clone(volume);
     level::store(&factors, &mut volume.info.meta);

@@ -1,4 +1,4 @@
-//! The ellipsoid of normals that fits values measured in 13 directions.
+//! Least-squares fit of an SGGX matrix S to projected areas along the 13 axes.
 //!
 //! Based on: E. Heitz et al., *The SGGX Microflake Distribution*, SIGGRAPH 2015; F. Neyret, *A General and Multiscale Model
 //! for Volumetric Textures*, GI 1995; O. K. Smith, *Eigenvalues of a Symmetric 3 × 3 Matrix*, CACM 4(4), 1961.
@@ -7,7 +7,7 @@ use crate::geom::{AXES13, larger};
 use crate::volume::Sggx;
 use crate::volume::chord::Lanes;
 
-/// What the six numbers of S are multiplied with to give w^T S w, for each of the 13 directions w.
+/// Coefficients of the six numbers of S in w^T S w, for each of the 13 directions w.
 const FEATURES: [[f64; 6]; 13] = features();
 
 const fn features() -> [[f64; 6]; 13] {
@@ -22,8 +22,8 @@ const fn features() -> [[f64; 6]; 13] {
     out
 }
 
-/// [`FEATURES`] by number, in lanes.
-const LANES: [Lanes; 6] = {
+/// [`FEATURES`] in lanes, one row per number of S.
+const FEATURE_LANES: [Lanes; 6] = {
     let mut out = [[0.0; 16]; 6];
     let mut k = 0;
     while k < 13 {
@@ -37,7 +37,7 @@ const LANES: [Lanes; 6] = {
     out
 };
 
-/// The products of two features each, row by row of the upper half of their matrix.
+/// Products of two features each, for each direction: the upper half of their matrix, row by row, padded to 24.
 const PRODUCTS: [[f64; 24]; 13] = {
     let mut out = [[0.0; 24]; 13];
     let mut k = 0;
@@ -56,12 +56,12 @@ const PRODUCTS: [[f64; 24]; 13] = {
     out
 };
 
-/// Projected areas of `s` along the 13 axes.
+/// Projected areas σ(w) = √(w^T S w) of `s` along the 13 axes.
 #[inline(always)]
 pub fn sigmas(s: &Sggx) -> Lanes {
     let values = [s.xx, s.yy, s.zz, s.xy, s.xz, s.yz];
     let mut out = [0.0; 16];
-    for (features, value) in LANES.iter().zip(values) {
+    for (features, value) in FEATURE_LANES.iter().zip(values) {
         for k in 0..16 {
             out[k] += features[k] * value;
         }
@@ -72,29 +72,31 @@ pub fn sigmas(s: &Sggx) -> Lanes {
     out
 }
 
-/// How many ellipsoids are fitted side by side; of each number as many.
-pub const SIDE: usize = 4;
-type Side = [f64; SIDE];
+/// Number of matrices that are fitted at once.
+pub const BATCH: usize = 4;
+/// One number of each matrix of a batch.
+type Batch = [f64; BATCH];
 
-/// The symmetric positive S with sqrt(w^T S w) nearest to `values` in the 13 directions; `None` where all are 0.
+/// Symmetric positive definite S whose σ(w) are nearest to `values`, projected areas of any unit along the 13 axes, by relative
+/// error. `None` where all values are 0.
 pub fn fit_sggx(values: &[f32; 13]) -> Option<Sggx> {
     let mut lanes = [0.0; 16];
     lanes[..13].copy_from_slice(values);
-    fit_weighted(&[lanes; SIDE], &[[1.0; 16]; SIDE])[0]
+    fit_weighted(&[lanes; BATCH], &[[1.0; 16]; BATCH])[0]
 }
 
-/// [`fit_sggx`] of several, with how much an error in each direction counts, in [0, 1].
+/// [`fit_sggx`] of a batch, with a weight in [0, 1] of the error along each axis.
 #[inline(always)]
-pub fn fit_weighted(values: &[Lanes; SIDE], weights: &[Lanes; SIDE]) -> [Option<Sggx>; SIDE] {
-    let mut eq = [[[0.0; SIDE]; 7]; 6];
-    let mut means = [0.0; SIDE];
-    for l in 0..SIDE {
+pub fn fit_weighted(values: &[Lanes; BATCH], weights: &[Lanes; BATCH]) -> [Option<Sggx>; BATCH] {
+    let mut eq = [[[0.0; BATCH]; 7]; 6];
+    let mut means = [0.0; BATCH];
+    for l in 0..BATCH {
         let mean = values[l][..13].iter().sum::<f32>() / 13.0;
         if !mean.is_finite() || mean <= 1e-12 {
             continue;
         }
         means[l] = f64::from(mean);
-        // Normal equations of w^T S w = y^2, weighted by 1 / y^2 so that relative errors of y count.
+        // Normal equations of w^T S w = y², weighted by 1 / y² so that relative errors of y count.
         let (mut weight, mut weighted, scale) = ([0.0; 16], [0.0; 16], 1.0 / mean);
         for k in 0..16 {
             let y2 = (values[l][k] * scale) * (values[l][k] * scale);
@@ -120,8 +122,8 @@ pub fn fit_weighted(values: &[Lanes; SIDE], weights: &[Lanes; SIDE]) -> [Option<
             eq[i][6][l] = right[i];
         }
     }
-    let s = positive(solve(eq));
-    let mut out = [None; SIDE];
+    let s = raise_eigenvalues(solve(eq));
+    let mut out = [None; BATCH];
     for (l, out) in out.iter_mut().enumerate() {
         if means[l] > 0.0 {
             let value = |i: usize| (s[i][l] * means[l] * means[l]) as f32;
@@ -131,45 +133,46 @@ pub fn fit_weighted(values: &[Lanes; SIDE], weights: &[Lanes; SIDE]) -> [Option<
     out
 }
 
-/// Solve the symmetric positive 6×6 systems, given by their upper halves and the right-hand sides, by Gauss's elimination.
+/// Solutions of symmetric positive definite 6×6 systems, given by the upper halves of their matrices and, in the last column, their
+/// right-hand sides, by Gaussian elimination.
 #[inline(always)]
-fn solve(mut eq: [[Side; 7]; 6]) -> [Side; 6] {
-    let mut inverse = [[0.0; SIDE]; 6];
+fn solve(mut eq: [[Batch; 7]; 6]) -> [Batch; 6] {
+    let mut inverse = [[0.0; BATCH]; 6];
     for i in 0..6 {
-        for l in 0..SIDE {
+        for l in 0..BATCH {
             eq[i][i][l] += 1e-9;
             inverse[i][l] = 1.0 / eq[i][i][l];
         }
         for r in i + 1..6 {
-            let mut f = [0.0; SIDE];
-            for l in 0..SIDE {
+            let mut f = [0.0; BATCH];
+            for l in 0..BATCH {
                 f[l] = eq[i][r][l] * inverse[i][l];
             }
             for c in r..7 {
-                for l in 0..SIDE {
+                for l in 0..BATCH {
                     eq[r][c][l] -= f[l] * eq[i][c][l];
                 }
             }
         }
     }
-    let mut x = [[0.0; SIDE]; 6];
+    let mut x = [[0.0; BATCH]; 6];
     for i in (0..6).rev() {
-        let mut rest = [0.0; SIDE];
+        let mut rest = [0.0; BATCH];
         for j in i + 1..6 {
-            for l in 0..SIDE {
+            for l in 0..BATCH {
                 rest[l] += eq[i][j][l] * x[j][l];
             }
         }
-        for l in 0..SIDE {
+        for l in 0..BATCH {
             x[i][l] = (eq[i][6][l] - rest[l]) * inverse[i][l];
         }
     }
     x
 }
 
-/// Whether all eigenvalues of the matrix are at least 1e-4 of their sum: by the minors of the rest.
+/// Whether all eigenvalues of the matrix exceed 1e-4 of their sum, by Sylvester's criterion.
 #[inline(always)]
-fn is_positive([xx, yy, zz, xy, xz, yz]: [f64; 6]) -> bool {
+fn is_well_conditioned([xx, yy, zz, xy, xz, yz]: [f64; 6]) -> bool {
     let least = 1e-4 * (xx + yy + zz);
     let (x, y, z) = (xx - least, yy - least, zz - least);
     let minor = x * y - xy * xy;
@@ -177,20 +180,23 @@ fn is_positive([xx, yy, zz, xy, xz, yz]: [f64; 6]) -> bool {
     x > 0.0 && minor > 0.0 && determinant > 0.0
 }
 
-/// The matrices (xx yy zz xy xz yz) with their eigenvalues raised to 1e-4 of the largest. Those of S = m + p B are the roots of
-/// x³ − 3 x = det B, by Newton's method for the one that stands apart and a quadratic equation for the others; and S is brought to
-/// where one or two are raised by its products with what is left of it at the others.
+/// The matrices (xx yy zz xy xz yz) with all eigenvalues raised to at least 1e-4 of the largest.
+///
+/// With S = m + p B, where m is a third of the trace and p scales B, the eigenvalues of B are the roots of x³ − 3 x = det B (Smith).
+/// Newton's method finds the root that is farthest from the others, and a quadratic equation the other two. Raising one
+/// eigenvalue, or two, then takes no eigenvector: the projection on an eigenvalue's axis is the product of S less each of the
+/// other two eigenvalues, scaled.
 #[inline(always)]
-fn positive(s: [Side; 6]) -> [Side; 6] {
-    let mut fine = [false; SIDE];
-    for l in 0..SIDE {
-        fine[l] = is_positive([s[0][l], s[1][l], s[2][l], s[3][l], s[4][l], s[5][l]]);
+fn raise_eigenvalues(s: [Batch; 6]) -> [Batch; 6] {
+    let mut fine = [false; BATCH];
+    for l in 0..BATCH {
+        fine[l] = is_well_conditioned([s[0][l], s[1][l], s[2][l], s[3][l], s[4][l], s[5][l]]);
     }
-    if fine == [true; SIDE] {
+    if fine == [true; BATCH] {
         return s;
     }
     let mut out = s;
-    for l in 0..SIDE {
+    for l in 0..BATCH {
         let [xx, yy, zz, xy, xz, yz] = [s[0][l], s[1][l], s[2][l], s[3][l], s[4][l], s[5][l]];
         let m = (xx + yy + zz) * (1.0 / 3.0);
         let (x, y, z) = (xx - m, yy - m, zz - m);
@@ -198,19 +204,20 @@ fn positive(s: [Side; 6]) -> [Side; 6] {
         let p = (squares * (1.0 / 6.0)).sqrt().max(1e-90);
         let determinant = x * (y * z - yz * yz) - xy * (xy * z - yz * xz) + xz * (xy * yz - y * xz);
         let half = (0.5 * determinant / (p * p * p)).clamp(-1.0, 1.0);
-        // From √3 to 2.
-        let (way, half) = (p.copysign(half), half.abs());
-        let mut apart = 1.732_050_807_568_877_2 + half * 0.267_949_192_431_122_7;
+        // The outlying root is between √3 and 2 in absolute value.
+        let (signed_p, half) = (p.copysign(half), half.abs());
+        let mut outlier = 1.732_050_807_568_877_2 + half * 0.267_949_192_431_122_7;
         for _ in 0..3 {
-            let square = apart * apart;
-            apart = (2.0 * square * apart + 2.0 * half) / (3.0 * square - 3.0);
+            let square = outlier * outlier;
+            outlier = (2.0 * square * outlier + 2.0 * half) / (3.0 * square - 3.0);
         }
-        let split = (12.0 - 3.0 * apart * apart).max(0.0).sqrt();
-        let (one, two, three) = (m + way * apart, m + way * 0.5 * (split - apart), m - way * 0.5 * (split + apart));
-        // The greatest first.
-        let (high, middle, low) = if way > 0.0 { (one, two, three) } else { (three, two, one) };
+        let split = (12.0 - 3.0 * outlier * outlier).max(0.0).sqrt();
+        let first = m + signed_p * outlier;
+        let (second, third) = (m + signed_p * 0.5 * (split - outlier), m - signed_p * 0.5 * (split + outlier));
+        let (high, middle, low) = if signed_p > 0.0 { (first, second, third) } else { (third, second, first) };
         let least = 1e-4 * high.max(0.0);
-        // One that is raised: S + (least − low) P, P the projection on its axis. Two: least + (high − least) P.
+        // One eigenvalue is raised by S + (least − low) P, where P projects on its axis; two by least + (high − least) P, where P
+        // projects on the axis of the highest.
         let single = middle >= least;
         let (base, scale, from) = if single { (0.0, 1.0, low) } else { (least, 0.0, high) };
         let others = if single { (high, middle) } else { (middle, low) };
@@ -280,11 +287,11 @@ mod tests {
                     let want =
                         turned(axes, if largest > 0.0 { v.max(DVec3::splat(1e-4 * largest)) } else { DVec3::ZERO });
                     let s = turned(axes, v);
-                    let got = positive(s.map(|value| [value; SIDE]));
+                    let got = raise_eigenvalues(s.map(|value| [value; BATCH]));
                     for i in 0..6 {
                         // The roots that do not stand apart are right to the root of f64's rounding, 1e-8 of the spread,
                         // which is taken for 1e-90 at least.
-                        let error = (got[i][turn % SIDE] - want[i]).abs();
+                        let error = (got[i][turn % BATCH] - want[i]).abs();
                         assert!(error <= 1e-7 * v.abs().max_element() + 1e-90, "{n} {turn} {i}: {got:?} {want:?}");
                     }
                 }

@@ -1,86 +1,92 @@
-//! Materials by name, and how much of each is seen of a voxel.
+//! How much of each material is seen of a voxel, and in which colour.
 
 use crate::geom::DVec3;
 use crate::volume::material::MOST_MATERIALS;
 use crate::volume::{Material, Mix};
 use crate::{Error, Result};
 
-/// One material of a voxel.
+/// Weight of one material in a voxel.
 #[derive(Debug, Clone, Copy)]
 struct Weight {
     id: u8,
-    seen: f32,
-    /// Linear albedo times `seen`.
+    /// Visible area, any unit.
+    area: f32,
+    /// Linear albedo times `area`.
     colour: [f32; 3],
 }
 
-/// Of every material how much of it is seen, and in which colour; any unit.
+/// Visible area and mean colour of every material of a voxel; areas are in any unit.
 #[derive(Debug, Clone, Default)]
-pub struct Weights(Vec<Weight>);
+pub struct MaterialWeights(Vec<Weight>);
 
-impl Weights {
-    pub fn add(&mut self, id: u8, seen: f64, albedo: DVec3) {
-        self.put(Weight { id, seen: seen as f32, colour: (seen * albedo).as_vec3().to_array() });
+impl MaterialWeights {
+    /// Add the visible `area` of the material `id` with its linear `albedo`.
+    pub fn add(&mut self, id: u8, area: f64, albedo: DVec3) {
+        self.accumulate(Weight { id, area: area as f32, colour: (area * albedo).as_vec3().to_array() });
     }
 
-    /// Add `share` of all that is in `other`.
-    pub fn add_all(&mut self, other: &Weights, share: f64) {
+    /// Add all of `other`, scaled by `share`.
+    pub fn add_all(&mut self, other: &MaterialWeights, share: f64) {
         let share = share as f32;
         other
             .0
             .iter()
-            .for_each(|w| self.put(Weight { seen: share * w.seen, colour: w.colour.map(|c| share * c), ..*w }));
+            .for_each(|w| self.accumulate(Weight { area: share * w.area, colour: w.colour.map(|c| share * c), ..*w }));
     }
 
-    fn put(&mut self, new: Weight) {
+    fn accumulate(&mut self, new: Weight) {
         match self.0.iter_mut().find(|w| w.id == new.id) {
             Some(own) => {
-                own.seen += new.seen;
+                own.area += new.area;
                 own.colour.iter_mut().zip(new.colour).for_each(|(sum, c)| *sum += c);
             }
             None => self.0.push(new),
         }
     }
 
-    /// Divide all by `whole`.
+    /// Divide all areas by `whole`.
     pub fn divide(&mut self, whole: f64) {
         let share = (1.0 / whole) as f32;
         for w in &mut self.0 {
-            w.seen *= share;
+            w.area *= share;
             w.colour = w.colour.map(|c| share * c);
         }
     }
 
-    /// As a voxel holds them, in steps of `step`.
+    /// Mix as a voxel stores it, in steps of `step`.
     pub fn mix(&self, step: u8) -> Mix {
         match self.0[..] {
             [] => Mix::default(),
             [one] => Mix::one(one.id),
-            _ => Mix::new(self.0.iter().map(|w| (w.id, w.seen.into())), step),
+            _ => Mix::new(self.0.iter().map(|w| (w.id, w.area.into())), step),
         }
     }
 
-    /// What the texel says of `names`, of which the root has these weights; numbers to four places.
-    pub fn told(&self, names: &[String]) -> Vec<Material> {
+    /// Materials of a texel: name, mean albedo and share of each of `names`, where these weights are the root's. Numbers are rounded
+    /// to four places.
+    pub fn summarize(&self, names: &[String]) -> Vec<Material> {
         let round = |v: f64| (v.clamp(0.0, 1.0) * 1e4).round() / 1e4;
-        let whole: f64 = self.0.iter().map(|w| f64::from(w.seen)).sum();
+        let whole: f64 = self.0.iter().map(|w| f64::from(w.area)).sum();
         let of = |(id, name): (usize, &String)| {
             let own = self.0.iter().find(|w| usize::from(w.id) == id);
-            let seen = own.map_or(0.0, |w| f64::from(w.seen));
-            let albedo = own.filter(|_| seen > 0.0).map_or([1.0; 3], |w| w.colour.map(|c| round(f64::from(c) / seen)));
-            Material { name: name.clone(), albedo, share: round(if whole > 0.0 { seen / whole } else { 0.0 }) }
+            let area = own.map_or(0.0, |w| f64::from(w.area));
+            let albedo = own.filter(|_| area > 0.0).map_or([1.0; 3], |w| w.colour.map(|c| round(f64::from(c) / area)));
+            Material { name: name.clone(), albedo, share: round(if whole > 0.0 { area / whole } else { 0.0 }) }
         };
         names.iter().enumerate().map(of).collect()
     }
 }
 
-/// That a texel can hold so many.
-pub fn check(names: &[String]) -> Result<()> {
+/// Check that a texel can hold so many materials.
+///
+/// # Errors
+/// [`Error::Limit`] of too many.
+pub fn check_count(names: &[String]) -> Result<()> {
     if names.len() <= MOST_MATERIALS {
         return Ok(());
     }
     Err(Error::Limit {
-        what: "the number of materials of different names (name fewer with --material NAME, or leave them out with --materials off)".into(),
+        what: "the number of materials of different names (select fewer of them, or bake without materials)".into(),
         needed: names.len() as u64,
         allowed: MOST_MATERIALS as u64,
     })
@@ -92,17 +98,17 @@ mod tests {
     use crate::volume::material::FINE;
 
     #[test]
-    fn weights_are_told_by_share_and_mean_colour() {
-        let mut low = Weights::default();
+    fn summaries_hold_shares_and_mean_colours() {
+        let mut low = MaterialWeights::default();
         low.add(1, 3.0, DVec3::new(0.5, 0.0, 1.0));
         low.add(0, 1.0, DVec3::ONE);
         low.add(1, 1.0, DVec3::new(0.1, 0.4, 1.0));
         low.divide(5.0);
-        let mut all = Weights::default();
+        let mut all = MaterialWeights::default();
         all.add_all(&low, 2.0);
         assert_eq!(all.mix(FINE), Mix::new([(0, 1.0), (1, 4.0)], FINE));
-        let told = all.told(&["bark".into(), "leaf".into(), "moss".into()]);
-        assert_eq!(told[1], Material { name: "leaf".into(), albedo: [0.4, 0.1, 1.0], share: 0.8 });
-        assert_eq!((told[0].share, told[2].share), (0.2, 0.0));
+        let summary = all.summarize(&["bark".into(), "leaf".into(), "moss".into()]);
+        assert_eq!(summary[1], Material { name: "leaf".into(), albedo: [0.4, 0.1, 1.0], share: 0.8 });
+        assert_eq!((summary[0].share, summary[2].share), (0.2, 0.0));
     }
 }

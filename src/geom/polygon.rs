@@ -2,42 +2,52 @@
 //!
 //! Based on: I. Sutherland, G. Hodgman, *Reentrant Polygon Clipping*, CACM 1974.
 //!
-//! A piece that lies in the plane between two voxels belongs to the upper one (voxels are half-open), so areas add up.
+//! Voxels are half-open boxes: a piece that lies in the plane between two voxels belongs to the upper one. So no area is lost
+//! or counted twice.
 
 use super::{DAffine3, DVec3};
 
-/// Most corners that a source may give a polygon; six planes add one each.
+/// Most corners of a polygon that a source emits.
 pub const MAX_CORNERS: usize = 8;
-/// Most corners of a piece.
-pub const ROOM: usize = MAX_CORNERS + 6;
+/// Most corners of a piece that is clipped to a box: each of the box's six planes adds at most one.
+pub const MAX_PIECE_CORNERS: usize = MAX_CORNERS + 6;
 
-/// A planar convex polygon and the facet of the source that it is a piece of.
+/// Planar convex polygon, and the number of the source's facet that it is a piece of.
 #[derive(Debug, Clone, Copy)]
 pub struct Polygon {
-    corners: [DVec3; ROOM],
+    corners: [DVec3; MAX_PIECE_CORNERS],
     len: usize,
-    /// The source's own number for what this is a piece of.
+    /// The source's own number of the facet.
     pub facet: u32,
 }
 
-/// Where a polygon lies.
+/// Side of a plane on which a polygon lies.
 enum Side {
     Below,
     Above,
     Both,
 }
 
+/// How a polygon lies among the unit voxels.
+pub enum VoxelSplit {
+    /// Within one voxel, of this lower corner.
+    Inside(DVec3),
+    /// Across several, parted by the plane `p[axis] = at`.
+    Plane { axis: usize, at: f64 },
+}
+
 impl Polygon {
-    /// At most [`MAX_CORNERS`] corners are taken.
+    /// Polygon of the first [`MAX_CORNERS`] of `corners`; more are ignored.
     pub fn new(corners: &[DVec3], facet: u32) -> Polygon {
         let len = corners.len().min(MAX_CORNERS);
-        let mut polygon = Polygon { corners: [DVec3::ZERO; ROOM], len, facet };
+        let mut polygon = Polygon { corners: [DVec3::ZERO; MAX_PIECE_CORNERS], len, facet };
         polygon.corners[..len].copy_from_slice(&corners[..len]);
         polygon
     }
 
-    /// Give the convex polygon of at most [`ROOM`] corners, in two where it has more than a facet may have.
-    pub fn convex(corners: &[DVec3], facet: u32, each: &mut dyn FnMut(&Polygon)) {
+    /// Call `each` with the convex polygon of at most [`MAX_PIECE_CORNERS`] `corners`: as a whole, or in two parts where it has
+    /// more than [`MAX_CORNERS`].
+    pub fn from_convex(corners: &[DVec3], facet: u32, each: &mut dyn FnMut(&Polygon)) {
         if corners.len() <= MAX_CORNERS {
             return each(&Polygon::new(corners, facet));
         }
@@ -47,13 +57,14 @@ impl Polygon {
         each(&rest);
     }
 
-    /// The same seen from the other side.
-    pub fn turned(&self) -> Polygon {
-        let mut turned = *self;
-        turned.corners[..self.len].reverse();
-        turned
+    /// Same polygon with its corners in reverse order, so that it faces the other way.
+    pub fn reversed(&self) -> Polygon {
+        let mut reversed = *self;
+        reversed.corners[..self.len].reverse();
+        reversed
     }
 
+    /// Corners, in order around the polygon.
     pub fn corners(&self) -> &[DVec3] {
         &self.corners[..self.len]
     }
@@ -68,12 +79,12 @@ impl Polygon {
         0.5 * sum
     }
 
-    /// The mean of the corners.
-    pub fn middle(&self) -> DVec3 {
+    /// Mean of the corners.
+    pub fn corner_mean(&self) -> DVec3 {
         self.corners().iter().sum::<DVec3>() / self.len.max(1) as f64
     }
 
-    /// The same, moved by `-origin`.
+    /// Polygon moved by `-origin`.
     pub fn relative_to(&self, origin: DVec3) -> Polygon {
         let mut moved = *self;
         for c in &mut moved.corners[..self.len] {
@@ -82,7 +93,7 @@ impl Polygon {
         moved
     }
 
-    /// The same, larger by `factor` about the origin.
+    /// Polygon scaled by `factor` about the origin.
     pub fn scaled(&self, factor: f64) -> Polygon {
         let mut larger = *self;
         for c in &mut larger.corners[..self.len] {
@@ -91,7 +102,7 @@ impl Polygon {
         larger
     }
 
-    /// The same in another space.
+    /// Polygon with its corners mapped by `map`.
     pub fn transformed(&self, map: DAffine3) -> Polygon {
         let mut moved = *self;
         for c in &mut moved.corners[..self.len] {
@@ -114,17 +125,17 @@ impl Polygon {
     }
 
     fn push(&mut self, p: DVec3) {
-        if self.len < ROOM {
+        if self.len < MAX_PIECE_CORNERS {
             self.corners[self.len] = p;
             self.len += 1;
         }
     }
 
     fn empty_like(&self) -> Polygon {
-        Polygon { corners: [DVec3::ZERO; ROOM], len: 0, facet: self.facet }
+        Polygon { corners: [DVec3::ZERO; MAX_PIECE_CORNERS], len: 0, facet: self.facet }
     }
 
-    /// The pieces below and above the plane `p[axis] = plane`, which crosses it; both get the same corners on the cut.
+    /// Pieces below and above the plane `p[axis] = plane`, which must cross the polygon. Both get the same corners on the cut.
     pub fn split(&self, axis: usize, plane: f64) -> [Polygon; 2] {
         let mut pieces = [self.empty_like(), self.empty_like()];
         let [below, above] = &mut pieces;
@@ -132,7 +143,7 @@ impl Polygon {
         for &to in self.corners() {
             let (a, b) = (from[axis] - plane, to[axis] - plane);
             if (a < 0.0 && b > 0.0) || (a > 0.0 && b < 0.0) {
-                // From the lower end always, so that an edge shared by two facets is cut at one point.
+                // The cut is always computed from the edge's lower end, so that an edge which two facets share is cut at one point.
                 let (low, high, t) = if a < 0.0 { (from, to, a / (a - b)) } else { (to, from, b / (b - a)) };
                 let mut cut = low + t * (high - low);
                 cut[axis] = plane;
@@ -150,7 +161,8 @@ impl Polygon {
         pieces
     }
 
-    /// What of it is in the half-open box `[lo, hi)`; in `room` where that is not all of it.
+    /// Part of the polygon in the half-open box `[lo, hi)`, `None` if it is empty. The result borrows the polygon itself where
+    /// nothing is cut off, and `room` otherwise, so that a polygon within the box is not copied.
     pub fn clip<'a>(&'a self, lo: DVec3, hi: DVec3, room: &'a mut Option<Polygon>) -> Option<&'a Polygon> {
         let (least, most) = self.bounds();
         if least.cmpge(hi).any() || most.cmplt(lo).any() {
@@ -173,11 +185,12 @@ impl Polygon {
         Some(room.as_ref().unwrap_or(self))
     }
 
-    /// The middle one of the planes between unit voxels that part it, as axis and place, or its voxel's lower corner.
-    pub fn middle_plane(&self) -> Result<(usize, f64), DVec3> {
+    /// Voxel that holds the polygon, or the middle one of the planes between unit voxels that cross it, along the axis with
+    /// the most of them.
+    pub fn voxel_split(&self) -> VoxelSplit {
         let (lo, hi) = self.bounds();
         let cell = lo.floor();
-        // A piece that reaches the plane above from below lies below.
+        // A piece that only touches the voxel's upper plane from below does not cross it.
         let planes = (hi - cell).ceil() - 1.0;
         let axis = if planes.x >= planes.y && planes.x >= planes.z {
             0
@@ -187,22 +200,23 @@ impl Polygon {
             2
         };
         if planes[axis].is_nan() || planes[axis] < 1.0 {
-            return Err(cell);
+            return VoxelSplit::Inside(cell);
         }
-        Ok((axis, cell[axis] + (0.5 * planes[axis]).ceil()))
+        VoxelSplit::Plane { axis, at: cell[axis] + (0.5 * planes[axis]).ceil() }
     }
 
-    /// Cut it into the unit voxels, and give each piece with its voxel's lower corner. What lies in one voxel is not copied.
+    /// Cut the polygon by unit voxels, and call `each` with every piece and its voxel's lower corner. A polygon that lies in one
+    /// voxel is not copied.
     pub fn split_voxels(&self, each: &mut impl FnMut(&Polygon, DVec3)) {
-        match self.middle_plane() {
-            Err(cell) => each(self, cell),
-            Ok((axis, plane)) => {
-                self.split(axis, plane).iter().for_each(|piece| piece.split_voxels(each));
+        match self.voxel_split() {
+            VoxelSplit::Inside(cell) => each(self, cell),
+            VoxelSplit::Plane { axis, at } => {
+                self.split(axis, at).iter().for_each(|piece| piece.split_voxels(each));
             }
         }
     }
 
-    /// Its tight box.
+    /// Lower and upper corner of the polygon's tight box.
     pub fn bounds(&self) -> (DVec3, DVec3) {
         self.corners().iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(lo, hi), &c| (lo.min(c), hi.max(c)))
     }
@@ -213,7 +227,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// By voxel of the cube of edge 2.
+    /// Pieces by octant of the cube of edge 2.
     fn octants(p: &Polygon) -> [Vec<Polygon>; 8] {
         let mut out: [Vec<Polygon>; 8] = Default::default();
         p.split_voxels(&mut |piece, at| out[at.dot(DVec3::new(1.0, 2.0, 4.0)) as usize].push(*piece));

@@ -1,35 +1,36 @@
-//! Oblique projections along the 13 axes, and the lattice of lines along each that all voxels share.
+//! Oblique projections along the 13 axes, and the lattice of parallel lines along each axis that all voxels share.
 //!
-//! An axis is projected obliquely on a coordinate plane: p → (p_a − s_a p_d, p_b − s_b p_d) with s = 0 or ±1. So a lattice of
-//! 16 lines a voxel edge in that plane falls into the same lines for every voxel. Plane areas are "oblique": the area seen
-//! along the axis W (integers) times |W|.
+//! Each axis W is projected obliquely onto a coordinate plane: p → (p_a − s_a p_d, p_b − s_b p_d), where d is the dropped
+//! coordinate and the shears s are 0, 1 or −1. Because the shears are whole numbers, a lattice of 16 lines per voxel edge in
+//! that plane meets every voxel in the same lines. Areas in these planes are *oblique areas*: the area seen along the axis
+//! times |W|, the length of its integer direction.
 
 use super::{AXES13, DVec3};
 
-/// Lines a voxel edge.
+/// Number of lattice lines per voxel edge.
 pub const LINES: usize = 16;
-/// Lines along the edge of the squares in which they are counted.
-pub const SQUARE: usize = 4;
+/// Number of lattice lines along the edge of a square in which lines are counted.
+pub const SQUARE_LINES: usize = 4;
 
-/// How an axis is projected.
+/// Oblique projection along one axis.
 #[derive(Debug, Clone, Copy)]
 pub struct Projection {
-    /// Dropped coordinate, the one of the bits in a row, and the one of the rows.
+    /// Dropped coordinate; coordinate that runs along the bits of a row; coordinate that runs along the rows.
     pub drop: usize,
     pub a: usize,
     pub b: usize,
-    /// Shears of a and b: 0, 1, −1.
+    /// Shears of `a` and `b`: 0, 1 or −1.
     pub sa: i32,
     pub sb: i32,
-    /// First row in a mask of all axes' lines, and their number: 16, or 32 where b is sheared.
+    /// First row of the axis in a mask of all axes' lines, and the number of rows: 16, or 32 where `b` is sheared.
     pub first: usize,
     pub rows: usize,
-    /// Which of the nine sheared coordinates a and b are.
-    pub on: [usize; 2],
+    /// Indices of `a` and `b` among the nine [`COORDINATES`].
+    pub coordinates: [usize; 2],
 }
 
 const fn projections() -> [Projection; 13] {
-    let mut out = [Projection { drop: 0, a: 1, b: 2, sa: 0, sb: 0, first: 0, rows: 16, on: [0; 2] }; 13];
+    let mut out = [Projection { drop: 0, a: 1, b: 2, sa: 0, sb: 0, first: 0, rows: 16, coordinates: [0; 2] }; 13];
     let (mut k, mut first) = (0, 0);
     while k < 13 {
         let w = AXES13[k];
@@ -46,28 +47,29 @@ const fn projections() -> [Projection; 13] {
         }
         let (sa, sb) = (w[a] as i32 * w[drop] as i32, w[b] as i32 * w[drop] as i32);
         let rows = if sb == 0 { 16 } else { 32 };
-        out[k] = Projection { drop, a, b, sa, sb, first, rows, on: [coordinate(a, sa, drop), coordinate(b, sb, drop)] };
+        let coordinates = [coordinate(a, sa, drop), coordinate(b, sb, drop)];
+        out[k] = Projection { drop, a, b, sa, sb, first, rows, coordinates };
         first += rows;
         k += 1;
     }
     out
 }
 
-/// The nine coordinates that planes have: x, y, z; y ∓ x; z ∓ x; z ∓ y.
+/// Number of different coordinates of all projection planes: x, y, z; y ∓ x; z ∓ x; z ∓ y.
 pub const COORDINATES: usize = 9;
 
-/// Which of them `q` is, sheared by `s` times the coordinate `drop`.
+/// Index, below [`COORDINATES`], of the coordinate `q` sheared by `s` times the coordinate `drop`.
 pub const fn coordinate(q: usize, s: i32, drop: usize) -> usize {
     if s == 0 {
         return q;
     }
-    // The dropped axis is the lower one always.
+    // The dropped axis is always the lower one of the two.
     3 + 2 * (drop + q - 1) + if s < 0 { 1 } else { 0 }
 }
 
-/// Of [`AXES13`], in order.
+/// Projections along the axes of [`AXES13`](super::AXES13), in their order.
 pub const PROJECTIONS: [Projection; 13] = projections();
-/// Rows of all axes together.
+/// Number of rows of all axes together.
 pub const ROWS: usize = PROJECTIONS[12].first + PROJECTIONS[12].rows;
 
 impl Projection {
@@ -85,8 +87,8 @@ impl Projection {
         p
     }
 
-    /// From one unit of the dropped coordinate to the next, along the axis.
-    pub fn along(&self) -> DVec3 {
+    /// Step along the axis by one unit of the dropped coordinate.
+    pub fn step(&self) -> DVec3 {
         let mut step = DVec3::ZERO;
         step[self.drop] = 1.0;
         step[self.a] = f64::from(self.sa);
@@ -94,9 +96,9 @@ impl Projection {
         step
     }
 
-    /// Where the plane origin of the cell `at` lies in the plane of its block, `width` cells wide, in cell edges.
+    /// Plane origin of the cell `at` in the plane of its block, which is `width` cells wide: (a, b) in cell edges.
     #[inline(always)]
-    pub fn place(&self, at: [u8; 3], width: usize) -> (usize, usize) {
+    pub fn cell_origin(&self, at: [u8; 3], width: usize) -> (usize, usize) {
         let of = |q: usize, s: i32| {
             let o = i32::from(at[q]) - s * i32::from(at[self.drop]);
             (if s > 0 { o + width as i32 - 1 } else { o }) as usize
@@ -104,13 +106,13 @@ impl Projection {
         (of(self.a, self.sa), of(self.b, self.sb))
     }
 
-    /// Width of the voxel's plane, in voxel edges: (a, b).
+    /// Extent of a voxel's projection, in voxel edges: (a, b).
     pub const fn extent(&self) -> (usize, usize) {
         (if self.sa == 0 { 1 } else { 2 }, if self.sb == 0 { 1 } else { 2 })
     }
 }
 
-/// Where, along the axis `k`, child `j`'s plane origin lies in its parent's plane, in child edges.
+/// Plane origin of the child `j` in its parent's plane along the axis `k`: (a, b) in child edges.
 #[inline(always)]
 pub fn child_offset(k: usize, j: usize) -> (usize, usize) {
     const OFFSETS: [[[u8; 2]; 8]; 13] = {
@@ -131,8 +133,8 @@ pub fn child_offset(k: usize, j: usize) -> (usize, usize) {
     (a.into(), b.into())
 }
 
-/// How many squares, of the edge of a voxel or of any cube, the planes of the axes before `k` have.
-pub const fn planes_before(k: usize) -> usize {
+/// Number of squares of a cube's edge in the cube's projections along all axes before `k`.
+pub const fn squares_before(k: usize) -> usize {
     const SQUARES: [usize; 14] = {
         let (mut out, mut k) = ([0; 14], 0);
         while k < 13 {
@@ -145,8 +147,8 @@ pub const fn planes_before(k: usize) -> usize {
     SQUARES[k]
 }
 
-/// The stretch of the line of axis `k` at plane point (x, y) that lies in the box `lo..hi`, as an interval of the dropped
-/// coordinate; its length times |W| is the chord.
+/// Segment, in the box `lo..hi`, of the line of axis `k` at the plane point (x, y): an interval of the dropped coordinate,
+/// whose length times |W| is the chord. `None` where the line misses the box.
 #[inline]
 pub fn crossing(k: usize, x: f64, y: f64, lo: DVec3, hi: DVec3) -> Option<(f64, f64)> {
     let p = &PROJECTIONS[k];

@@ -14,7 +14,7 @@ use std::ops::AddAssign;
 use super::shade::{Group, Shader};
 use super::transmittance::{DepthChoice, MarchStats, Stretch, leaving, march};
 use crate::geom::{Aabb, Vec3};
-use crate::volume::level::Level;
+use crate::volume::level::BrightnessFactors;
 use crate::volume::{Model, Octree};
 use crate::{Result, par};
 
@@ -31,14 +31,15 @@ const DEEPEST: usize = 9;
 ///
 /// # Errors
 /// What reading the texel gives.
-pub fn measure(tree: Octree) -> Result<Vec<Level>> {
+pub fn measure(tree: Octree) -> Result<Vec<BrightnessFactors>> {
     let Some(finest) = tree.finest() else { return Ok(Vec::new()) };
-    let mut levels = vec![Level::PLAIN; finest + 1];
+    let mut levels = vec![BrightnessFactors::PLAIN; finest + 1];
     if tree.info().model == Model::Coverage {
         let deepest = finest.min(DEEPEST);
         let lit = lit(&tree, deepest);
         for depth in 0..deepest {
-            levels[depth] = Level::new(light(&lit[depth], &lit[deepest]).map(|all| all.sqrt() * all.sqrt().sqrt()));
+            levels[depth] =
+                BrightnessFactors::new(light(&lit[depth], &lit[deepest]).map(|all| all.sqrt() * all.sqrt().sqrt()));
         }
     }
     tree.into_failure().map_or(Ok(levels), Err)
@@ -194,7 +195,7 @@ mod tests {
     #[test]
     fn factors_that_are_linear_in_the_cosine_are_found() {
         let cosines = [-1.0, -0.7, -0.2, 0.1, 0.4, 0.9];
-        let wanted = Level::new([0.5, 1.0, 1.5]);
+        let wanted = BrightnessFactors::new([0.5, 1.0, 1.5]);
         let coarse = cosines.map(|c| (c, 2.0 + c));
         let finest = coarse.map(|(c, light)| (c, light * f64::from(wanted.lit(c as f32))));
         // Factors are f32: 6e-8 of each.

@@ -1,7 +1,7 @@
 //! Shading of what a march meets: reflected sky at once, and sunlight gathered in groups that share one shadow ray.
 
 use crate::geom::{Mat3, Vec3};
-use crate::volume::level::Level;
+use crate::volume::level::BrightnessFactors;
 use crate::volume::{Sggx, Voxel};
 
 use super::transmittance::{Hit, Sink};
@@ -73,7 +73,7 @@ pub struct Shader<'a> {
     lights: &'a [Vec3],
     warp: Option<Mat3>,
     tint: Vec3,
-    levels: &'a [Level],
+    levels: &'a [BrightnessFactors],
     /// The last voxel that was met of a solid's surface: what comes through it and ends within the solid is seen of it too.
     skin: Option<Skin>,
     /// One a light, from the first voxel on.
@@ -95,7 +95,7 @@ impl<'a> Shader<'a> {
         lights: &'a [Vec3],
         warp: Option<Mat3>,
         tint: Vec3,
-        levels: &'a [Level],
+        levels: &'a [BrightnessFactors],
         groups: &'a mut Vec<Group>,
     ) -> Self {
         Shader {
@@ -165,7 +165,7 @@ impl Sink for Shader<'_> {
         };
         // The ellipsoid is that of the opacity: where all normals are one, it is known better.
         let flat = share.powi(4);
-        let level = self.levels.get(usize::from(hit.depth)).unwrap_or(&Level::PLAIN);
+        let level = self.levels.get(usize::from(hit.depth)).unwrap_or(&BrightnessFactors::PLAIN);
         for light in 0..self.lights.len() {
             let towards = self.lights[light];
             let all = normals.diffuse(&weights, towards);

@@ -1,35 +1,37 @@
-//! How much of a texture's alpha is there in any box of its texels: sums over boxes in constant time.
+//! Mean alpha of a texture over any box of its texels, in constant time.
 //!
 //! Based on: F. Crow, *Summed-Area Tables for Texture Mapping*, SIGGRAPH 1984.
 
 use crate::scene::texture::{Texture, Wrap};
 
-/// What is there of something that alpha cuts.
+/// Bound on the alpha of a piece of a surface.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Presence {
-    Nothing,
-    /// Some of it, or it isn't known.
-    Part,
-    Whole,
+pub enum AlphaClass {
+    /// Alpha is 0 everywhere.
+    Transparent,
+    /// Alpha is 1 everywhere.
+    Opaque,
+    /// Anything else, also where no bound is known.
+    Mixed,
 }
 
-/// What is there of each texel, summed from the image's first corner.
+/// Summed-area table of a texture's alpha.
 pub struct AlphaSums {
     size: [u32; 2],
     wrap: [Wrap; 2],
-    /// (width + 1) · (height + 1) sums of 0 … 255; they wrap around, and so do not their differences over a box of at most
-    /// 2^24 texels.
+    /// (width + 1) · (height + 1) sums of values 0 … 255. Sums may wrap around; their differences over a box of at most 2^24
+    /// texels are exact nevertheless.
     sums: Vec<u32>,
 }
 
-/// Largest box that is summed, in texels.
+/// Number of texels of the largest box that is summed.
 const MOST: u64 = 1 << 24;
 
 /// Up to two intervals of texels, `from..to`.
 type Spans = [(u32, u32); 2];
 
 impl AlphaSums {
-    /// Of `texture`, where `there` says what is there, in 255ths, of a texel of an alpha code.
+    /// Table of `texture`, whose alpha codes mean the alpha `there(code)`, in 255ths.
     pub fn new(texture: &Texture, there: impl Fn(u8) -> u8) -> AlphaSums {
         let there: [u8; 256] = std::array::from_fn(|code| there(code as u8));
         let (w, h) = (texture.width as usize, texture.height as usize);
@@ -46,27 +48,27 @@ impl AlphaSums {
         AlphaSums { size: [texture.width, texture.height], wrap: texture.wrap, sums }
     }
 
-    /// What a lookup anywhere between the texture coordinates `lo` and `hi` can find, filtered or not.
-    pub fn presence(&self, lo: [f64; 2], hi: [f64; 2]) -> Presence {
-        // A bilinear lookup takes the texels whose middles are around it.
+    /// Bound on what a lookup between the texture coordinates `lo` and `hi` can find, filtered or not.
+    pub fn classify(&self, lo: [f64; 2], hi: [f64; 2]) -> AlphaClass {
+        // A bilinear lookup reads the four texels whose centres surround it.
         let spans = [0, 1].map(|k| {
             let size = f64::from(self.size[k]);
             self.spans(k, whole((lo[k] * size - 0.5).floor()), whole((hi[k] * size - 0.5).floor() + 2.0))
         });
         if !lo.iter().chain(&hi).all(|v| v.is_finite()) {
-            return Presence::Part;
+            return AlphaClass::Mixed;
         }
-        let Some((sum, count)) = self.sum(spans) else { return Presence::Part };
+        let Some((sum, count)) = self.sum(spans) else { return AlphaClass::Mixed };
         if sum == 0 {
-            Presence::Nothing
+            AlphaClass::Transparent
         } else if u64::from(sum) == 255 * count {
-            Presence::Whole
+            AlphaClass::Opaque
         } else {
-            Presence::Part
+            AlphaClass::Mixed
         }
     }
 
-    /// Mean share, in [0, 1], of the box of `width` texels (1 or more) around `uv`.
+    /// Mean alpha, in [0, 1], of the box of `width` texels (1 or more) around `uv`.
     #[inline]
     pub fn mean(&self, uv: [f64; 2], width: f64) -> f32 {
         let ends = [0, 1].map(|k| {
@@ -74,7 +76,7 @@ impl AlphaSums {
             let (from, to) = (rounded(at - 0.5 * width), rounded(at + 0.5 * width));
             (from, to.max(from + 1))
         });
-        // Mostly within the image, where all ways to wrap are one.
+        // Most boxes lie within the image, where the wrap mode does not matter.
         let within = |k: usize| ends[k].0 >= 0 && ends[k].1 <= i64::from(self.size[k]);
         let found = if within(0) && within(1) {
             let [(x0, x1), (y0, y1)] = ends.map(|(from, to)| (from as u32, to as u32));
@@ -94,7 +96,7 @@ impl AlphaSums {
         at(x[1], y[1]).wrapping_sub(at(x[0], y[1])).wrapping_sub(at(x[1], y[0])).wrapping_add(at(x[0], y[0]))
     }
 
-    /// Sum and number of texels; `None` of too many.
+    /// Sum and number of texels; `None` of more than [`MOST`].
     fn sum(&self, spans: [Spans; 2]) -> Option<(u32, u64)> {
         let (mut sum, mut count) = (0u32, 0u64);
         for (y0, y1) in spans[1] {
@@ -106,7 +108,7 @@ impl AlphaSums {
         (count <= MOST).then_some((sum, count))
     }
 
-    /// The texels that cells `from..to` of axis `k` show, at least one.
+    /// Texels, at least one, that the wrap mode assigns to the positions `from..to` of axis `k`.
     fn spans(&self, k: usize, from: i64, to: i64) -> Spans {
         const NONE: (u32, u32) = (0, 0);
         let n = i64::from(self.size[k]);
@@ -140,12 +142,13 @@ impl AlphaSums {
     }
 }
 
-/// Of a whole number, or of one so far off that it does not matter.
+/// `v`, a whole number, as an integer; far out of range it is clamped, since no texture is that wide.
 fn whole(v: f64) -> i64 {
     v.clamp(-1e15, 1e15) as i64
 }
 
-/// The nearest whole number, as `f64::round` has it, which is a call where no instruction for it may be taken for granted.
+/// Nearest whole number, halves away from zero, as `f64::round` has it; that one is a library call where the processor may lack
+/// an instruction for it.
 #[inline]
 fn rounded(v: f64) -> i64 {
     let v = v.clamp(-1e15, 1e15);
@@ -170,16 +173,16 @@ mod tests {
     #[test]
     fn boxes_of_texels() {
         let sums = AlphaSums::new(&corner(Wrap::Repeat), |a| a);
-        assert_eq!(sums.presence([0.1, 0.1], [0.2, 0.3]), Presence::Whole);
-        assert_eq!(sums.presence([0.7, 0.7], [0.9, 0.9]), Presence::Nothing);
-        assert_eq!(sums.presence([0.1, 0.1], [0.7, 0.9]), Presence::Part);
-        assert_eq!(sums.presence([-1e30, 0.1], [f64::NAN, 0.2]), Presence::Part);
+        assert_eq!(sums.classify([0.1, 0.1], [0.2, 0.3]), AlphaClass::Opaque);
+        assert_eq!(sums.classify([0.7, 0.7], [0.9, 0.9]), AlphaClass::Transparent);
+        assert_eq!(sums.classify([0.1, 0.1], [0.7, 0.9]), AlphaClass::Mixed);
+        assert_eq!(sums.classify([-1e30, 0.1], [f64::NAN, 0.2]), AlphaClass::Mixed);
         // 5 + 4 + 3 + 2 + 1 of 48, over one or many periods.
         assert!((sums.mean([0.5, 0.5], 8.0) - 15.0 / 48.0).abs() < 1e-6);
         assert!((sums.mean([7.3, -2.1], 800.0) - 15.0 / 48.0).abs() < 1e-6);
         assert_eq!(sums.mean([0.5 / 8.0, 0.5 / 6.0], 1.0), 1.0);
         let none = AlphaSums::new(&Texture::default(), |a| a);
-        assert_eq!(none.presence([0.0, 0.0], [1.0, 1.0]), Presence::Nothing);
+        assert_eq!(none.presence([0.0, 0.0], [1.0, 1.0]), AlphaClass::Transparent);
         assert_eq!(none.mean([0.3, 0.3], 2.0), 0.0);
     }
 
@@ -201,11 +204,11 @@ mod tests {
             let sums = AlphaSums::new(&texture, |a| a);
             let hi = [lo[0] + size[0], lo[1] + size[1]];
             let found = texture.sample([0, 1].map(|k| (lo[k] + at[k] * size[k]) as f32))[3];
-            match sums.presence(lo, hi) {
+            match sums.classify(lo, hi) {
                 // f32's steps of the coordinate: 3e-7 of a period, 2e-6 of a texel.
-                Presence::Nothing => prop_assert!(found < 1e-5),
-                Presence::Whole => prop_assert!(found > 1.0 - 1e-5),
-                Presence::Part => {}
+                AlphaClass::Transparent => prop_assert!(found < 1e-5),
+                AlphaClass::Opaque => prop_assert!(found > 1.0 - 1e-5),
+                AlphaClass::Mixed => {}
             }
         }
     }

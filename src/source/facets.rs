@@ -53,7 +53,7 @@ pub fn facets(staged: &dyn Staged, place: &Placement, max_bytes: u64, progress: 
         staged.emit(i, &mut |facet| {
             let mut room = None;
             let Some(polygon) = facet.clip(corner, corner + width, &mut room) else { return };
-            let cut_out = staged.cut_out(facet.facet);
+            let cut_out = staged.has_alpha(facet.facet);
             let c = polygon.corners();
             for k in 2..c.len() {
                 found.pieces.push(Piece { corners: [c[0], c[k - 1], c[k]], facet: facet.facet, cut_out });

@@ -9,7 +9,7 @@
 
 use super::mixture::mix;
 use super::placement::Placement;
-use super::traits::{Cut, Source, Staged, Surface};
+use super::traits::{AlphaSampler, Source, Staged, Surface};
 use crate::geom::polygon::Polygon;
 use crate::geom::{Aabb, DVec3};
 use crate::progress::Progress;
@@ -336,11 +336,11 @@ fn either(a: Option<bool>, b: Option<bool>) -> Option<bool> {
 /// Give what of the convex `polygon` is kept.
 fn cut(polygon: &Polygon, keeps: &dyn Fn(DVec3) -> bool, splits: usize, each: &mut dyn FnMut(&Polygon)) {
     let corners = polygon.corners();
-    let middle = keeps(polygon.middle());
-    let mut kept = [false; crate::geom::polygon::ROOM];
+    let middle = keeps(polygon.corner_mean());
+    let mut kept = [false; crate::geom::polygon::MAX_PIECE_CORNERS];
     for (kept, c) in kept.iter_mut().zip(corners) {
         // Corners on a border of two facets are asked a hair within, so that both sides answer for themselves.
-        *kept = keeps(*c + 1e-6 * (polygon.middle() - *c));
+        *kept = keeps(*c + 1e-6 * (polygon.corner_mean() - *c));
     }
     let kept = &kept[..corners.len()];
     let changes = (0..kept.len()).filter(|&i| kept[i] != kept[(i + 1) % kept.len()]).count();
@@ -381,7 +381,7 @@ fn cut(polygon: &Polygon, keeps: &dyn Fn(DVec3) -> bool, splits: usize, each: &m
             out.push(inner);
         }
     }
-    Polygon::convex(&out, polygon.facet, each);
+    Polygon::from_convex(&out, polygon.facet, each);
 }
 
 impl Staged for StagedLayers<'_> {
@@ -421,14 +421,14 @@ impl Staged for StagedLayers<'_> {
                 let (lo, hi) = numbered.bounds();
                 let Some(filters) = &self.unsettled(filters, &Aabb::new(lo, hi)) else { return };
                 if filters.is_empty() {
-                    return if turned { each(&numbered.turned()) } else { each(&numbered) };
+                    return if turned { each(&numbered.reversed()) } else { each(&numbered) };
                 }
                 let Some(normal) = numbered.area_vector().try_normalize() else { return };
                 let mut room = None;
                 let Some(numbered) = numbered.clip(corner, corner + self.width, &mut room) else { return };
                 numbered.split_voxels(&mut |piece, _| {
                     self.pass(piece, normal, filters, &mut |left| {
-                        if turned { each(&left.turned()) } else { each(left) }
+                        if turned { each(&left.reversed()) } else { each(left) }
                     });
                 });
             });
@@ -454,16 +454,16 @@ impl Staged for StagedLayers<'_> {
         layer.ids.get(usize::from(layer.staged.material(local))).copied().unwrap_or(0)
     }
 
-    fn cut_out(&self, facet: u32) -> bool {
+    fn has_alpha(&self, facet: u32) -> bool {
         let (i, local) = self.find(facet);
         let changed = |l: &Layer| matches!(l.mode, Mode::Opacity | Mode::Threshold);
-        self.layers[i].staged.cut_out(local) || self.layers[i + 1..].iter().any(changed)
+        self.layers[i].staged.has_alpha(local) || self.layers[i + 1..].iter().any(changed)
     }
 
-    fn cut(&self, facet: u32) -> Option<Box<dyn Cut + '_>> {
+    fn alpha_sampler(&self, facet: u32) -> Option<Box<dyn AlphaSampler + '_>> {
         let (i, local) = self.find(facet);
         let changed = |l: &Layer| matches!(l.mode, Mode::Opacity | Mode::Threshold);
-        if self.layers[i + 1..].iter().any(changed) { None } else { self.layers[i].staged.cut(local) }
+        if self.layers[i + 1..].iter().any(changed) { None } else { self.layers[i].staged.alpha_sampler(local) }
     }
 
     fn one_sided(&self, facet: u32) -> bool {

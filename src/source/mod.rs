@@ -2,7 +2,7 @@
 //! region of the grid at a time.
 //!
 //! The door is [`Source`] and [`Staged`], with [`Placement`] and what they speak of: [`Polygon`], [`Medium`], [`Surface`],
-//! [`Cut`]. A bake knows only these. Behind it is a folder or a file for each kind; [`open`](open()) chooses one by a file's name.
+//! [`AlphaSampler`]. A bake knows only these. Behind it is a folder or a file for each kind; [`open`](open()) chooses one by a file's name.
 
 mod alpha;
 pub mod curve;
@@ -29,7 +29,7 @@ pub mod texel;
 mod traits;
 
 pub use crate::geom::polygon::{MAX_CORNERS, Polygon};
-pub use alpha::Presence;
+pub use alpha::AlphaClass;
 pub use curve::trajectory::TrajectoryOptions;
 pub use curve::{CurveOptions, CurveSource, Interpolation, Section, Strand};
 pub use facets::{Facets, Piece, facets};
@@ -42,4 +42,4 @@ pub use options::OpenOptions;
 pub use placement::{Placement, REGION_LOG2};
 pub use recipe::{Laid, laid_files, lay};
 pub use stack::{StackOptions, StackSource};
-pub use traits::{Cut, Source, Staged, Surface};
+pub use traits::{AlphaSampler, Source, Staged, Surface};

@@ -6,7 +6,7 @@
 use std::sync::Arc;
 
 use super::placement::Placement;
-use super::traits::{Cut, Source, Staged, Surface};
+use super::traits::{AlphaSampler, Source, Staged, Surface};
 use crate::geom::polygon::Polygon;
 use crate::geom::{Aabb, DAffine3, DVec3};
 use crate::progress::Progress;
@@ -223,13 +223,13 @@ impl Staged for StagedPaint<'_> {
         self.inner.closed(facet)
     }
 
-    fn cut_out(&self, facet: u32) -> bool {
-        self.paint.opacity.is_some() || self.paint.cuts || self.inner.cut_out(facet)
+    fn has_alpha(&self, facet: u32) -> bool {
+        self.paint.opacity.is_some() || self.paint.cuts || self.inner.has_alpha(facet)
     }
 
-    fn cut(&self, facet: u32) -> Option<Box<dyn Cut + '_>> {
+    fn alpha_sampler(&self, facet: u32) -> Option<Box<dyn AlphaSampler + '_>> {
         let own = self.paint.opacity.is_none() && !self.paint.cuts;
-        if own { self.inner.cut(facet) } else { None }
+        if own { self.inner.alpha_sampler(facet) } else { None }
     }
 
     fn one_sided(&self, facet: u32) -> bool {

@@ -238,7 +238,7 @@ impl StagedTexel {
             *own = (rate * shape.sigma(w.as_vec3())).clamp(1e-6, MAX_RATE);
         }
         let blocked = chords.blocked(&own, voxel.c()).map(|share| share.clamp(0.0, OPAQUE));
-        let rates = chords.rates(&blocked, 0.0).0;
+        let rates = chords.solve_rates(&blocked, 0.0).rates;
         std::array::from_fn(|k| rates[k].into())
     }
 
@@ -310,7 +310,7 @@ impl Staged for StagedTexel {
         Surface { albedo: [1.0; 3], alpha: 1.0 }
     }
 
-    fn cut_out(&self, _: u32) -> bool {
+    fn has_alpha(&self, _: u32) -> bool {
         false
     }
 

@@ -1,6 +1,6 @@
 //! What a bake needs of a source: its extent, and its matter as facets, a region at a time.
 
-use super::alpha::Presence;
+use super::alpha::AlphaClass;
 use super::medium::Medium;
 use super::placement::Placement;
 use crate::geom::polygon::Polygon;
@@ -13,7 +13,7 @@ use crate::{Result, Warnings};
 pub struct Surface {
     /// Linear Rec. 709.
     pub albedo: [f32; 3],
-    /// Presence that is there, in [0, 1].
+    /// Share of the surface that is there, in [0, 1].
     pub alpha: f32,
 }
 
@@ -70,10 +70,11 @@ pub trait Staged: Sync {
     fn material(&self, _facet: u32) -> u16 {
         0
     }
-    /// Whether alpha cuts something out of the facet.
-    fn cut_out(&self, facet: u32) -> bool;
-    /// Quick answers about the alpha of a facet that is [`cut_out`](Staged::cut_out); without them it is point-sampled.
-    fn cut(&self, _facet: u32) -> Option<Box<dyn Cut + '_>> {
+    /// Whether the facet's alpha may be below 1 somewhere.
+    fn has_alpha(&self, facet: u32) -> bool;
+    /// Sampler of the alpha of a facet that [`has_alpha`](Staged::has_alpha); without one, [`surface`](Staged::surface) is
+    /// point-sampled.
+    fn alpha_sampler(&self, _facet: u32) -> Option<Box<dyn AlphaSampler + '_>> {
         None
     }
     /// The unit normal (grid space) that a facet of the unit normal `own` shows at `at`; another one leaves alone how much it
@@ -104,12 +105,13 @@ pub trait Staged: Sync {
     }
 }
 
-/// The alpha of one facet.
-pub trait Cut {
-    /// What is there of `piece` (grid space), by safe bounds.
-    fn presence(&self, piece: &Polygon) -> Presence;
-    /// Details of alpha along a voxel's edge: more samples than these tell nothing new.
-    fn detail(&self) -> f64;
-    /// Alpha at `from`, `from + step` … (grid space), each averaged over about `width` voxels where details are smaller.
-    fn row(&self, from: DVec3, step: DVec3, width: f64, alpha: &mut [f32]);
+/// Alpha of one facet.
+pub trait AlphaSampler {
+    /// Conservative bound on the alpha of `piece` (grid space).
+    fn classify(&self, piece: &Polygon) -> AlphaClass;
+    /// Number of texels of the alpha along a voxel's edge: more samples than these tell nothing new.
+    fn texels_per_voxel(&self) -> f64;
+    /// Fill `alpha` with the alpha at `from`, `from + step` … (grid space), each averaged over about `width` voxels where texels
+    /// are smaller than that.
+    fn sample_row(&self, from: DVec3, step: DVec3, width: f64, alpha: &mut [f32]);
 }

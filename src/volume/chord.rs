@@ -1,5 +1,5 @@
-//! How much a box of uniform matter blocks along the axes: the law of opacity averaged over the box's chords, for all axes
-//! at once.
+//! Opacity of a box of uniform matter along the 13 axes: the law of [`opacity`](crate::volume::opacity), averaged over the
+//! box's chords, for all axes at once.
 //!
 //! Based on: the chord-length distribution of a convex body along a direction is minus the derivative of its covariogram
 //! (Matheron, *Random Sets and Integral Geometry*, 1975); a box's covariogram is the product of three ramps.
@@ -7,24 +7,24 @@
 use crate::geom::axis_length;
 use crate::geom::{AXES13, DVec3, larger, smaller};
 
-/// A value an axis; the last three are of no axis, so that four fit a register.
+/// One value per axis. The last three lanes belong to no axis; they fill up to a multiple of the SIMD width.
 pub type Lanes = [f32; 16];
 
-/// Chords of a box along each axis. The share longer than s is 1 − b s + d s², up to the longest.
+/// Distribution of a box's chords along each axis: the share of chords longer than s is 1 − b s + d s², up to `longest`.
 #[derive(Debug, Clone, Copy)]
 pub struct Chords {
     b: Lanes,
     d: Lanes,
     longest: Lanes,
-    /// 1 over the mean chord.
+    /// Reciprocal of the mean chord.
     pub inverse_mean: Lanes,
 }
 
-/// |w| of each coordinate, of the axes as unit vectors; what follows on the last axis is the first again, so that no box has no
-/// chords there.
-const SHARES: [Lanes; 3] = shares();
+/// Absolute coordinates of the axes as unit vectors, by coordinate. The unused lanes repeat the first axis, so that every box
+/// has chords there and no lane divides by 0.
+const ABS_DIRECTION: [Lanes; 3] = abs_directions();
 
-const fn shares() -> [Lanes; 3] {
+const fn abs_directions() -> [Lanes; 3] {
     let mut out = [[0.0; 16]; 3];
     let mut k = 0;
     while k < 16 {
@@ -39,7 +39,7 @@ const fn shares() -> [Lanes; 3] {
     out
 }
 
-/// [`axis_length`] of all of them.
+/// Length [`axis_length`] of every axis.
 pub const LENGTHS: Lanes = {
     let mut out = [1.0; 16];
     let mut k = 0;
@@ -50,7 +50,7 @@ pub const LENGTHS: Lanes = {
     out
 };
 
-/// Largest rate that is asked for, hits per voxel edge.
+/// Largest rate that a fit asks for, hits per voxel edge.
 pub const MAX_RATE: f32 = 118.0;
 
 /// Gauss-Legendre nodes and weights on [0, 1], four points.
@@ -61,21 +61,30 @@ const GAUSS: [(f32, f32); 4] = [
     (0.930_568_16, 0.173_927_42),
 ];
 
-/// Correlation from which on the law is min(τ, 1).
-pub const CORRELATED: f32 = 0.999;
+/// Correlation above which matter counts as fully correlated: its opacity is min(τ, 1).
+pub const FULL_CORRELATION: f32 = 0.999;
 
-/// Most steps towards a rate; and how small, of log rate, one has to be to be the last.
-const STEPS: usize = 6;
-const SMALL: f32 = 0.03;
+/// Most Newton steps towards a rate.
+const MAX_NEWTON_STEPS: usize = 6;
+/// Largest step of log rate after which Newton's method stops.
+const LAST_STEP: f32 = 0.03;
+
+/// Rates, hits per voxel edge, and how opacity grows with them.
+#[derive(Debug, Clone, Copy)]
+pub struct SolvedRates {
+    pub rates: Lanes,
+    /// Derivatives of the opacities by the logarithms of the rates, at or near the rates.
+    pub slopes: Lanes,
+}
 
 impl Chords {
-    /// Of a box with edges `e` > 0.
+    /// Chords of a box with edges `e` > 0.
     #[inline(always)]
     pub fn new(e: DVec3) -> Chords {
         let mut chords = Chords { b: [0.0; 16], d: [0.0; 16], longest: [1.0; 16], inverse_mean: [1.0; 16] };
         let q = e.recip().as_vec3();
         for k in 0..16 {
-            let (x, y, z) = (q.x * SHARES[0][k], q.y * SHARES[1][k], q.z * SHARES[2][k]);
+            let (x, y, z) = (q.x * ABS_DIRECTION[0][k], q.y * ABS_DIRECTION[1][k], q.z * ABS_DIRECTION[2][k]);
             let sum = x + y + z;
             chords.b[k] = 2.0 * (x * y + x * z + y * z) / sum;
             chords.d[k] = 3.0 * x * y * z / sum;
@@ -85,22 +94,23 @@ impl Chords {
         chords
     }
 
-    /// Share of the lines through the box that matter of the rates `r` > 0 and correlation `c` blocks.
+    /// Opacity of the box, in [0, 1]: the mean over its lines, for matter of the rates `r` > 0 and the correlation `c`.
     #[inline(always)]
     pub fn blocked(&self, r: &Lanes, c: f32) -> Lanes {
         self.blocked_and_slope(r, c).0
     }
 
-    /// [`Chords::blocked`], and its derivative by log r.
+    /// Opacity as of [`Chords::blocked`], and its derivative by log r.
     #[inline(always)]
     fn blocked_and_slope(&self, r: &Lanes, c: f32) -> (Lanes, Lanes) {
         let (mut share, mut slope) = ([0.0; 16], [0.0; 16]);
-        if c > CORRELATED {
+        if c > FULL_CORRELATION {
             for i in 0..16 {
                 let m = smaller(self.longest[i], 1.0 / r[i]);
                 let (b, d) = (self.b[i], self.d[i]);
                 share[i] = r[i] * m * (1.0 - m * (0.5 * b - m * d * (1.0 / 3.0)));
-                // Where the longest chord is not blocked throughout, all of it grows; else what is beyond.
+                // Chords shorter than m grow more opaque with the rate (`part`); those that reach m do so (`whole`) unless they
+                // are opaque already.
                 let part = r[i] * m * m * (0.5 * b - m * d * (2.0 / 3.0));
                 let whole = if m < self.longest[i] { 0.0 } else { r[i] * m * (1.0 - m * (b - m * d)) };
                 slope[i] = part + whole;
@@ -108,7 +118,7 @@ impl Chords {
             return (share, slope);
         }
         let more = 1.0 / (1.0 - c);
-        // T = (1 + a) e^−ks − a, 1 + a = 1 / (1 − c), until it is 0; beyond 12 / k what is left is below 1e-5.
+        // T = (1 + a) e^−ks − a with 1 + a = 1 / (1 − c), until it is 0. Beyond s = 12 / k what is left is below 1e-5.
         let zero = if c > 0.0 { ln(1.0 / c).min(12.0) } else { 12.0 };
         for i in 0..16 {
             let k = (1.0 - c) * r[i];
@@ -123,36 +133,35 @@ impl Chords {
             }
             let end = exp_neg(k * m);
             let whole = if m < self.longest[i] { 0.0 } else { end * (1.0 - m * (b - m * d)) };
-            // All chords of a box along its edges are equal; the sum is exact where they are short.
+            // All chords of a box along its edges are equal, and there the closed form is exact; the sum is exact for short ones.
             share[i] = more * if b == 0.0 && k * m > 1.0 { 1.0 - end } else { k * m * sum };
             slope[i] = more * k * m * (part + whole);
         }
         (share, slope)
     }
 
-    /// The rates with which the box blocks the shares `p` in [0, 1) of its lines, at most [`MAX_RATE`]; and the derivatives of
-    /// the shares by the rates' logarithms, near there.
+    /// Rates, at most [`MAX_RATE`], at which the box has the opacities `p` in [0, 1) at the correlation `c`.
     #[inline(always)]
-    pub fn rates(&self, p: &Lanes, c: f32) -> (Lanes, Lanes) {
-        if c > CORRELATED {
-            return self.correlated_rates(p);
+    pub fn solve_rates(&self, p: &Lanes, c: f32) -> SolvedRates {
+        if c > FULL_CORRELATION {
+            return self.solve_correlated_rates(p);
         }
         let mut rates = [0.0; 16];
         let mut slopes = [0.0; 16];
         let mut goal = [0.0; 16];
         for i in 0..16 {
-            let want = larger(depth_for(p[i], c), 1e-12);
+            let want = larger(depth_of_opacity(p[i], c), 1e-12);
             goal[i] = ln(want);
             rates[i] = smaller(want * self.inverse_mean[i], MAX_RATE);
         }
-        // Newton's steps on log depth over log rate, whose slope is 1 while little is blocked and falls towards opaque.
-        for _ in 0..STEPS {
+        // Newton's method on log depth as a function of log rate, whose slope is 1 for faint matter and falls towards opaque.
+        for _ in 0..MAX_NEWTON_STEPS {
             let (share, slope) = self.blocked_and_slope(&rates, c);
             slopes = slope;
             let mut largest = [0.0f32; 16];
             for i in 0..16 {
                 let share = share[i].clamp(1e-12, 1.0 - 1e-6);
-                let depth = depth_for(share, c);
+                let depth = depth_of_opacity(share, c);
                 let slope = slope[i] / (depth * (1.0 - share * (1.0 - c)));
                 let step = ((goal[i] - ln(depth)) / slope.clamp(0.02, 1.0)).clamp(-3.0, 3.0);
                 let e = exp_neg(step.abs());
@@ -161,20 +170,21 @@ impl Chords {
                 largest[i] = if p[i] > 0.0 { moved } else { 0.0 };
                 rates[i] = next;
             }
-            if largest.into_iter().fold(0.0, larger) < SMALL {
+            if largest.into_iter().fold(0.0, larger) < LAST_STEP {
                 break;
             }
         }
         for i in 0..16 {
             rates[i] = if p[i] > 0.0 { rates[i] } else { 0.0 };
         }
-        (rates, slopes)
+        SolvedRates { rates, slopes }
     }
 
-    /// [`Chords::rates`] at c = 1: by the mean chord as long as the longest is not blocked throughout, or else by a quadratic
-    /// equation for the shortest that is, 1 / r: the rest of the share, 1 − p, is b/2 · m − d/3 · m².
+    /// [`Chords::solve_rates`] at c = 1, in closed form. As long as not even the longest chord is blocked throughout, opacity is
+    /// rate over [`Chords::inverse_mean`]. Else the shortest chord that is blocked throughout, m = 1 / r, solves a quadratic
+    /// equation: 1 − p = b/2 · m − d/3 · m².
     #[inline(always)]
-    fn correlated_rates(&self, p: &Lanes) -> (Lanes, Lanes) {
+    fn solve_correlated_rates(&self, p: &Lanes) -> SolvedRates {
         let (mut rates, mut slopes) = ([0.0; 16], [0.0; 16]);
         for i in 0..16 {
             let (b, d, rest) = (0.5 * self.b[i], self.d[i] * (1.0 / 3.0), 1.0 - p[i]);
@@ -187,19 +197,19 @@ impl Chords {
             slopes[i] = if all_grow { p[i] } else { m * (b - 2.0 * m * d) };
             rates[i] = if p[i] > 0.0 { rates[i] } else { 0.0 };
         }
-        (rates, slopes)
+        SolvedRates { rates, slopes }
     }
 }
 
-/// The optical depth that blocks the share `p` in [0, 1) at correlation `c`: that of
-/// [`opacity::depth_for`](crate::volume::opacity::depth_for), to 1e-6 of it.
+/// Optical depth of a line of opacity `p` in [0, 1) at the correlation `c`: that of
+/// [`opacity::depth_for`](crate::volume::opacity::depth_for) at transmittance 1 − p, to a relative 1e-6.
 #[inline(always)]
-pub fn depth_for(p: f32, c: f32) -> f32 {
-    if c > CORRELATED {
+pub fn depth_of_opacity(p: f32, c: f32) -> f32 {
+    if c > FULL_CORRELATION {
         return p;
     }
     let d = 1.0 - c;
-    // −ln(1 − x) / d; what rounding took from x is given back.
+    // −ln(1 − x) / d, corrected for what rounding took from a small x.
     let x = p * d;
     let u = 1.0 - x;
     let lost = 1.0 - u;
@@ -207,8 +217,8 @@ pub fn depth_for(p: f32, c: f32) -> f32 {
     if lost > 0.0 { log * (x / lost) } else { p }
 }
 
-/// Natural logarithm of a normal x > 0, to 2e-7 of it or of 1: by the series of artanh; no library's, so the same
-/// everywhere, and many at once.
+/// Natural logarithm of a normal x > 0, to the larger of 2e-7 and a relative 2e-7, by the series of artanh. It is written out
+/// so that it is the same on every machine and runs in SIMD lanes.
 #[inline(always)]
 pub fn ln(x: f32) -> f32 {
     const HALF_ROOT: u32 = 0x3f35_04f3;
@@ -220,7 +230,8 @@ pub fn ln(x: f32) -> f32 {
     (shifted >> 23) as f32 * std::f32::consts::LN_2 + 2.0 * s * (1.0 + z * (1.0 / 3.0 + z * (0.2 + z * (1.0 / 7.0))))
 }
 
-/// e^−x for x ≥ 0, to 1e-5: Taylor's series at x/32 and five squarings; no library's exp, so the same everywhere.
+/// e^−x for x ≥ 0, to 1e-5, by Taylor's series at x/32 and five squarings. It is written out so that it is the same on every
+/// machine and runs in SIMD lanes.
 #[inline(always)]
 pub fn exp_neg(x: f32) -> f32 {
     let y = -smaller(x, 40.0) / 32.0;
@@ -231,19 +242,19 @@ pub fn exp_neg(x: f32) -> f32 {
     e
 }
 
-/// [`box_area`](crate::bake::beams::box_area) of all axes.
+/// Oblique areas, along all axes, of a box with edges `e`: see [`box_area`](crate::geom::box_area).
 #[inline(always)]
 pub fn box_areas(e: DVec3) -> Lanes {
     let e = e.as_vec3();
     let (x, y, z) = (e.y * e.z, e.x * e.z, e.x * e.y);
     let mut areas = [0.0; 16];
     for k in 0..16 {
-        areas[k] = (x * SHARES[0][k] + y * SHARES[1][k] + z * SHARES[2][k]) * LENGTHS[k];
+        areas[k] = (x * ABS_DIRECTION[0][k] + y * ABS_DIRECTION[1][k] + z * ABS_DIRECTION[2][k]) * LENGTHS[k];
     }
     areas
 }
 
-/// The sum of `f` of all values, eight sums side by side.
+/// Sum of `f` over `values`, as eight interleaved partial sums so that it runs in SIMD lanes.
 #[inline(always)]
 pub fn sum(values: &[f32], f: impl Fn(f32) -> f32) -> f32 {
     let mut sums = [0.0f32; 8];
@@ -271,7 +282,7 @@ mod tests {
         let chords = Chords::new(e);
         for (r, c) in [(0.5, 0.0), (2.0, 0.5), (3.0, 1.0), (9.0, 0.2), (20.0, 0.9)] {
             let p = chords.blocked(&[r; 16], c);
-            let back = chords.blocked(&chords.rates(&p, c).0, c);
+            let back = chords.blocked(&chords.solve_rates(&p, c).rates, c);
             for (k, projection) in PROJECTIONS.iter().enumerate() {
                 let (wa, wb) = projection.extent();
                 let (mut n, mut sum) = (0, 0.0);
@@ -301,7 +312,7 @@ mod tests {
             for code in 0..16 {
                 let c = code as f32 / 15.0;
                 for p in [1e-6, 1e-3, 0.1, 0.5, 0.9, 0.97, 0.996] {
-                    let (rates, _) = chords.rates(&[p; 16], c);
+                    let SolvedRates { rates, .. } = chords.solve_rates(&[p; 16], c);
                     let back = chords.blocked(&rates, c);
                     for k in 0..13 {
                         // Near opaque the largest rate is near, and steps are small.
@@ -320,7 +331,7 @@ mod tests {
         for e in [DVec3::ONE, DVec3::new(1.0, 0.0625, 1.0), DVec3::new(0.1, 0.9, 0.1)] {
             let chords = Chords::new(e);
             for p in [1e-6, 0.1, 0.5, 0.7, 0.9, 0.97, 0.996] {
-                let (rates, slopes) = chords.rates(&[p; 16], 1.0);
+                let SolvedRates { rates, slopes } = chords.solve_rates(&[p; 16], 1.0);
                 let (back, slope) = chords.blocked_and_slope(&rates, 1.0);
                 for k in (0..13).filter(|&k| rates[k] < MAX_RATE) {
                     // Some ten roundings of numbers of up to 1 / (1 − p), in f32.
@@ -342,7 +353,7 @@ mod tests {
         for c in [0.0, 0.3, 14.0 / 15.0, 1.0] {
             for p in [1e-7, 1e-4, 0.2, 0.9, 0.999] {
                 let want = opacity::depth_for(1.0 - f64::from(p), c) as f32;
-                assert!((depth_for(p, c as f32) / want - 1.0).abs() < 3e-6, "{c} {p}");
+                assert!((depth_of_opacity(p, c as f32) / want - 1.0).abs() < 3e-6, "{c} {p}");
             }
         }
     }

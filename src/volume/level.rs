@@ -8,7 +8,7 @@ use super::{Info, MAX_DEPTH};
 
 /// The factors of one depth.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Level {
+pub struct BrightnessFactors {
     /// Of the light that a lamp's rays bring, where they come from behind the matter, from the side, and from the viewer.
     pub light: [f32; 3],
 }
@@ -20,17 +20,17 @@ const LARGEST: f32 = 4.0;
 /// Factors are kept in steps of 1/256.
 const STEPS: f32 = 256.0;
 
-impl Level {
+impl BrightnessFactors {
     /// No change.
-    pub const PLAIN: Level = Level { light: [1.0; 3] };
+    pub const PLAIN: BrightnessFactors = BrightnessFactors { light: [1.0; 3] };
 
     /// The factors nearest to `light` that are stored; 1 for what is no number.
-    pub fn new(light: [f64; 3]) -> Level {
+    pub fn new(light: [f64; 3]) -> BrightnessFactors {
         let limited = |v: f64| {
             let v = if v.is_finite() { v as f32 } else { 1.0 };
             (v.clamp(1.0 / LARGEST, LARGEST) * STEPS).round() / STEPS
         };
-        Level { light: light.map(limited) }
+        BrightnessFactors { light: light.map(limited) }
     }
 
     /// The factor of a lamp's light, for the cosine between the directions to the lamp and to the viewer.
@@ -42,18 +42,18 @@ impl Level {
 }
 
 /// Put the levels, root first, among what META holds.
-pub fn store(levels: &[Level], meta: &mut Map<String, Value>) {
+pub fn store(levels: &[BrightnessFactors], meta: &mut Map<String, Value>) {
     let all: Vec<Value> = levels.iter().map(|l| json!({ "light": l.light })).collect();
     meta.insert(KEY.into(), all.into());
 }
 
 /// The levels of a texel; plain where META has none.
-pub fn levels(info: &Info) -> [Level; MAX_DEPTH + 1] {
-    let mut out = [Level::PLAIN; MAX_DEPTH + 1];
+pub fn levels(info: &Info) -> [BrightnessFactors; MAX_DEPTH + 1] {
+    let mut out = [BrightnessFactors::PLAIN; MAX_DEPTH + 1];
     let stored = info.meta.get(KEY).and_then(Value::as_array).map_or(&[][..], Vec::as_slice);
     for (level, value) in out.iter_mut().zip(stored) {
         let number = |v: Option<&Value>| v.and_then(Value::as_f64).unwrap_or(1.0);
-        *level = Level::new([0, 1, 2].map(|k| number(value["light"].get(k))));
+        *level = BrightnessFactors::new([0, 1, 2].map(|k| number(value["light"].get(k))));
     }
     out
 }
@@ -64,11 +64,11 @@ mod tests {
 
     #[test]
     fn stored_levels_read_back() {
-        let level = Level::new([0.5, 0.75, 1.25]);
+        let level = BrightnessFactors::new([0.5, 0.75, 1.25]);
         let mut info = crate::volume::Info::default();
-        store(&[Level::PLAIN, level], &mut info.meta);
+        store(&[BrightnessFactors::PLAIN, level], &mut info.meta);
         let back = levels(&info);
-        assert_eq!((back[0], back[1], back[2]), (Level::PLAIN, level, Level::PLAIN));
+        assert_eq!((back[0], back[1], back[2]), (BrightnessFactors::PLAIN, level, BrightnessFactors::PLAIN));
         assert_eq!([-1.0, -0.5, 0.0, 0.5, 1.0].map(|c| level.lit(c)), [0.5, 0.625, 0.75, 1.0, 1.25]);
     }
 

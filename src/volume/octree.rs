@@ -10,7 +10,7 @@
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, OnceLock};
 
-use super::level::{Level, levels};
+use super::level::{BrightnessFactors, levels};
 use super::{Info, MAX_DEPTH, Mix, Volume, Voxel};
 use crate::{Error, Result};
 
@@ -155,7 +155,7 @@ pub struct Octree {
     blocks: Vec<OnceLock<Box<[Block]>>>,
     /// Indexed by depth, then page.
     pages: Vec<Box<[Page]>>,
-    levels: [Level; MAX_DEPTH + 1],
+    levels: [BrightnessFactors; MAX_DEPTH + 1],
     failure: OnceLock<Error>,
     pages_opened: AtomicU64,
     voxels_opened: AtomicU64,
@@ -198,7 +198,7 @@ impl Octree {
     }
 
     /// What the voxels of each depth are multiplied by, root first.
-    pub fn levels(&self) -> &[Level; MAX_DEPTH + 1] {
+    pub fn levels(&self) -> &[BrightnessFactors; MAX_DEPTH + 1] {
         &self.levels
     }
 

@@ -364,7 +364,7 @@ impl Staged for StagedCurves<'_> {
         Surface { albedo: [r, g, b], alpha }
     }
 
-    fn cut_out(&self, facet: u32) -> bool {
+    fn has_alpha(&self, facet: u32) -> bool {
         let (from, to, _) = self.find(facet);
         self.alpha(from).min(self.alpha(to)) < 1.0
     }

@@ -350,7 +350,7 @@ impl Staged for StagedField<'_> {
         Surface { albedo: albedo.unwrap_or([1.0; 3]).map(|v| v.clamp(0.0, 1.0)), alpha: 1.0 }
     }
 
-    fn cut_out(&self, _: u32) -> bool {
+    fn has_alpha(&self, _: u32) -> bool {
         false
     }
 

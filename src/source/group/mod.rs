@@ -7,12 +7,12 @@
 mod kept;
 
 use self::kept::{Kept, List};
-use super::alpha::Presence;
+use super::alpha::AlphaClass;
 use super::mesh::patch::weighted_median;
 use super::mixture::mix;
 use super::placement::Placement;
-use super::traits::{Cut, Source, Staged, Surface};
-use crate::geom::polygon::{Polygon, ROOM};
+use super::traits::{AlphaSampler, Source, Staged, Surface};
+use crate::geom::polygon::{MAX_PIECE_CORNERS, Polygon};
 use crate::geom::{Aabb, DAffine3, DVec3};
 use crate::progress::Progress;
 use crate::source::Medium;
@@ -418,26 +418,26 @@ impl<'a> StagedGroup<'a> {
     }
 }
 
-/// The alpha of a copy's facet.
-struct CarriedCut<'a> {
-    cut: Box<dyn Cut + 'a>,
+/// Alpha of a facet of a placed copy.
+struct MappedAlpha<'a> {
+    sampler: Box<dyn AlphaSampler + 'a>,
     /// The group's grid → the piece's own, and how much larger things are there.
     back: DAffine3,
     scale: f64,
 }
 
-impl Cut for CarriedCut<'_> {
-    fn presence(&self, piece: &Polygon) -> Presence {
-        self.cut.presence(&piece.transformed(self.back))
+impl AlphaSampler for MappedAlpha<'_> {
+    fn classify(&self, piece: &Polygon) -> AlphaClass {
+        self.sampler.classify(&piece.transformed(self.back))
     }
 
-    fn detail(&self) -> f64 {
-        self.cut.detail() * self.scale
+    fn texels_per_voxel(&self) -> f64 {
+        self.sampler.texels_per_voxel() * self.scale
     }
 
-    fn row(&self, from: DVec3, step: DVec3, width: f64, alpha: &mut [f32]) {
+    fn sample_row(&self, from: DVec3, step: DVec3, width: f64, alpha: &mut [f32]) {
         let (from, step) = (self.back.transform_point3(from), self.back.transform_vector3(step));
-        self.cut.row(from, step, width * self.scale, alpha);
+        self.sampler.sample_row(from, step, width * self.scale, alpha);
     }
 }
 
@@ -517,17 +517,17 @@ impl Staged for StagedGroup<'_> {
         piece.ids.get(usize::from(piece.staged.material(local))).copied().unwrap_or(0)
     }
 
-    fn cut_out(&self, facet: u32) -> bool {
+    fn has_alpha(&self, facet: u32) -> bool {
         let (piece, _, local) = self.find(facet);
-        piece.staged.cut_out(local)
+        piece.staged.has_alpha(local)
     }
 
-    fn cut(&self, facet: u32) -> Option<Box<dyn Cut + '_>> {
+    fn alpha_sampler(&self, facet: u32) -> Option<Box<dyn AlphaSampler + '_>> {
         let (piece, copy, local) = self.find(facet);
-        let cut = piece.staged.cut(local)?;
+        let sampler = piece.staged.alpha_sampler(local)?;
         Some(match copy {
-            None => cut,
-            Some(copy) => Box::new(CarriedCut { cut, back: copy.back, scale: copy.scale }),
+            None => sampler,
+            Some(copy) => Box::new(MappedAlpha { sampler, back: copy.back, scale: copy.scale }),
         })
     }
 
@@ -587,7 +587,7 @@ impl Staged for StagedGroup<'_> {
 
 /// Give the polygon of a copy in the group's grid; clipped ones may have more corners than a facet has, and go in two.
 fn carry(corners: &[DVec3], copy: &Copy, facet: u32, each: &mut dyn FnMut(&Polygon)) {
-    let mut placed = [DVec3::ZERO; ROOM];
+    let mut placed = [DVec3::ZERO; MAX_PIECE_CORNERS];
     for (to, from) in placed.iter_mut().zip(corners) {
         *to = copy.map.transform_point3(*from);
     }
@@ -595,7 +595,7 @@ fn carry(corners: &[DVec3], copy: &Copy, facet: u32, each: &mut dyn FnMut(&Polyg
     if copy.mirrored {
         placed.reverse();
     }
-    Polygon::convex(placed, facet, each);
+    Polygon::from_convex(placed, facet, each);
 }
 
 #[cfg(test)]

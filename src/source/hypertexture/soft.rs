@@ -162,7 +162,7 @@ impl Staged for Soft<'_> {
         Surface { albedo: self.colour(at), alpha: 1.0 }
     }
 
-    fn cut_out(&self, _: u32) -> bool {
+    fn has_alpha(&self, _: u32) -> bool {
         false
     }
 

@@ -5,9 +5,9 @@ pub mod patch;
 
 use self::interior::Interior;
 use self::patch::Face;
-use super::alpha::{AlphaSums, Presence};
+use super::alpha::{AlphaClass, AlphaSums};
 use super::placement::Placement;
-use super::traits::{Cut, Source, Staged, Surface};
+use super::traits::{AlphaSampler, Source, Staged, Surface};
 use crate::geom::polygon::Polygon;
 use crate::geom::{Aabb, DAffine3, DVec3};
 use crate::progress::Progress;
@@ -376,11 +376,11 @@ impl Staged for StagedMesh<'_> {
         self.find(facet).0.id
     }
 
-    fn cut_out(&self, facet: u32) -> bool {
+    fn has_alpha(&self, facet: u32) -> bool {
         self.find(facet).0.material.alpha != Alpha::Opaque
     }
 
-    fn cut(&self, facet: u32) -> Option<Box<dyn Cut + '_>> {
+    fn alpha_sampler(&self, facet: u32) -> Option<Box<dyn AlphaSampler + '_>> {
         let (piece, index) = self.find(facet);
         let cut = FacetAlpha::new(piece, index)?;
         Some(Box::new(cut))
@@ -440,22 +440,22 @@ impl FacetAlpha<'_> {
     }
 }
 
-impl Cut for FacetAlpha<'_> {
-    fn presence(&self, piece: &Polygon) -> Presence {
+impl AlphaSampler for FacetAlpha<'_> {
+    fn classify(&self, piece: &Polygon) -> AlphaClass {
         let (mut lo, mut hi) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
         for &corner in piece.corners() {
             let uv = self.at(corner);
             lo = [lo[0].min(uv[0]), lo[1].min(uv[1])];
             hi = [hi[0].max(uv[0]), hi[1].max(uv[1])];
         }
-        self.sums.presence(lo, hi)
+        self.sums.classify(lo, hi)
     }
 
-    fn detail(&self) -> f64 {
+    fn texels_per_voxel(&self) -> f64 {
         self.texels
     }
 
-    fn row(&self, from: DVec3, step: DVec3, width: f64, alpha: &mut [f32]) {
+    fn sample_row(&self, from: DVec3, step: DVec3, width: f64, alpha: &mut [f32]) {
         let (first, step) = (self.at(from), self.uv.map(|(_, slope)| slope.dot(step)));
         let texels = width * self.texels;
         let factor = self.material.base_color[3];

@@ -59,10 +59,10 @@ fn sums(text: &str, resolution: u32) -> Sums {
             let mut room = None;
             let Some(p) = p.clip(corner, corner + width, &mut room) else { return };
             p.split_voxels(&mut |p, _| {
-                let (area, at) = (p.area_vector(), p.middle());
+                let (area, at) = (p.area_vector(), p.corner_mean());
                 let Some(normal) = area.try_normalize() else { return };
                 let surface = staged.surface(p.facet, at, 0.0);
-                let cut = staged.cut_out(p.facet);
+                let cut = staged.has_alpha(p.facet);
                 s.area += area.length();
                 s.red += area.length() * f64::from(surface.albedo[0]);
                 s.there += area.length() * if cut { f64::from(surface.alpha) } else { 1.0 };

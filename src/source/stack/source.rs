@@ -425,7 +425,7 @@ impl Staged for StagedStack<'_> {
         Surface { albedo, alpha: 1.0 }
     }
 
-    fn cut_out(&self, _: u32) -> bool {
+    fn has_alpha(&self, _: u32) -> bool {
         false
     }
 

@@ -364,7 +364,7 @@ fn facets(source: &StackSource, depth: usize) -> (f64, f64, DVec3) {
                 let a = piece.area_vector();
                 area += a.length();
                 sum += a;
-                volume += a.dot(piece.middle()) / 3.0;
+                volume += a.dot(piece.corner_mean()) / 3.0;
             }
         });
     }

@@ -1,0 +1,77 @@
+//! Where a source lies in the bake's grid.
+
+use super::options::{MAX_RESOLUTION, Options};
+use crate::geom::{Aabb, DAffine3, DVec3};
+use crate::source::Placement;
+use crate::{Error, Result};
+
+/// Margin of the cube around the source, relative, so that no matter lies on its upper faces.
+const MARGIN: f64 = 1.0 / (1u32 << 20) as f64;
+
+/// Place a source of these `bounds` in the grid: centred across, and standing on w = 0.
+///
+/// # Errors
+/// [`Error::Options`] on a resolution or voxel size out of range.
+pub fn plan(bounds: Aabb, options: &Options) -> Result<Placement> {
+    if options.resolution == 0 || options.resolution > MAX_RESOLUTION {
+        return Err(Error::Options(format!(
+            "a resolution of {} is out of range: it is 1 to {MAX_RESOLUTION}",
+            options.resolution
+        )));
+    }
+    let extent = extent(bounds, options);
+    let side = match options.voxel_size {
+        Some(edge) => side_for_voxel_size(extent, edge, options)?,
+        None => options.resolution.next_power_of_two(),
+    };
+    if let Some(cube) = options.cube {
+        return Ok(placement(cube, cube.size().x, options.resolution.next_power_of_two(), options));
+    }
+    let edge = options.voxel_size.unwrap_or(extent / f64::from(side)) * f64::from(side);
+    let base = if bounds.is_empty() { Aabb::new(DVec3::ZERO, DVec3::ONE) } else { bounds };
+    let mut min = base.centre() - 0.5 * edge;
+    min[usize::from(options.up)] = base.min[usize::from(options.up)];
+    Ok(placement(Aabb::new(min, min + edge), edge, side, options))
+}
+
+/// Grid of `side` voxels along the edges of `cube`, which are `edge` long.
+fn placement(cube: Aabb, edge: f64, side: u32, options: &Options) -> Placement {
+    Placement {
+        bounds: cube,
+        transform: DAffine3::IDENTITY,
+        scale: f64::from(side) / edge,
+        depth: side.trailing_zeros() as usize,
+        up: options.up,
+        cyclic: options.cyclic,
+    }
+}
+
+/// Edge of the cube that the source needs, in source units. Where the voxel size is given, cyclic axes do not count, since what
+/// reaches beyond the cube along them comes in again on the other side.
+fn extent(bounds: Aabb, options: &Options) -> f64 {
+    let size = if bounds.is_empty() { DVec3::ONE } else { bounds.size() };
+    // The texel's u runs along the source's x; v and w along z and y, or y and z.
+    let is_cyclic = |axis: usize| match axis {
+        0 => options.cyclic[0],
+        a if a == usize::from(options.up) => options.cyclic[2],
+        _ => options.cyclic[1],
+    };
+    let counts = |&axis: &usize| options.voxel_size.is_none() || !is_cyclic(axis);
+    let needed = (0..3).filter(counts).map(|a| size[a]).fold(0.0, f64::max);
+    let extent = needed * (1.0 + MARGIN);
+    if extent > 0.0 { extent } else { 1.0 }
+}
+
+/// Number of voxels of the edge length `voxel_size` along a cube that holds `extent`, a power of two.
+fn side_for_voxel_size(extent: f64, voxel_size: f64, options: &Options) -> Result<u32> {
+    let want = (extent / voxel_size).ceil();
+    if !(voxel_size > 0.0 && want <= f64::from(MAX_RESOLUTION)) {
+        return Err(Error::Options(format!(
+            "a voxel size of {voxel_size} is out of range: it is {:.6} or more, for at most {MAX_RESOLUTION} voxels along \
+             {extent:.6}",
+            extent / f64::from(MAX_RESOLUTION)
+        )));
+    }
+    let least = if options.cyclic == [false; 3] { 1 } else { options.resolution };
+    Ok((want as u32).max(least).next_power_of_two())
+}
