@@ -139,6 +139,7 @@ fn golden_of(
     let instances = places.into_iter().enumerate().map(place).collect();
     let model = Model { parts, materials, instances, lights, metres_per_unit: 1.0, ..Default::default() };
     let texels = vec![TexelRef {
+        memory: None,
         name: "figure".into(),
         frames: vec![],
         geometry: None,

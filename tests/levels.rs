@@ -50,6 +50,7 @@ fn scene() -> Scene {
         ..Model::default()
     };
     let texel = TexelRef {
+        memory: None,
         name: "tree".into(),
         frames: vec![],
         geometry: None,

@@ -28,6 +28,7 @@ pub mod stress;
 mod tests;
 mod trace;
 
+use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -45,8 +46,9 @@ use glam::Vec4;
 use crate::geom::Vec3;
 use crate::progress::Progress;
 use crate::scene::Scene;
+use crate::volume::octree::Pages;
 use crate::volume::palette::Restyled;
-use crate::volume::{Octree, Palette};
+use crate::volume::{Octree, Palette, Volume};
 use crate::{Error, Result, Warnings, par};
 use pixel::Tracer;
 use prepare::World;
@@ -146,51 +148,69 @@ fn check(options: &Options) -> Result<()> {
     Ok(())
 }
 
-/// The files of the texels that a scene's shells use.
+/// Where the voxels of a texel come from.
+enum Store {
+    File(Arc<Reader>),
+    Memory(Arc<Volume>),
+}
+
+/// The texels that a scene's shells use.
 struct Opened {
-    readers: Vec<Option<(Arc<Reader>, Palette)>>,
+    /// As the scene's texels; `None` for those that nothing uses.
+    texels: Vec<Option<(Store, Palette)>>,
     warnings: Warnings,
 }
 
 impl Opened {
     fn new(scene: &Scene) -> Result<Opened> {
-        let mut readers: Vec<Option<(Arc<Reader>, Palette)>> = Vec::with_capacity(scene.texels.len());
-        let mut warnings = Warnings::default();
+        let mut opened = Opened { texels: Vec::with_capacity(scene.texels.len()), warnings: Warnings::default() };
         for (texel, used) in scene.texels.iter().zip(prepare::used_texels(scene)) {
-            let Some(path) = texel.frames.first().filter(|_| used) else {
-                readers.push(None);
-                continue;
+            let store = match (&texel.memory, texel.frames.first()) {
+                _ if !used => None,
+                (Some(volume), _) => Some(Store::Memory(Arc::clone(volume))),
+                (None, Some(path)) => Some(Store::File(opened.file(path, texel.content_id)?)),
+                (None, None) => None,
             };
-            // A texel in several colours is one file.
-            let known = readers.iter().flatten().find(|(reader, _)| reader.path() == path).map(|(r, _)| Arc::clone(r));
-            let reader = match known {
-                Some(reader) => reader,
-                None => {
-                    let reader = Reader::open(path, &Limits::default())?;
-                    if texel.content_id.is_some_and(|id| id != reader.head().content_id()) {
-                        let path = path.display();
-                        warnings.add(format!("{path}: is not the texel that the landscape was made for (contentId)"));
-                    }
-                    warnings.merge(reader.warnings());
-                    Arc::new(reader)
-                }
-            };
-            readers.push(Some((reader, texel.palette.clone())));
+            opened.texels.push(store.map(|store| (store, texel.palette.clone())));
         }
-        Ok(Opened { readers, warnings })
+        Ok(opened)
+    }
+
+    /// The reader of a file; a texel in several colours is one file.
+    fn file(&mut self, path: &Path, content_id: Option<[u8; 16]>) -> Result<Arc<Reader>> {
+        if let Some(known) = self.readers().find(|reader| reader.path() == path) {
+            return Ok(Arc::clone(known));
+        }
+        let reader = Reader::open(path, &Limits::default())?;
+        if content_id.is_some_and(|id| id != reader.head().content_id()) {
+            let path = path.display();
+            self.warnings.add(format!("{path}: is not the texel that the landscape was made for (contentId)"));
+        }
+        self.warnings.merge(reader.warnings());
+        Ok(Arc::new(reader))
+    }
+
+    fn readers(&self) -> impl Iterator<Item = &Arc<Reader>> {
+        self.texels.iter().flatten().filter_map(|(store, _)| match store {
+            Store::File(reader) => Some(reader),
+            Store::Memory(_) => None,
+        })
     }
 
     fn trees(&self) -> Result<Vec<Option<Octree>>> {
-        let tree = |(reader, palette): &(Arc<Reader>, Palette)| match palette.is_plain() {
-            true => Octree::new(Arc::clone(reader)),
-            false => Octree::new(Restyled::new(Arc::clone(reader), palette)),
+        fn tree<P: Pages + 'static>(pages: Arc<P>, palette: &Palette) -> Result<Octree> {
+            if palette.is_plain() { Octree::new(pages) } else { Octree::new(Restyled::new(pages, palette)) }
+        }
+        let open = |(store, palette): &(Store, Palette)| match store {
+            Store::File(reader) => tree(Arc::clone(reader), palette),
+            Store::Memory(volume) => tree(Arc::clone(volume), palette),
         };
-        self.readers.iter().map(|r| r.as_ref().map(tree).transpose()).collect()
+        self.texels.iter().map(|texel| texel.as_ref().map(open).transpose()).collect()
     }
 
     fn count(&self, stats: &mut Stats, warnings: &mut Warnings) {
         let mut counted: Vec<&Arc<Reader>> = Vec::new();
-        for (reader, _) in self.readers.iter().flatten() {
+        for reader in self.readers() {
             if counted.iter().any(|known| Arc::ptr_eq(known, reader)) {
                 continue;
             }

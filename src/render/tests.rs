@@ -67,6 +67,7 @@ fn scene(parts: Vec<Part>, materials: Vec<Material>, at: Vec<DAffine3>) -> Scene
         at.into_iter().enumerate().map(|(part, transform)| Instance { part, transform, node: String::new() }).collect();
     let model = Model { parts, materials, instances, metres_per_unit: 1.0, ..Default::default() };
     let texel = TexelRef {
+        memory: None,
         name: "t".into(),
         frames: vec!["t.vtex".into()],
         geometry: None,

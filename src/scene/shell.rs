@@ -1,12 +1,15 @@
-//! What `VTEX_volumetric_texture` says, as plain data with every default filled in (GLTF extension; see README).
+//! What `VTEX_volumetric_texture` says, as plain data with every default filled in (a glTF extension, see `docs/landscapes.md`).
 
-use crate::volume::Palette;
+use std::sync::Arc;
+
+use crate::volume::{Palette, Volume};
 
 /// A texel that the landscape's root names, in the colours that layers show it in: one for each palette.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct TexelRef {
     pub name: String,
-    /// The `.vtex` files of its frames, in order; at least one. Paths are resolved against the landscape's folder.
+    /// The `.vtex` files of its frames, in order; at least one, unless the texel is in `memory`. Paths are resolved against the
+    /// landscape's folder.
     pub frames: Vec<std::path::PathBuf>,
     /// The source mesh, for the reference render.
     pub geometry: Option<std::path::PathBuf>,
@@ -16,6 +19,15 @@ pub struct TexelRef {
     pub content_id: Option<[u8; 16]>,
     /// In which colours it is shown.
     pub palette: Palette,
+    /// The texel itself, where a program has it in memory: then no file is read.
+    pub memory: Option<Arc<Volume>>,
+}
+
+impl TexelRef {
+    /// A texel that needs no file.
+    pub fn in_memory(name: impl Into<String>, volume: Arc<Volume>) -> TexelRef {
+        TexelRef { name: name.into(), memory: Some(volume), ..TexelRef::default() }
+    }
 }
 
 /// `environment` of the root.

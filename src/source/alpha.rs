@@ -182,7 +182,7 @@ mod tests {
         assert!((sums.mean([7.3, -2.1], 800.0) - 15.0 / 48.0).abs() < 1e-6);
         assert_eq!(sums.mean([0.5 / 8.0, 0.5 / 6.0], 1.0), 1.0);
         let none = AlphaSums::new(&Texture::default(), |a| a);
-        assert_eq!(none.presence([0.0, 0.0], [1.0, 1.0]), AlphaClass::Transparent);
+        assert_eq!(none.classify([0.0, 0.0], [1.0, 1.0]), AlphaClass::Transparent);
         assert_eq!(none.mean([0.3, 0.3], 2.0), 0.0);
     }
 

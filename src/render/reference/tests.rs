@@ -114,6 +114,7 @@ fn shell() -> ShellMaterial {
 
 fn scene(model: Model) -> Scene {
     let texel = TexelRef {
+        memory: None,
         name: "plant".into(),
         frames: vec![],
         geometry: None,

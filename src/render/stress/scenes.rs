@@ -91,6 +91,7 @@ fn landscape(random: &mut Random, place: DAffine3) -> Scene {
         ..Model::default()
     };
     let texel = TexelRef {
+        memory: None,
         name: "t".into(),
         frames: vec!["t.vtex".into()],
         geometry: None,

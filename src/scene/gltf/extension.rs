@@ -65,6 +65,7 @@ fn texel(json: &Object, warnings: &mut Warnings) -> Result<TexelRef> {
     };
     let stem = paths.first().and_then(|p| p.file_stem()).map(|s| s.to_string_lossy().into_owned());
     Ok(TexelRef {
+        memory: None,
         name: json.text("name")?.map(str::to_string).or(stem).unwrap_or_default(),
         frames: paths,
         geometry,
