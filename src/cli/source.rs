@@ -60,9 +60,15 @@ struct StackArgs {
     /// Distances of samples in millimetres, in place of all that the file says of how it lies
     #[arg(long, value_name = "X,Y,Z", value_parser = distances)]
     spacing: Option<[f64; 3]>,
-    /// Of several DICOM series, the one of this UID or number
+    /// Of several DICOM series, the one of this UID or number; SERIES:N is the Nth of its stacks (echoes, times, phases)
     #[arg(long, value_name = "SERIES")]
     series: Option<String>,
+    /// Of several channels, the one of this name, or number from 1 on
+    #[arg(long, value_name = "NAME|N")]
+    channel: Option<String>,
+    /// Of several frames (times, volumes), the one of this number, from 1 on
+    #[arg(long, value_name = "N")]
+    frame: Option<usize>,
 }
 
 /// Three numbers above 0, apart by commas.
@@ -91,6 +97,8 @@ impl StackArgs {
             sigma: self.sigma,
             spacing: self.spacing,
             series: self.series.clone(),
+            channel: self.channel.clone(),
+            frame: self.frame,
         }
     }
 
@@ -105,6 +113,8 @@ impl StackArgs {
         }
         self.spacing.iter().for_each(|v| out["spacing"] = json!(v));
         self.series.iter().for_each(|v| out["series"] = v.as_str().into());
+        self.channel.iter().for_each(|v| out["channel"] = v.as_str().into());
+        self.frame.into_iter().for_each(|v| out["frame"] = v.into());
     }
 }
 

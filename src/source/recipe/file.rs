@@ -65,8 +65,12 @@ pub struct SourceTable {
     pub sigma: Option<Least0>,
     /// Of an image stack: distances of samples in millimetres.
     pub spacing: Option<Size>,
-    /// Of several DICOM series, the one of this UID or number.
+    /// Of several DICOM series, the one of this UID or number; after a colon the number of a stack in it.
     pub series: Option<String>,
+    /// Of several channels of an image stack, the one of this name, or number from 1 on.
+    pub channel: Option<String>,
+    /// Of several frames of an image stack, the one of this number, from 1 on.
+    pub frame: Option<usize>,
     /// Of an L-system: derivation steps, the seed of its lots, degrees that the turtle turns by.
     pub iterations: Option<u64>,
     pub seed: Option<u64>,
@@ -176,6 +180,8 @@ impl SourceTable {
             sigma: self.sigma.map_or(base.sigma, |s| s.0),
             spacing: self.spacing.map(|s| s.0.to_array()).or(base.spacing),
             series: self.series.clone().or_else(|| base.series.clone()),
+            channel: self.channel.clone().or_else(|| base.channel.clone()),
+            frame: self.frame.or(base.frame),
         }
     }
 
@@ -184,7 +190,7 @@ impl SourceTable {
         if self.window.is_some() && self.transfer.is_some() {
             return Err(("window", "a stack has either a window or a transfer function".into()));
         }
-        let said: [(&'static str, bool, &[FileKind], &str); 17] = [
+        let said: [(&'static str, bool, &[FileKind], &str); 19] = [
             ("scene", self.scene.is_some(), &[Mesh, Recipe], "meshes"),
             ("include", !self.include.is_empty(), &[Mesh, Recipe], "meshes"),
             ("exclude", !self.exclude.is_empty(), &[Mesh, Recipe], "meshes"),
@@ -199,6 +205,8 @@ impl SourceTable {
             ("sigma", self.sigma.is_some(), &[Stack, Recipe], "image stacks"),
             ("spacing", self.spacing.is_some(), &[Stack, Recipe], "image stacks"),
             ("series", self.series.is_some(), &[Stack, Recipe], "DICOM folders"),
+            ("channel", self.channel.is_some(), &[Stack, Recipe], "image stacks"),
+            ("frame", self.frame.is_some(), &[Stack, Recipe], "image stacks"),
             ("iterations", self.iterations.is_some(), &[LSystem, Recipe], "L-systems"),
             ("seed", self.seed.is_some(), &[LSystem, Recipe], "L-systems"),
             ("angle", self.angle.is_some(), &[LSystem, Recipe], "L-systems"),

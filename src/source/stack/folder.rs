@@ -1,42 +1,21 @@
 //! A folder of slices in natural order, or one file of slices.
 
-use std::cmp::Ordering;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use super::Stack;
 use super::bytes::Spool;
-use super::samples::{Samples, byte_count};
-use super::slice;
-use super::slice::{Slice, is_image};
-use crate::geom::DAffine3;
+use super::choice::Choice;
+use super::coding::byte_count;
+use super::natural::natural;
+use super::samples::Samples;
+use super::slice::{self, About, Sink, Slice, is_image};
+use super::split::by_names;
+use super::{Channels, Stack};
+use crate::geom::{DAffine3, DVec3};
 use crate::{Error, Result, Warnings, par};
 
-/// Slices that are decoded at the same time, a thread.
+/// Number of slices per thread that are decoded at the same time.
 const AHEAD: usize = 4;
-
-/// Names as people count: slice2 before slice10.
-pub fn natural(a: &str, b: &str) -> Ordering {
-    let (mut x, mut y) = (a.as_bytes(), b.as_bytes());
-    while let (Some(&c), Some(&d)) = (x.first(), y.first()) {
-        if c.is_ascii_digit() && d.is_ascii_digit() {
-            let digits = |s: &[u8]| s.iter().take_while(|c| c.is_ascii_digit()).count();
-            let (n, m) = (digits(x), digits(y));
-            let bare = |s: &[u8]| s.iter().skip_while(|c| **c == b'0').copied().collect::<Vec<u8>>();
-            let (p, q) = (bare(&x[..n]), bare(&y[..m]));
-            let order = p.len().cmp(&q.len()).then(p.cmp(&q));
-            if order.is_ne() {
-                return order;
-            }
-            (x, y) = (&x[n..], &y[m..]);
-        } else if c != d {
-            return c.cmp(&d);
-        } else {
-            (x, y) = (&x[1..], &y[1..]);
-        }
-    }
-    x.len().cmp(&y.len()).then(a.cmp(b))
-}
 
 /// The files of a folder in natural order, without hidden ones.
 pub fn list(dir: &Path) -> Result<Vec<PathBuf>> {
@@ -51,6 +30,10 @@ pub fn list(dir: &Path) -> Result<Vec<PathBuf>> {
     Ok(files)
 }
 
+fn extension(path: &Path) -> String {
+    path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase()
+}
+
 fn name(path: &Path) -> String {
     path.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }
@@ -60,7 +43,7 @@ pub fn images(dir: &Path, files: &[PathBuf], warnings: &mut Warnings) -> Result<
     let mut kinds: BTreeMap<String, Vec<PathBuf>> = BTreeMap::new();
     let mut others = 0;
     for file in files {
-        let extension = file.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
+        let extension = extension(file);
         match extension.as_str() {
             "jpeg" => kinds.entry("jpg".into()).or_default().push(file.clone()),
             "tiff" => kinds.entry("tif".into()).or_default().push(file.clone()),
@@ -84,52 +67,117 @@ pub fn images(dir: &Path, files: &[PathBuf], warnings: &mut Warnings) -> Result<
     Ok(slices)
 }
 
-/// Read slices, one a file, or the pages of one file.
-pub fn read(path: &Path, files: &[PathBuf], warnings: Warnings, in_memory: u64) -> Result<Stack> {
-    let mut pile = Pile { path, first: None, spool: Spool::new(in_memory), count: 0, files: files.len() };
+/// The images of a folder that are one stack: of one channel and one frame, where folders in it or names tell of several.
+pub fn choose(choice: &Choice, files: &[PathBuf], warnings: &mut Warnings) -> Result<Vec<PathBuf>> {
+    let is_slice = |f: &PathBuf| is_image(&extension(f));
+    if !files.iter().any(is_slice) {
+        let folders = subfolders(choice.path);
+        if !folders.is_empty() {
+            let names: Vec<String> = folders.iter().map(|f| name(f)).collect();
+            let folder = &folders[choice.channel(&names, warnings)?];
+            return images(folder, &list(folder)?, warnings);
+        }
+    }
+    let mut slices = images(choice.path, files, warnings)?;
+    if let Some((values, groups)) = by_names(&slices, &["time", "t"], false) {
+        let frame = choice.frame(values.len(), warnings)?;
+        slices = groups.into_iter().nth(frame).unwrap_or_default();
+    }
+    if let Some((values, groups)) = by_names(&slices, &["channel", "chan", "ch", "c", "w"], true) {
+        let channel = choice.channel(&values, warnings)?;
+        slices = groups.into_iter().nth(channel).unwrap_or_default();
+    }
+    Ok(slices)
+}
+
+/// Folders in a folder that hold images, in natural order.
+pub fn subfolders(dir: &Path) -> Vec<PathBuf> {
+    let Ok(entries) = std::fs::read_dir(dir) else { return Vec::new() };
+    let holds_images = |f: &PathBuf| {
+        f.is_dir() && !name(f).starts_with('.') && list(f).is_ok_and(|l| l.iter().any(|f| is_image(&extension(f))))
+    };
+    let mut folders: Vec<PathBuf> = entries.filter_map(|e| Some(e.ok()?.path())).filter(holds_images).collect();
+    folders.sort_by(|a, b| natural(&name(a), &name(b)));
+    folders
+}
+
+/// Read slices, one per file, or the pages of one file.
+pub fn read(choice: &Choice, files: &[PathBuf], warnings: Warnings, in_memory: u64) -> Result<Stack> {
+    let mut pile = Pile {
+        path: choice.path,
+        about: None,
+        first: None,
+        spool: Spool::new(in_memory),
+        count: 0,
+        files: files.len(),
+        file: choice.path.to_path_buf(),
+    };
     let step = AHEAD * par::threads();
     for group in files.chunks(step) {
         if let [file] = group {
             // Page by page, never all at once.
-            slice::read(file, &mut |slice| pile.push(file, slice))?;
+            pile.file.clone_from(file);
+            slice::read(choice, file, &mut pile)?;
             continue;
         }
         let decoded = par::map(group.len(), |i| {
-            let mut slices = Vec::new();
-            slice::read(&group[i], &mut |slice| {
-                slices.push(slice);
-                if slices.len() > 1 {
-                    return Err(Error::input(
-                        &group[i],
-                        "",
-                        "has several pages: among others in a folder it has to be one slice",
-                    ));
-                }
-                Ok(())
-            })
-            .map(|()| slices)
+            let mut one = One { file: &group[i], about: About::default(), slice: None };
+            slice::read(choice, &group[i], &mut one).map(|()| (one.about, one.slice))
         });
-        for (file, slices) in group.iter().zip(decoded) {
-            for slice in slices? {
-                pile.push(file, slice)?;
-            }
+        for (file, decoded) in group.iter().zip(decoded) {
+            let (about, slice) = decoded?;
+            pile.file.clone_from(file);
+            pile.about(about)?;
+            slice.into_iter().try_for_each(|slice| pile.slice(slice))?;
         }
     }
     pile.finish(warnings)
 }
 
+/// The slice of a file among others.
+struct One<'a> {
+    file: &'a Path,
+    about: About,
+    slice: Option<Slice>,
+}
+
+impl Sink for One<'_> {
+    fn about(&mut self, about: About) -> Result<()> {
+        self.about = about;
+        Ok(())
+    }
+
+    fn slice(&mut self, slice: Slice) -> Result<()> {
+        if self.slice.is_some() {
+            let what = "has several pages: among others in a folder it has to be one slice";
+            return Err(Error::input(self.file, "", what));
+        }
+        self.slice = Some(slice);
+        Ok(())
+    }
+}
+
 /// Slices of the same size, one on the other.
 struct Pile<'a> {
     path: &'a Path,
+    /// What the first file says.
+    about: Option<About>,
     /// What the others have to be like, and its file.
     first: Option<(Slice, PathBuf)>,
     spool: Spool,
     count: usize,
     files: usize,
+    /// The file that slices come from.
+    file: PathBuf,
 }
 
-impl Pile<'_> {
-    fn push(&mut self, file: &Path, slice: Slice) -> Result<()> {
+impl Sink for Pile<'_> {
+    fn about(&mut self, about: About) -> Result<()> {
+        self.about.get_or_insert(about);
+        Ok(())
+    }
+
+    fn slice(&mut self, slice: Slice) -> Result<()> {
         if let Some((first, name_of_first)) = &self.first
             && !first.is_like(&slice)
         {
@@ -137,17 +185,19 @@ impl Pile<'_> {
             let than = if self.files == 1 { "page 1".into() } else { name(name_of_first) };
             let what =
                 format!("is {}, but {than} is {}: the slices of a stack are alike", slice.describe(), first.describe());
-            return Err(Error::input(file, here, what));
+            return Err(Error::input(&self.file, here, what));
         }
         self.spool.push(&slice.bytes)?;
         self.count += 1;
         if self.first.is_none() {
-            self.first = Some((Slice { bytes: Vec::new(), ..slice }, file.to_path_buf()));
+            self.first = Some((Slice { bytes: Vec::new(), ..slice }, self.file.clone()));
         }
         Ok(())
     }
+}
 
-    fn finish(self, warnings: Warnings) -> Result<Stack> {
+impl Pile<'_> {
+    fn finish(self, mut warnings: Warnings) -> Result<Stack> {
         let Some((first, _)) = self.first else { return Err(Error::input(self.path, "", "holds no slices")) };
         let dims = [first.width, first.height, self.count];
         if byte_count(dims, first.coding).is_none() {
@@ -155,6 +205,26 @@ impl Pile<'_> {
         }
         let samples =
             Samples::new(self.spool.finish()?, 0, first.coding, dims).map_err(|e| Error::input(self.path, "", e))?;
-        Stack::new(self.path, samples, DAffine3::IDENTITY, 0.0, warnings)
+        let about = self.about.unwrap_or_default();
+        warnings.merge(about.warnings);
+        let (mut affine, mut metres) = (DAffine3::IDENTITY, 0.0);
+        if let Some(spacing) = about.spacing {
+            let between = spacing.slices.unwrap_or_else(|| {
+                if self.count > 1 {
+                    warnings.add("it says how far its pixels are apart, but not its slices: as far as columns, or give --spacing");
+                }
+                spacing.columns
+            });
+            affine = DAffine3::from_scale(DVec3::new(spacing.columns, spacing.rows, between));
+            metres = spacing.metres;
+        }
+        let mut stack = Stack::new(self.path, samples, affine, metres, warnings)?;
+        if about.chosen {
+            stack.channels = Channels::Chosen;
+        }
+        if let Some(names) = about.values {
+            stack.channels = Channels::Values(names);
+        }
+        Ok(stack)
     }
 }

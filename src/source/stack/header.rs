@@ -13,6 +13,22 @@ pub fn numbers(text: &str) -> Option<Vec<f64>> {
     text.split_whitespace().map(|w| w.parse().ok().filter(|v: &f64| v.is_finite())).collect()
 }
 
+/// Metres in a unit of length by its name; `None` where it is not known.
+pub fn metres(unit: &str) -> Option<f64> {
+    let name = unit.trim().trim_matches('"').replace(['\u{b5}', '\u{3bc}'], "u").replace("\\u00B5", "u").to_lowercase();
+    Some(match name.as_str() {
+        "m" | "meter" | "meters" | "metre" | "metres" => 1.0,
+        "cm" | "centimeter" | "centimeters" | "centimetre" | "centimetres" => 1e-2,
+        "mm" | "millimeter" | "millimeters" | "millimetre" | "millimetres" => 1e-3,
+        "um" | "micron" | "microns" | "micrometer" | "micrometers" | "micrometre" | "micrometres" => 1e-6,
+        "nm" | "nanometer" | "nanometers" | "nanometre" | "nanometres" => 1e-9,
+        "\u{e5}" | "angstrom" | "angstroms" => 1e-10,
+        "pm" | "picometer" | "picometers" => 1e-12,
+        "in" | "inch" | "inches" | "\"" => 0.0254,
+        _ => return None,
+    })
+}
+
 /// A side of a lattice.
 pub fn size(word: &str) -> Option<usize> {
     word.parse().ok().filter(|&n| n > 0)

@@ -4,10 +4,13 @@
 
 use std::path::{Path, PathBuf};
 
-use super::Stack;
-use super::bytes::{Data, Packing, map_file};
+use super::bytes::map_file;
+use super::choice::{Choice, Outer};
+use super::coding::{Coding, Kind};
+use super::data::{Data, Packing};
 use super::header::{file_list, numbers, size};
-use super::samples::{Coding, Kind};
+use super::{Channels, Stack};
+
 use crate::geom::{DAffine3, DMat3, DVec3};
 use crate::{Error, Result, Warnings};
 
@@ -99,7 +102,8 @@ impl<'a> Fields<'a> {
 }
 
 /// Read the stack whose header is `path`.
-pub fn read(path: &Path, in_memory: u64) -> Result<Stack> {
+pub fn read(choice: &Choice, in_memory: u64) -> Result<Stack> {
+    let path = choice.path;
     let fields = Fields::read(path)?;
     let mut warnings = Warnings::default();
     let Some((text, at)) = fields.get(&["DimSize"]) else {
@@ -112,10 +116,8 @@ pub fn read(path: &Path, in_memory: u64) -> Result<Stack> {
     let rank = sizes.len();
     let side = |n: usize| sizes.get(n).copied().unwrap_or(1);
     let dims = [side(0), side(1), side(2)];
-    let more = sizes.iter().skip(3).fold(1usize, |n, &d| n.saturating_mul(d));
-    if more > 1 {
-        warnings.add(format!("{more} volumes are in one file; the first is taken"));
-    }
+    let outer = Outer { axes: sizes.iter().skip(3).map(|&size| (size, false)).collect() };
+    let volume = outer.choose(choice, &mut warnings)?;
     let Some((name, at)) = fields.get(&["ElementType"]) else {
         return fields.wrong(String::new(), "its header has no ElementType");
     };
@@ -144,7 +146,8 @@ pub fn read(path: &Path, in_memory: u64) -> Result<Stack> {
     };
     let files = named.unwrap_or_else(|| vec![path.to_path_buf()]);
     let coding = Coding { kind, big_endian, channels };
-    let samples = Data { header: path, files, skip, skip_unpacked: 0, packing, coding, dims }.load(in_memory)?;
+    let samples =
+        Data { header: path, files, skip, skip_unpacked: 0, packing, coding, dims, volume }.load(in_memory)?;
 
     let spacing = fields.list(&["ElementSpacing", "ElementSize"], rank)?.unwrap_or_else(|| vec![1.0; rank]);
     let matrix = fields.list(&["TransformMatrix", "Rotation", "Orientation"], rank * rank)?;
@@ -163,7 +166,12 @@ pub fn read(path: &Path, in_memory: u64) -> Result<Stack> {
         return fields.wrong(String::new(), format!("ElementSpacing {bad}: distances are above 0"));
     }
     let affine = DAffine3 { matrix3: DMat3::from_cols(columns[0], columns[1], columns[2]), translation };
-    Stack::new(path, samples, super::with_thickness(affine, dims), 1e-3, warnings)
+    let mut stack = Stack::new(path, samples, super::with_thickness(affine, dims), 1e-3, warnings)?;
+    // Three or four channels are taken for colours.
+    if !matches!(channels, 1 | 3 | 4) {
+        stack.channels = Channels::Values(vec![String::new(); channels]);
+    }
+    Ok(stack)
 }
 
 /// The files that the header `path` names.

@@ -5,12 +5,16 @@
 //! matter made of them, a region at a time.
 
 mod bytes;
+mod choice;
+mod coding;
+mod data;
 mod dicom;
 mod folder;
 mod header;
 mod lattice;
 mod march;
 mod metaimage;
+mod natural;
 mod nifti;
 mod nrrd;
 mod ranges;
@@ -18,6 +22,7 @@ mod samples;
 mod slice;
 mod soft;
 mod source;
+mod split;
 #[cfg(test)]
 mod tests;
 mod transfer;
@@ -29,6 +34,7 @@ use std::path::{Path, PathBuf};
 
 use crate::geom::{DAffine3, DVec3};
 use crate::{Error, Result, Warnings};
+use choice::Choice;
 use samples::Samples;
 
 /// How a stack is taken.
@@ -42,13 +48,25 @@ pub struct StackOptions {
     pub sigma: f64,
     /// Distances of samples in millimetres, in place of all that the file says of how it lies.
     pub spacing: Option<[f64; 3]>,
-    /// Of a DICOM folder: the series' UID or number.
+    /// Series of a DICOM folder, by UID or number; after a colon the number of a stack, where the series holds several.
     pub series: Option<String>,
+    /// Channel, by name or by its number from 1 on; `None`: the colours, or the first channel.
+    pub channel: Option<String>,
+    /// Frame (time, volume) by its number from 1 on; `None`: the first.
+    pub frame: Option<usize>,
 }
 
 impl Default for StackOptions {
     fn default() -> Self {
-        StackOptions { transfer: TransferSpec::default(), table: None, sigma: 0.6, spacing: None, series: None }
+        StackOptions {
+            transfer: TransferSpec::default(),
+            table: None,
+            sigma: 0.6,
+            spacing: None,
+            series: None,
+            channel: None,
+            frame: None,
+        }
     }
 }
 
@@ -60,7 +78,18 @@ pub struct Stack {
     affine: DAffine3,
     /// Metres in a unit of that space; 0 where unknown.
     metres_per_unit: f64,
+    channels: Channels,
     warnings: Warnings,
+}
+
+/// What the channels of a sample are.
+enum Channels {
+    /// One value, grey and opacity, or colour.
+    Pixel,
+    /// Values apart, with their names, of which one is taken.
+    Values(Vec<String>),
+    /// One was taken already.
+    Chosen,
 }
 
 impl Stack {
@@ -72,7 +101,23 @@ impl Stack {
             let what = "its axes span no space (distances of 0, or axes that coincide): give the distances with --spacing X,Y,Z";
             return Err(Error::input(path, "", what));
         }
-        Ok(Stack { path: path.to_path_buf(), samples, affine, metres_per_unit, warnings })
+        let channels = Channels::Pixel;
+        Ok(Stack { path: path.to_path_buf(), samples, affine, metres_per_unit, channels, warnings })
+    }
+
+    /// Take one channel of each sample, where there are several that are no colour, or where one is asked for.
+    fn choose_channel(&mut self, choice: &Choice) -> Result<()> {
+        let names: Vec<String> = match (&self.channels, self.samples.channels()) {
+            (Channels::Chosen, _) => return Ok(()),
+            (Channels::Values(names), _) => names.clone(),
+            (Channels::Pixel, _) if !choice.names_channel() => return Ok(()),
+            (Channels::Pixel, 1) => vec![String::new()],
+            (Channels::Pixel, 2) => ["grey", "alpha"].map(str::to_owned).to_vec(),
+            (Channels::Pixel, n) => ["red", "green", "blue", "alpha"].into_iter().take(n).map(str::to_owned).collect(),
+        };
+        let channel = choice.channel(&names, &mut self.warnings)?;
+        self.samples.choose_channel(channel);
+        Ok(())
     }
 }
 
@@ -116,14 +161,16 @@ fn kind(path: &Path) -> Kind {
 
 /// Read the stack `path`; decoded samples stay in memory up to `in_memory` bytes, and go to a file without a name beyond.
 pub fn read(path: &Path, options: &StackOptions, in_memory: u64) -> Result<Stack> {
+    let choice = Choice::new(path, options);
     let mut stack = match kind(path) {
-        _ if path.is_dir() => folder(path, options, in_memory)?,
-        Kind::Nifti => nifti::read(path, in_memory)?,
-        Kind::Nrrd => nrrd::read(path, in_memory)?,
-        Kind::MetaImage => metaimage::read(path, in_memory)?,
-        Kind::Image => folder::read(path, &[path.to_path_buf()], Warnings::default(), in_memory)?,
-        Kind::Other => dicom::read(path, &[path.to_path_buf()], options.series.as_deref(), in_memory)?,
+        _ if path.is_dir() => folder(&choice, in_memory)?,
+        Kind::Nifti => nifti::read(&choice, in_memory)?,
+        Kind::Nrrd => nrrd::read(&choice, in_memory)?,
+        Kind::MetaImage => metaimage::read(&choice, in_memory)?,
+        Kind::Image => folder::read(&choice, &[path.to_path_buf()], Warnings::default(), in_memory)?,
+        Kind::Other => dicom::read(&choice, &[path.to_path_buf()], in_memory)?,
     };
+    stack.choose_channel(&choice)?;
     if let Some(spacing) = options.spacing {
         stack.affine = DAffine3::from_scale(DVec3::from(spacing));
         stack.metres_per_unit = 1e-3;
@@ -131,15 +178,15 @@ pub fn read(path: &Path, options: &StackOptions, in_memory: u64) -> Result<Stack
     Ok(stack)
 }
 
-fn folder(path: &Path, options: &StackOptions, in_memory: u64) -> Result<Stack> {
-    let files = folder::list(path)?;
+fn folder(choice: &Choice, in_memory: u64) -> Result<Stack> {
+    let files = folder::list(choice.path)?;
     let (dicom, others): (Vec<PathBuf>, Vec<PathBuf>) = files.into_iter().partition(|f| dicom::is_dicom(f));
     if dicom.is_empty() {
         let mut warnings = Warnings::default();
-        let images = folder::images(path, &others, &mut warnings)?;
-        return folder::read(path, &images, warnings, in_memory);
+        let images = folder::choose(choice, &others, &mut warnings)?;
+        return folder::read(choice, &images, warnings, in_memory);
     }
-    let mut stack = dicom::read(path, &dicom, options.series.as_deref(), in_memory)?;
+    let mut stack = dicom::read(choice, &dicom, in_memory)?;
     stack.warnings.add_many("files of the folder are not DICOM and are left out", others.len() as u64);
     Ok(stack)
 }
@@ -151,8 +198,16 @@ pub fn files(path: &Path) -> Vec<PathBuf> {
         _ if path.is_dir() => {
             let files = folder::list(path).unwrap_or_default();
             let dicom: Vec<PathBuf> = files.iter().filter(|f| dicom::is_dicom(f)).cloned().collect();
-            let images = || folder::images(path, &files, &mut Warnings::default()).unwrap_or_default();
-            if dicom.is_empty() { images() } else { dicom }
+            let images = |dir: &Path, files: &[PathBuf]| {
+                folder::images(dir, files, &mut Warnings::default()).unwrap_or_default()
+            };
+            let inner =
+                || folder::subfolders(path).into_iter().flat_map(|d| images(&d, &folder::list(&d).unwrap_or_default()));
+            match images(path, &files) {
+                _ if !dicom.is_empty() => dicom,
+                own if own.is_empty() => inner().collect(),
+                own => own,
+            }
         }
         Kind::Nifti => {
             let (header, data) = nifti::files(path);

@@ -5,9 +5,14 @@
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-use super::Stack;
-use super::bytes::{Data, Packing, inflate, map_file};
-use super::samples::{Coding, Kind};
+use byteorder::{BigEndian, ByteOrder, LittleEndian};
+
+use super::bytes::map_file;
+use super::choice::{Choice, Outer};
+use super::coding::{Coding, Kind};
+use super::data::{Data, Packing, inflate};
+use super::{Channels, Stack};
+
 use crate::geom::{DAffine3, DMat3, DVec3};
 use crate::{Error, Result, Warnings};
 
@@ -18,24 +23,32 @@ struct Header {
     two: bool,
 }
 
-macro_rules! number {
-    ($name:ident, $type:ty) => {
-        fn $name(&self, at: usize) -> $type {
-            let mut b = [0; size_of::<$type>()];
-            if let Some(there) = self.bytes.get(at..at + b.len()) {
-                b.copy_from_slice(there);
-            }
-            if self.big { <$type>::from_be_bytes(b) } else { <$type>::from_le_bytes(b) }
-        }
-    };
-}
-
 impl Header {
-    number!(i16, i16);
-    number!(i32, i32);
-    number!(i64, i64);
-    number!(f32, f32);
-    number!(f64, f64);
+    /// A field in the header's byte order, by `little` or `big`; 0 beyond the header's end.
+    fn field<T: Default>(&self, at: usize, little: fn(&[u8]) -> T, big: fn(&[u8]) -> T) -> T {
+        let there = self.bytes.get(at..at + size_of::<T>());
+        there.map_or_else(T::default, if self.big { big } else { little })
+    }
+
+    fn i16(&self, at: usize) -> i16 {
+        self.field(at, LittleEndian::read_i16, BigEndian::read_i16)
+    }
+
+    fn i32(&self, at: usize) -> i32 {
+        self.field(at, LittleEndian::read_i32, BigEndian::read_i32)
+    }
+
+    fn i64(&self, at: usize) -> i64 {
+        self.field(at, LittleEndian::read_i64, BigEndian::read_i64)
+    }
+
+    fn f32(&self, at: usize) -> f32 {
+        self.field(at, LittleEndian::read_f32, BigEndian::read_f32)
+    }
+
+    fn f64(&self, at: usize) -> f64 {
+        self.field(at, LittleEndian::read_f64, BigEndian::read_f64)
+    }
 
     /// A field by its places in the two versions, where it is a float.
     fn float(&self, one: usize, two: usize) -> f64 {
@@ -127,8 +140,8 @@ pub fn files(path: &Path) -> (PathBuf, PathBuf) {
 }
 
 /// Read the stack `path`, a header or its samples.
-pub fn read(path: &Path, in_memory: u64) -> Result<Stack> {
-    let (header_path, data_path) = files(path);
+pub fn read(choice: &Choice, in_memory: u64) -> Result<Stack> {
+    let (header_path, data_path) = files(choice.path);
     let wrong = |what: &str| Error::input(&header_path, "", what);
     let map = map_file(&header_path)?;
     let packed = map.starts_with(&[0x1f, 0x8b]);
@@ -139,9 +152,8 @@ pub fn read(path: &Path, in_memory: u64) -> Result<Stack> {
     } else {
         bytes.extend_from_slice(&map[..map.len().min(544)]);
     }
-    let first: Option<[u8; 4]> = bytes.first_chunk().copied();
-    let size = |big| first.map(|f| if big { i32::from_be_bytes(f) } else { i32::from_le_bytes(f) });
-    let (big, two) = match (size(false), size(true)) {
+    let first = bytes.get(..4);
+    let (big, two) = match (first.map(LittleEndian::read_i32), first.map(BigEndian::read_i32)) {
         (Some(348), _) => (false, false),
         (_, Some(348)) => (true, false),
         (Some(540), _) => (false, true),
@@ -170,10 +182,10 @@ pub fn read(path: &Path, in_memory: u64) -> Result<Stack> {
     }
     let dim = |n: usize| if n as i64 <= rank { h.dim(n) } else { 1 };
     let dims = [1, 2, 3].map(|n| usize::try_from(dim(n)).unwrap_or(0));
-    let more = (4..=7).map(dim).fold(1i64, |n, d| n.saturating_mul(d.max(1)));
-    if more > 1 {
-        warnings.add(format!("{more} volumes are in one file; the first is taken"));
-    }
+    // The fourth axis is time, the fifth the components of a vector; what is beyond counts as time.
+    let axis = |n: usize| (usize::try_from(dim(n)).unwrap_or(1).max(1), n == 5);
+    let outer = Outer { axes: (4..=7).map(axis).collect() };
+    let volume = outer.choose(choice, &mut warnings)?;
     let (kind, channels) =
         kind(i32::from(h.i16(if two { 12 } else { 70 }))).map_err(|what| Error::unsupported(&header_path, what))?;
     let units = if two { h.i32(500) } else { i32::from(h.bytes[123]) };
@@ -211,11 +223,16 @@ pub fn read(path: &Path, in_memory: u64) -> Result<Stack> {
         packing,
         coding: Coding { kind, big_endian: big, channels },
         dims,
+        volume,
     };
     let mut samples = data.load(in_memory)?;
     let (slope, intercept) = (h.float(112, 176), h.float(116, 184));
     if !analyze && slope != 0.0 && slope.is_finite() && intercept.is_finite() && channels == 1 {
         samples.rescale = (slope, intercept);
     }
-    Stack::new(&header_path, samples, affine, metres_per_unit, warnings)
+    let mut stack = Stack::new(&header_path, samples, affine, metres_per_unit, warnings)?;
+    if dim(5) > 1 {
+        stack.channels = Channels::Chosen;
+    }
+    Ok(stack)
 }

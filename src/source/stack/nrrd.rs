@@ -4,10 +4,13 @@
 
 use std::path::{Path, PathBuf};
 
-use super::Stack;
-use super::bytes::{Data, Packing, map_file};
-use super::header::{file_list, numbers, size};
-use super::samples::{Coding, Kind};
+use super::bytes::map_file;
+use super::choice::{Choice, Outer, Volume};
+use super::coding::{Coding, Kind};
+use super::data::{Data, Packing};
+use super::header::{file_list, metres, numbers, size};
+use super::{Channels, Stack};
+
 use crate::geom::{DAffine3, DMat3, DVec3};
 use crate::{Error, Result, Warnings};
 
@@ -59,7 +62,7 @@ impl Fields<'_> {
     }
 }
 
-/// `(1,0,0) (0,1,0) none`: vectors, and where one is missing.
+/// `(1,0,0) (0,1,0) none`: vectors, and `None` where one is missing, or points along axes beyond the first three alone.
 fn vectors(text: &str) -> Option<Vec<Option<DVec3>>> {
     let mut out = Vec::new();
     let mut rest = text.trim();
@@ -72,26 +75,89 @@ fn vectors(text: &str) -> Option<Vec<Option<DVec3>>> {
         let (inner, after) = rest.strip_prefix('(')?.split_once(')')?;
         let list = numbers(&inner.replace(',', " "))?;
         let at = |n: usize| list.get(n).copied().unwrap_or(0.0);
-        out.push((list.len() <= 3).then(|| DVec3::new(at(0), at(1), at(2))));
+        let vector = DVec3::new(at(0), at(1), at(2));
+        out.push(Some(vector).filter(|v| list.len() <= 3 || *v != DVec3::ZERO));
         rest = after.trim_start();
     }
     Some(out)
 }
 
-/// Metres in a unit; `None`: not known.
-fn metres(unit: &str) -> Option<f64> {
-    Some(match unit.trim().trim_matches('"').to_ascii_lowercase().as_str() {
-        "mm" | "millimeter" | "millimeters" | "millimetre" => 1e-3,
-        "um" | "µm" | "micron" | "microns" | "micrometer" | "micrometers" => 1e-6,
-        "nm" | "nanometer" | "nanometers" => 1e-9,
-        "cm" | "centimeter" => 1e-2,
-        "m" | "meter" | "meters" => 1.0,
-        _ => return None,
-    })
+/// What the positions along an axis stand for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Role {
+    Space,
+    Channel,
+    Frame,
+}
+
+/// Axes of a lattice: those of space in a row, before them what is stored sample by sample, after them volume by volume.
+struct Axes<'a> {
+    sizes: &'a [usize],
+    roles: Vec<Role>,
+    /// Index of the first axis of space.
+    first: usize,
+    /// Number of axes of space, up to three.
+    space: usize,
+    /// Whether the axis before those of space counts red, green, blue and opacity.
+    colour: bool,
+}
+
+impl<'a> Axes<'a> {
+    /// By the directions, the kinds, or the sizes alone; `None` where other axes are in the midst of those of space.
+    fn new(sizes: &'a [usize], kinds: &[String], directions: Option<&[Option<DVec3>]>) -> Option<Axes<'a>> {
+        let kind = |axis: usize| kinds.get(axis).map(String::as_str);
+        let is_space = |axis: usize| match (directions, kind(axis)) {
+            (Some(directions), _) => directions[axis].is_some(),
+            (None, Some(kind)) => matches!(kind, "domain" | "space" | "???" | "none"),
+            (None, None) => axis > 0 || sizes.len() < 4 || sizes[0] > 4,
+        };
+        let first = (0..sizes.len()).find(|&axis| is_space(axis)).unwrap_or(0);
+        let role = |axis: usize| match kind(axis) {
+            _ if axis == first || is_space(axis) => Role::Space,
+            Some("list" | "time") => Role::Frame,
+            None | Some("domain" | "space" | "???" | "none") if axis > first => Role::Frame,
+            _ => Role::Channel,
+        };
+        let mut roles: Vec<Role> = (0..sizes.len()).map(role).collect();
+        let space = roles[first..].iter().take(3).take_while(|r| **r == Role::Space).count();
+        let after = &mut roles[first + space..];
+        if space < 3 && after.contains(&Role::Space) {
+            return None;
+        }
+        // A fourth axis of space is time, as some programs write it.
+        after.iter_mut().filter(|r| **r == Role::Space).for_each(|r| *r = Role::Frame);
+        let colour = first == 1
+            && matches!(sizes[0], 3 | 4)
+            && match kind(0) {
+                Some(kind) => {
+                    matches!(kind, "vector" | "none" | "???") || kind.contains("color") && !kind.contains("sv")
+                }
+                None => true,
+            };
+        Some(Axes { sizes, roles, first, space, colour })
+    }
+
+    fn channels(&self) -> usize {
+        self.sizes[..self.first].iter().fold(1, |n: usize, &d| n.saturating_mul(d))
+    }
+
+    fn dims(&self) -> [usize; 3] {
+        std::array::from_fn(|n| if n < self.space { self.sizes[self.first + n] } else { 1 })
+    }
+
+    fn outer(&self, range: std::ops::Range<usize>) -> Outer {
+        Outer { axes: range.map(|n| (self.sizes[n], self.roles[n] == Role::Channel)).collect() }
+    }
+
+    /// The volume that is taken of those in a row.
+    fn volume(&self, choice: &Choice, warnings: &mut Warnings) -> Result<Volume> {
+        self.outer(self.first + self.space..self.sizes.len()).choose(choice, warnings)
+    }
 }
 
 /// Read the stack whose header is `path`.
-pub fn read(path: &Path, in_memory: u64) -> Result<Stack> {
+pub fn read(choice: &Choice, in_memory: u64) -> Result<Stack> {
+    let path = choice.path;
     let map = map_file(path)?;
     if !map.starts_with(b"NRRD000") {
         return Err(Error::input(path, "", "not a NRRD file: it does not begin with NRRD000"));
@@ -132,10 +198,10 @@ pub fn read(path: &Path, in_memory: u64) -> Result<Stack> {
         }
         None => map.len(),
     };
-    stack(&fields, attached.then_some(body), in_memory)
+    stack(&fields, choice, attached.then_some(body), in_memory)
 }
 
-fn stack(fields: &Fields, body: Option<usize>, in_memory: u64) -> Result<Stack> {
+fn stack(fields: &Fields, choice: &Choice, body: Option<usize>, in_memory: u64) -> Result<Stack> {
     let path = fields.path;
     let mut warnings = Warnings::default();
     let (name, at) = fields.need("type")?;
@@ -147,7 +213,8 @@ fn stack(fields: &Fields, body: Option<usize>, in_memory: u64) -> Result<Stack> 
     let Some(sizes) = sizes.filter(|s| (1..=16).contains(&s.len())) else {
         return fields.wrong(at, format!("sizes {text:?}: whole numbers from 1 on are needed"));
     };
-    let kinds: Vec<&str> = fields.get(&["kinds"]).map_or(Vec::new(), |k| k.0.split_whitespace().collect());
+    let words = |text: &str| text.split_whitespace().map(str::to_ascii_lowercase).collect();
+    let kinds: Vec<String> = fields.get(&["kinds"]).map_or(Vec::new(), |k| words(k.0));
     let directions = match fields.get(&["space directions"]) {
         Some((text, at)) => match vectors(text).filter(|v| v.len() == sizes.len()) {
             Some(v) => Some(v),
@@ -155,23 +222,15 @@ fn stack(fields: &Fields, body: Option<usize>, in_memory: u64) -> Result<Stack> 
         },
         None => None,
     };
-    // Axes of colours come first; what is neither space nor first is taken at its first place.
-    let spatial = |axis: usize| match (&directions, kinds.get(axis).map(|k| k.to_ascii_lowercase())) {
-        (Some(d), _) => d[axis].is_some(),
-        (None, Some(k)) => matches!(k.as_str(), "domain" | "space" | "???" | "none"),
-        (None, None) => axis > 0 || sizes.len() < 4 || sizes[0] > 4,
+    let Some(axes) = Axes::new(&sizes, &kinds, directions.as_deref()) else {
+        return fields.wrong(at, "an axis that is not of space lies between those of space: put it first or last");
     };
-    let first = usize::from(sizes.len() > 1 && !spatial(0));
-    let channels = if first == 1 { sizes[0] } else { 1 };
-    let side = |n: usize| sizes.get(first + n).copied().unwrap_or(1);
-    let dims = [side(0), side(1), side(2)];
-    let more = sizes.iter().skip(first + 3).fold(1usize, |n, &d| n.saturating_mul(d));
-    if more > 1 {
-        warnings.add(format!("{more} volumes are in one file; the first is taken"));
-    }
+    let volume = axes.volume(choice, &mut warnings)?;
+    let (first, channels, dims) = (axes.first, axes.channels(), axes.dims());
     let coding = Coding { kind, big_endian: big_endian(fields, kind)?, channels };
-    let samples = data(fields, body, coding, dims)?.load(in_memory)?;
-    let axis = |n: usize| directions.as_ref().and_then(|d| d.get(first + n).copied().flatten());
+    let samples = Data { volume, ..data(fields, body, coding, dims)? }.load(in_memory)?;
+    let axis =
+        |n: usize| directions.as_ref().filter(|_| n < axes.space).and_then(|d| d.get(first + n).copied().flatten());
     let spacings = fields
         .get(&["spacings"])
         .map(|s| s.0.split_whitespace().map(|w| w.parse().unwrap_or(f64::NAN)).collect::<Vec<f64>>());
@@ -179,7 +238,7 @@ fn stack(fields: &Fields, body: Option<usize>, in_memory: u64) -> Result<Stack> 
     let mut unit = None;
     let columns: [DVec3; 3] = std::array::from_fn(|n| match (axis(n), spacing(n)) {
         (Some(direction), _) => direction,
-        (None, distance) => DVec3::AXES[n] * if n < sizes.len() - first { distance.unwrap_or(1.0) } else { 0.0 },
+        (None, distance) => DVec3::AXES[n] * if n < axes.space { distance.unwrap_or(1.0) } else { 0.0 },
     });
     let mut placed = directions.is_some();
     if let Some((text, _)) = fields.get(&["space units", "units"]) {
@@ -195,7 +254,18 @@ fn stack(fields: &Fields, body: Option<usize>, in_memory: u64) -> Result<Stack> 
     }
     let affine = DAffine3 { matrix3: DMat3::from_cols(columns[0], columns[1], columns[2]), translation: origin };
     let metres_per_unit = unit.unwrap_or(if placed { 1e-3 } else { 0.0 });
-    Stack::new(path, samples, super::with_thickness(affine, dims), metres_per_unit, warnings)
+    let mut stack = Stack::new(path, samples, super::with_thickness(affine, dims), metres_per_unit, warnings)?;
+    if axes.roles[..first].contains(&Role::Frame) {
+        let inner = axes.outer(0..first).choose(choice, &mut stack.warnings)?;
+        stack.samples.choose_channel(inner.index as usize);
+        stack.channels = Channels::Chosen;
+    } else if channels > 1 && !axes.colour {
+        stack.channels = Channels::Values(vec![String::new(); channels]);
+    }
+    if axes.roles[first..].contains(&Role::Channel) {
+        stack.channels = Channels::Chosen;
+    }
+    Ok(stack)
 }
 
 fn big_endian(fields: &Fields, kind: Kind) -> Result<bool> {
@@ -242,12 +312,16 @@ fn data<'a>(fields: &Fields<'a>, body: Option<usize>, coding: Coding, dims: [usi
             }
         }
     }
+    if bytes < 0 && packing != Packing::Raw {
+        let what = "byte skip -1 counts from the end, which only encoding raw can: give the count, or leave it out";
+        return fields.wrong(fields.get(&["byte skip", "byteskip"]).unwrap_or_default().1, what);
+    }
     let (skip, skip_unpacked) = match packing {
         Packing::Raw if bytes < 0 => (None, 0),
         Packing::Deflate => (Some(skip), bytes.max(0) as u64),
         _ => (Some(skip + bytes.max(0) as u64), 0),
     };
-    Ok(Data { header: path, files, skip, skip_unpacked, packing, coding, dims })
+    Ok(Data { header: path, files, skip, skip_unpacked, packing, coding, dims, volume: Volume::ONLY })
 }
 
 /// The files of the samples.

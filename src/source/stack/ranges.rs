@@ -35,8 +35,10 @@ impl Range {
 pub struct Scan {
     /// Finite values.
     pub whole: Range,
-    /// Values that are no numbers.
+    /// Number of samples without a value: NaN, infinite, or padding.
     pub missing: u64,
+    /// Indices of the bricks that hold such samples.
+    with_missing: Vec<usize>,
     /// Of every brick of 4^3 samples, x fastest.
     bricks: Vec<Range>,
     size: [usize; 3],
@@ -49,17 +51,18 @@ impl Scan {
         let layers = par::map(size[2], |layer| {
             let mut bricks = vec![Range::EMPTY; size[0] * size[1]];
             let mut row = vec![0.0f32; dims[0]];
-            let mut missing = 0;
+            let mut missing = vec![0u64; bricks.len()];
             for k in layer * BRICK..dims[2].min((layer + 1) * BRICK) {
                 for j in 0..dims[1] {
-                    samples.row_as_stored(0, j, k, &mut row);
-                    let bricks = &mut bricks[j / BRICK * size[0]..][..size[0]];
-                    for (brick, values) in bricks.iter_mut().zip(row.chunks(BRICK)) {
+                    samples.row_with_nan(0, j, k, &mut row);
+                    let first = j / BRICK * size[0];
+                    let bricks = bricks[first..].iter_mut().zip(&mut missing[first..]);
+                    for ((brick, missing), values) in bricks.zip(row.chunks(BRICK)) {
                         for &v in values {
                             if v.is_finite() {
                                 brick.add(Range { lo: v, hi: v });
                             } else {
-                                missing += 1;
+                                *missing += 1;
                             }
                         }
                     }
@@ -67,23 +70,25 @@ impl Scan {
             }
             (bricks, missing)
         });
-        let mut scan =
-            Scan { whole: Range::EMPTY, missing: 0, bricks: Vec::with_capacity(size.iter().product()), size };
+        let bricks = Vec::with_capacity(size.iter().product());
+        let mut scan = Scan { whole: Range::EMPTY, missing: 0, with_missing: Vec::new(), bricks, size };
         for (bricks, missing) in layers {
+            let first = scan.bricks.len();
             scan.bricks.extend(bricks);
-            scan.missing += missing;
+            scan.with_missing.extend((first..).zip(&missing).filter(|m| *m.1 > 0).map(|m| m.0));
+            scan.missing += missing.iter().sum::<u64>();
         }
         for brick in &scan.bricks {
             scan.whole.add(*brick);
         }
-        if scan.missing > 0 {
-            // They count as the least value there is.
-            for brick in &mut scan.bricks {
-                brick.lo = scan.whole.lo;
-                brick.hi = brick.hi.max(scan.whole.lo);
-            }
-        }
         scan
+    }
+
+    /// Let samples without a value count as `value` in the ranges of their bricks.
+    pub fn fill_missing(&mut self, value: f32) {
+        for &n in &self.with_missing {
+            self.bricks[n].add(Range { lo: value, hi: value });
+        }
     }
 
     /// Of every unit of 8^3 cells, x fastest, what values may be in it once they are looked at from `reach` samples around;
@@ -115,7 +120,8 @@ impl Scan {
         (layers.concat(), size)
     }
 
-    /// The value that parts the samples into two classes that differ most; `None` where all are the same.
+    /// The value that parts the samples into two classes that differ most, samples without a value left out; `None` where all
+    /// are the same.
     pub fn otsu(&self, samples: &Samples) -> Option<f32> {
         let (lo, hi) = (f64::from(self.whole.lo), f64::from(self.whole.hi));
         if !(lo < hi && (hi - lo).is_finite()) {
@@ -128,8 +134,8 @@ impl Scan {
         let mut counts = vec![0u64; BINS];
         let mut row = vec![0.0; dims[0]];
         for n in (0..rows).step_by(step) {
-            samples.row(0, n % dims[1], n / dims[1], &mut row);
-            for &v in &row {
+            samples.row_with_nan(0, n % dims[1], n / dims[1], &mut row);
+            for &v in row.iter().filter(|v| v.is_finite()) {
                 counts[(((f64::from(v) - lo) * scale) as usize).min(BINS - 1)] += 1;
             }
         }

@@ -42,6 +42,12 @@ impl<'a> Field<'a> {
         Field { lattice, samples, block, scratch }
     }
 
+    /// Whether the sample whose cell an index-space point is in has no value.
+    fn is_missing(&self, p: DVec3) -> bool {
+        let dims = self.samples.dims();
+        self.samples.is_missing(std::array::from_fn(|a| (p[a] + 0.5).clamp(0.0, (dims[a] - 1) as f64) as usize))
+    }
+
     /// The value at an index-space point, which is moved to the border where it is outside.
     fn value(&self, p: DVec3) -> f64 {
         let dims = self.samples.dims();
@@ -85,6 +91,8 @@ pub struct Sight<'a> {
     pub distance: f64,
     /// Where the stack is, index space.
     pub window: Aabb,
+    /// Whether the cells of samples without a value are left out.
+    pub masked: bool,
 }
 
 impl Sight<'_> {
@@ -109,6 +117,9 @@ impl Sight<'_> {
             let offset = (DVec3::new((i % n) as f64, (i / n % n) as f64, (i / n / n) as f64) + 0.5) * step;
             let p = self.to_index.transform_point3(corner + offset);
             if !(p.cmpge(self.window.min).all() && p.cmple(self.window.max).all()) {
+                continue;
+            }
+            if self.masked && field.is_missing(p) {
                 continue;
             }
             let value = field.value(p);

@@ -27,12 +27,21 @@ pub struct StackSource {
     size: [usize; 3],
     /// Stands for what is outside the stack.
     outside: f32,
+    /// Whether soft matter has to leave out samples without a value, since no value stands for nothing.
+    masked: bool,
     bounds: Aabb,
     notes: Vec<String>,
 }
 
 /// Cells between two samples, for the bounds alone: as many as make this many along the longest axis.
 const BOUNDS_CELLS: usize = 256;
+
+const NO_VALUE: &str = "samples without a value (NaN, infinite or padding) count as nothing";
+
+/// A value that is clearly less.
+fn below(value: f32) -> f32 {
+    value - value.abs().max(1.0)
+}
 
 impl StackSource {
     /// # Errors
@@ -53,8 +62,14 @@ impl StackSource {
             samples.value_is_alpha(false);
             scan = Scan::new(samples);
         }
-        stack.samples.missing = scan.whole.lo;
-        stack.warnings.add_many("values that are no numbers count as the least of all", scan.missing);
+        if scan.whole.hi < scan.whole.lo {
+            return Err(Error::input(
+                &stack.path,
+                "",
+                "none of its samples has a value: all are NaN, infinite or padding",
+            ));
+        }
+        stack.warnings.add_many(NO_VALUE, scan.missing);
         let mut notes = Vec::new();
         let mut transfer = options.transfer.clone();
         if let Some(path) = &options.table {
@@ -71,10 +86,19 @@ impl StackSource {
             transfer.iso = Some(f64::from(otsu));
         }
         let dims = stack.samples.dims();
-        let (units, size) = scan.units(dims, margin(options.sigma));
         let (iso, least) = (transfer.solid_from() as f32, transfer.matter_from() as f32);
         // Nothing, whatever the threshold.
-        let outside = if least > scan.whole.lo { scan.whole.lo } else { least - least.abs().max(1.0) };
+        let outside = if least > scan.whole.lo { scan.whole.lo } else { below(least) };
+        stack.samples.missing = match () {
+            // What programs that know no NaN write in its place.
+            () if least > 0.0 => 0.0,
+            () if least > f32::NEG_INFINITY => outside,
+            // Any value may be soft matter: voxels leave these samples out one by one.
+            () => scan.whole.lo.min(below(iso)),
+        };
+        let masked = scan.missing > 0 && least == f32::NEG_INFINITY;
+        scan.fill_missing(stack.samples.missing);
+        let (units, size) = scan.units(dims, margin(options.sigma));
         let mut source = StackSource {
             stack,
             transfer,
@@ -83,6 +107,7 @@ impl StackSource {
             units,
             size,
             outside,
+            masked,
             bounds: Aabb::EMPTY,
             notes,
         };
@@ -350,6 +375,7 @@ impl StagedStack<'_> {
                 to_index: copy.to_index,
                 distance: self.distance,
                 window: window(samples.dims()),
+                masked: source.masked,
             };
             for (n, taken) in taken.iter_mut().enumerate().filter(|t| !*t.1) {
                 let n = n as u32;

@@ -7,6 +7,8 @@ use std::io::Read;
 use std::ops::Range;
 use std::path::Path;
 
+use byteorder::{BigEndian, ByteOrder, LittleEndian};
+
 use crate::source::stack::bytes::{Bytes, map_file};
 use crate::{Error, Result};
 
@@ -14,11 +16,28 @@ use crate::{Error, Result};
 pub type Tag = u32;
 
 pub const PIXEL_DATA: Tag = 0x7fe0_0010;
+/// Floats of 32 and of 64 bits in place of whole numbers.
+pub const FLOAT_PIXEL_DATA: Tag = 0x7fe0_0008;
+pub const DOUBLE_PIXEL_DATA: Tag = 0x7fe0_0009;
 const ITEM: Tag = 0xfffe_e000;
 const ITEM_END: Tag = 0xfffe_e00d;
 const SEQUENCE_END: Tag = 0xfffe_e0dd;
 /// Sequences that are looked into where the file does not say that they are some.
-const SEQUENCES: [Tag; 6] = [0x5200_9229, 0x5200_9230, 0x0020_9113, 0x0020_9116, 0x0028_9110, 0x0028_9145];
+const SEQUENCES: [Tag; 13] = [
+    0x0018_9076,
+    0x0018_9114,
+    0x0018_9117,
+    0x0018_9118,
+    0x0018_9226,
+    0x0020_9111,
+    0x0020_9113,
+    0x0020_9116,
+    0x0028_3000,
+    0x0028_9110,
+    0x0028_9145,
+    0x5200_9229,
+    0x5200_9230,
+];
 /// Sequences within sequences.
 const MAX_NESTED: usize = 16;
 /// A length that is not known.
@@ -112,11 +131,42 @@ impl File {
         list.filter(|l| l.iter().all(|v| v.is_finite()))
     }
 
-    /// A number of 16 bits.
-    pub fn short(&self, tag: Tag) -> Option<u16> {
-        let Element::Value(range) = self.data.0.get(&tag)? else { return None };
-        let b: [u8; 2] = *self.bytes.get(range.clone())?.first_chunk()?;
-        Some(if self.big_endian { u16::from_be_bytes(b) } else { u16::from_le_bytes(b) })
+    /// Bytes of a value.
+    pub fn value(&self, data: &Dataset, tag: Tag) -> Option<&[u8]> {
+        match data.0.get(&tag)? {
+            Element::Value(range) => self.bytes.get(range.clone()),
+            _ => None,
+        }
+    }
+
+    /// Numbers of 16 bits.
+    pub fn shorts(&self, data: &Dataset, tag: Tag) -> Option<Vec<u16>> {
+        let read = if self.big_endian { BigEndian::read_u16 } else { LittleEndian::read_u16 };
+        Some(self.value(data, tag)?.chunks_exact(2).map(read).collect())
+    }
+
+    /// The first number of 16 bits.
+    pub fn short(&self, data: &Dataset, tag: Tag) -> Option<u16> {
+        self.shorts(data, tag)?.first().copied()
+    }
+
+    /// A whole number of 16 or 32 bits.
+    pub fn whole(&self, data: &Dataset, tag: Tag) -> Option<u32> {
+        match (self.value(data, tag)?, self.big_endian) {
+            (v, big) if v.len() == 4 => Some(if big { BigEndian::read_u32(v) } else { LittleEndian::read_u32(v) }),
+            _ => self.short(data, tag).map(u32::from),
+        }
+    }
+
+    /// Floats: one of 32 bits, or any number of 64 bits.
+    pub fn floats(&self, data: &Dataset, tag: Tag) -> Option<Vec<f64>> {
+        let value = self.value(data, tag)?;
+        if value.len() == 4 {
+            let read = if self.big_endian { BigEndian::read_f32 } else { LittleEndian::read_f32 };
+            return Some(vec![f64::from(read(value))]);
+        }
+        let read = if self.big_endian { BigEndian::read_f64 } else { LittleEndian::read_f64 };
+        Some(value.chunks_exact(8).map(read).collect()).filter(|l: &Vec<f64>| !l.is_empty())
     }
 }
 
@@ -150,13 +200,13 @@ impl Reader<'_> {
     }
 
     fn u16(&mut self) -> Result<u16, &'static str> {
-        let b = self.take()?;
-        Ok(if self.big { u16::from_be_bytes(b) } else { u16::from_le_bytes(b) })
+        let b = self.take::<2>()?;
+        Ok(if self.big { BigEndian::read_u16(&b) } else { LittleEndian::read_u16(&b) })
     }
 
     fn u32(&mut self) -> Result<usize, &'static str> {
-        let b = self.take()?;
-        Ok(if self.big { u32::from_be_bytes(b) } else { u32::from_le_bytes(b) } as usize)
+        let b = self.take::<4>()?;
+        Ok(if self.big { BigEndian::read_u32(&b) } else { LittleEndian::read_u32(&b) } as usize)
     }
 
     fn tag(&mut self) -> Result<Tag, &'static str> {

@@ -4,17 +4,23 @@
 
 mod dataset;
 mod pixels;
+mod tables;
+mod volumes;
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use super::Stack;
-use super::bytes::{Spool, check_ratio};
-use super::samples::{Coding, Kind, Samples};
+use super::bytes::{Bytes, Spool, check_ratio};
+use super::choice::Choice;
+use super::coding::{Coding, Kind};
+use super::samples::Samples;
 use crate::geom::{DAffine3, DMat3, DVec3};
 use crate::{Error, Result, Warnings, par};
 use dataset::{Dataset, File};
 use pixels::Layout;
+use tables::{Palette, Table};
+use volumes::Slice;
 
 /// Whether a file is DICOM, by its first bytes or its name.
 pub fn is_dicom(path: &Path) -> bool {
@@ -37,6 +43,12 @@ struct Image {
     /// Thickness, or distance of slices.
     thickness: Option<f64>,
     syntax: String,
+    /// Trigger and acquisition time, which sort as text.
+    when: String,
+    modality: Option<Table>,
+    palette: Option<Palette>,
+    /// Least and greatest stored number that are no values.
+    padding: Option<[f32; 2]>,
 }
 
 /// One slice.
@@ -49,12 +61,15 @@ struct Frame {
     /// Distance of columns, and of rows.
     spacing: Option<[f64; 2]>,
     rescale: (f64, f64),
+    /// By which frames of a series belong to different stacks.
+    attributes: Vec<Option<String>>,
 }
 
 impl Image {
     fn read(path: &Path) -> Result<Option<Image>> {
         let file = File::open(path)?;
-        if !file.data.0.contains_key(&dataset::PIXEL_DATA) {
+        let pixels = [dataset::PIXEL_DATA, dataset::FLOAT_PIXEL_DATA, dataset::DOUBLE_PIXEL_DATA];
+        if !pixels.iter().any(|tag| file.data.0.contains_key(tag)) {
             return Ok(None);
         }
         let data = &file.data;
@@ -80,6 +95,10 @@ impl Image {
             number: text(0x0020_0011),
             title: format!("{} {}", text(0x0008_0060), text(0x0008_103e)).trim().to_owned(),
             instance: number(0x0020_0013).unwrap_or(0.0),
+            when: format!("{:020.3} {}", number(0x0018_1060).unwrap_or(0.0), text(0x0008_0032)),
+            modality: tables::modality(&file, layout.is_signed()).filter(|_| layout.channels == 1),
+            palette: Palette::read(&file, layout.is_signed()).filter(|_| layout.is_palette()),
+            padding: tables::padding(&file, |bits| layout.number(bits)).filter(|_| layout.channels == 1),
             layout,
             frames,
             thickness,
@@ -105,49 +124,53 @@ impl Frame {
             axes: find(0x0020_9116, 0x0020_0037, 6).map(|l| [vector(&l), vector(&l[3..])]),
             spacing: spacing.map(|l| [l[1], l[0]]),
             rescale: (one(0x0028_1053, 1.0), one(0x0028_1052, 0.0)),
+            attributes: volumes::attributes(file, places),
         }
     }
 }
 
-/// Read the series that `series` names, by UID or number, or the only one.
-pub fn read(path: &Path, files: &[PathBuf], series: Option<&str>, in_memory: u64) -> Result<Stack> {
+/// Read the stack that `--series` names, or the only series.
+pub fn read(choice: &Choice, files: &[PathBuf], in_memory: u64) -> Result<Stack> {
+    let path = choice.path;
     let mut warnings = Warnings::default();
-    let images = choose(path, files, series, &mut warnings)?;
-    let mut slices: Vec<(usize, usize)> =
-        images.iter().enumerate().flat_map(|(i, image)| (0..image.frames.len()).map(move |f| (i, f))).collect();
-    let first = &images[0];
-    if let Some(what) = images.iter().find_map(|i| i.layout.unsupported(&i.syntax)) {
+    choice.frame(1, &mut warnings)?;
+    let (images, mut slices) = choose(choice, files, &mut warnings)?;
+    let (first, first_frame) = (&images[slices[0].0], slices[0].1);
+    if let Some(what) = slices.iter().find_map(|s| images[s.0].layout.unsupported(&images[s.0].syntax)) {
         return Err(Error::unsupported(path, what));
     }
     let affine = arrange(path, &images, &mut slices, &mut warnings)?;
-    let frame = |&(i, f): &(usize, usize)| &images[i].frames[f];
-    let rescale = frame(&slices[0]).rescale;
-    let same = slices.iter().all(|s| frame(s).rescale == rescale);
-    let coding = if same { first.layout.coding() } else { Coding::native(Kind::F32, first.layout.channels) };
+    let rescale = first.frames[first_frame].rescale;
+    let like_first = |&(i, f): &Slice| {
+        let image = &images[i];
+        image.frames[f].rescale == rescale && image.padding == first.padding && image.modality.is_none()
+    };
+    // Numbers stay as they are stored where they all mean the same.
+    let stored = slices.iter().all(like_first);
+    let palette = first.layout.is_palette();
+    let coding = match () {
+        () if palette => Coding::native(Kind::U8, 3),
+        () if stored => first.layout.coding(),
+        () => Coding::native(Kind::F32, first.layout.channels),
+    };
     let mut spool = Spool::new(in_memory);
     let total = slices.len() as u64 * first.layout.bytes() as u64;
-    let stored = images.iter().filter_map(|i| std::fs::metadata(&i.path).ok()).map(|m| m.len()).sum();
-    check_ratio(path, total, stored)?;
+    let mut in_files: Vec<usize> = slices.iter().map(|s| s.0).collect();
+    in_files.sort_unstable();
+    in_files.dedup();
+    let packed = in_files.iter().filter_map(|&i| std::fs::metadata(&images[i].path).ok()).map(|m| m.len()).sum();
+    check_ratio(path, total, packed)?;
     for group in slices.chunks(4 * par::threads()) {
         let decoded = par::map(group.len(), |n| {
             let (i, f) = group[n];
             let image = &images[i];
             let wrong = |e: String| Error::input(&image.path, format!("frame {}", f + 1), e);
             let bytes = image.layout.frame(&File::open(&image.path)?, f, image.frames.len()).map_err(wrong)?;
-            if same {
-                return Ok(bytes);
+            match () {
+                () if palette => image.colours(bytes).map_err(wrong),
+                () if stored => Ok(bytes),
+                () => image.values(bytes, f).map_err(wrong),
             }
-            let dims = [image.layout.columns * image.layout.channels, image.layout.rows, 1];
-            let one = Coding { channels: 1, ..image.layout.coding() };
-            let mut samples = Samples::new(super::bytes::Bytes::Memory(bytes), 0, one, dims).map_err(wrong)?;
-            samples.rescale = image.frames[f].rescale;
-            let mut row = vec![0.0; dims[0]];
-            let mut out = Vec::with_capacity(4 * dims[0] * dims[1]);
-            for j in 0..dims[1] {
-                samples.row(0, j, 0, &mut row);
-                out.extend(row.iter().flat_map(|v| v.to_ne_bytes()));
-            }
-            Ok(out)
         });
         for bytes in decoded {
             spool.push(&bytes?)?;
@@ -155,14 +178,49 @@ pub fn read(path: &Path, files: &[PathBuf], series: Option<&str>, in_memory: u64
     }
     let dims = [first.layout.columns, first.layout.rows, slices.len()];
     let mut samples = Samples::new(spool.finish()?, 0, coding, dims).map_err(|e| Error::input(path, "", e))?;
-    if same {
+    if stored && !palette {
         samples.rescale = rescale;
+        samples.padding = first.padding.map(|range| {
+            let [a, b] = range.map(|v| (f64::from(v) * rescale.0 + rescale.1) as f32);
+            [a.min(b), a.max(b)]
+        });
     }
     Stack::new(path, samples, affine, 1e-3, warnings)
 }
 
-/// The images of one series, which are alike; at least one.
-fn choose(path: &Path, files: &[PathBuf], series: Option<&str>, warnings: &mut Warnings) -> Result<Vec<Image>> {
+impl Image {
+    /// A frame's stored numbers, row by row.
+    fn numbers(&self, bytes: Vec<u8>) -> Result<Vec<f32>, String> {
+        let dims = [self.layout.columns * self.layout.channels, self.layout.rows, 1];
+        let one = Coding { channels: 1, ..self.layout.coding() };
+        let samples = Samples::new(Bytes::Memory(bytes), 0, one, dims)?;
+        let mut out = vec![0.0; dims[0] * dims[1]];
+        out.chunks_mut(dims[0]).enumerate().for_each(|(j, row)| samples.row_with_nan(0, j, 0, row));
+        Ok(out)
+    }
+
+    /// What the numbers of the frame `frame` mean, as f32; padding is NaN.
+    fn values(&self, bytes: Vec<u8>, frame: usize) -> Result<Vec<u8>, String> {
+        let (slope, intercept) = self.frames[frame].rescale;
+        let is_padding = |v: f32| self.padding.is_some_and(|[lo, hi]| (lo..=hi).contains(&v));
+        let value = |v: f32| match &self.modality {
+            _ if is_padding(v) => f32::NAN,
+            Some(table) => f32::from(table.get(v)),
+            None => (f64::from(v) * slope + intercept) as f32,
+        };
+        Ok(self.numbers(bytes)?.into_iter().flat_map(|v| value(v).to_ne_bytes()).collect())
+    }
+
+    /// A frame's colours by its palette.
+    fn colours(&self, bytes: Vec<u8>) -> Result<Vec<u8>, String> {
+        let palette = self.palette.as_ref().ok_or("it has no palette, or one in segments")?;
+        Ok(self.numbers(bytes)?.into_iter().flat_map(|v| palette.colour(v)).collect())
+    }
+}
+
+/// The images of one series, at least one, and the slices of one stack in it.
+fn choose(choice: &Choice, files: &[PathBuf], warnings: &mut Warnings) -> Result<(Vec<Image>, Vec<Slice>)> {
+    let path = choice.path;
     let mut all: BTreeMap<String, Vec<Image>> = BTreeMap::new();
     let mut without = 0;
     for image in par::map(files.len(), |i| Image::read(&files[i])) {
@@ -171,20 +229,17 @@ fn choose(path: &Path, files: &[PathBuf], series: Option<&str>, warnings: &mut W
             None => without += 1,
         }
     }
-    let list = |all: &BTreeMap<String, Vec<Image>>| -> String {
-        let line = |(uid, images): (&String, &Vec<Image>)| {
-            let count: usize = images.iter().map(|i| i.frames.len()).sum();
-            let (i, s) = (&images[0], if count == 1 { "" } else { "s" });
-            format!("{} ({}, {count} slice{s} of {}×{}, UID {uid})", i.number, i.title, i.layout.columns, i.layout.rows)
-        };
-        all.iter().take(20).map(line).collect::<Vec<_>>().join("; ")
-    };
     if all.is_empty() {
-        return Err(Error::input(path, "", "holds no DICOM images: name the folder that they are in"));
+        let what = "none of its DICOM files holds pixels: they are in others, or it is a directory (DICOMDIR), a report or a plan";
+        return Err(Error::input(path, "", what));
     }
+    let series = choice.series.map(|wanted| match wanted.rsplit_once(':') {
+        Some((series, stack)) => (series, stack.parse::<usize>().ok().map_or(Err(stack), Ok)),
+        None => (wanted, Ok(0)),
+    });
     let there = list(&all);
-    if let Some(wanted) = series {
-        all.retain(|uid, images| uid == wanted || images[0].number == wanted);
+    if let Some((wanted, _)) = series {
+        all.retain(|uid, images| wanted.is_empty() || uid == wanted || images[0].number == wanted);
         if all.is_empty() {
             return Err(Error::input(path, "", format!("--series {wanted} is not there; there are: {there}")));
         }
@@ -195,17 +250,46 @@ fn choose(path: &Path, files: &[PathBuf], series: Option<&str>, warnings: &mut W
     }
     warnings.add_many("DICOM files without pixels are left out", without);
     let images = all.into_values().next().unwrap_or_default();
-    let mut kinds: BTreeMap<String, usize> = BTreeMap::new();
-    for i in &images {
-        let l = &i.layout;
-        let key = format!("{}×{} {} {:?}", l.columns, l.rows, l.photometric, l.coding().kind);
-        *kinds.entry(key).or_default() += i.frames.len();
+    let mut groups = volumes::stacks(&images);
+    let number = &images[0].number;
+    let taken = match series {
+        None | Some((_, Ok(0))) => {
+            let taken = volumes::largest(&groups);
+            if groups.len() > 1 {
+                warnings.add(format!(
+                    "its series {number} holds {} stacks: {}; {} is taken, or choose with --series {number}:1 to {}",
+                    groups.len(),
+                    volumes::listed(&groups),
+                    taken + 1,
+                    groups.len()
+                ));
+            }
+            taken
+        }
+        Some((_, Ok(n))) if n <= groups.len() => n - 1,
+        Some((_, Ok(_) | Err(_))) => {
+            let wanted = choice.series.unwrap_or_default();
+            let what = format!("--series {wanted} is not there; its stacks are: {}", volumes::listed(&groups));
+            return Err(Error::input(path, "", what));
+        }
+    };
+    if groups.is_empty() {
+        return Err(Error::input(path, "", "holds no slices"));
     }
-    if kinds.len() > 1 {
-        let kinds: Vec<String> = kinds.iter().map(|(k, n)| format!("{n} of {k}")).collect();
-        return Err(Error::input(path, "", format!("its series is mixed: slices {}", kinds.join(", "))));
-    }
-    Ok(images)
+    Ok((images, groups.swap_remove(taken).slices))
+}
+
+/// "5 (MR T2, 16 slices of 256×256, UID 1.2.3); 6 (…)".
+fn list(all: &BTreeMap<String, Vec<Image>>) -> String {
+    let line = |(uid, images): (&String, &Vec<Image>)| {
+        let count: usize = images.iter().map(|i| i.frames.len()).sum();
+        let (i, s) = (&images[0], if count == 1 { "" } else { "s" });
+        let stacks = volumes::stacks(images).len();
+        let stacks = if stacks > 1 { format!(" in {stacks} stacks") } else { String::new() };
+        let size = format!("{}×{}", i.layout.columns, i.layout.rows);
+        format!("{} ({}, {count} slice{s} of {size}{stacks}, UID {uid})", i.number, i.title)
+    };
+    all.iter().take(20).map(line).collect::<Vec<_>>().join("; ")
 }
 
 /// Sort the slices along their normal and say where they lie: index → millimetres.
@@ -228,12 +312,7 @@ fn arrange(
     if normal == DVec3::ZERO || spacing.iter().any(|s| *s <= 0.0) {
         return wrong(format!("its pixels are {spacing:?} mm apart along {row} and {column}: they span no plane"));
     }
-    let turned = |s: &(usize, usize)| frame(s).axes.is_some_and(|[r, c]| r.cross(c).dot(normal) < 0.999);
-    let turned = slices.iter().filter(|s| turned(s)).count();
-    if turned > 0 {
-        return wrong(format!("its series is mixed: {turned} of {} slices lie another way", slices.len()));
-    }
-    let thickness = images[0].thickness.unwrap_or((spacing[0] * spacing[1]).sqrt());
+    let thickness = images[slices[0].0].thickness.unwrap_or((spacing[0] * spacing[1]).sqrt());
     let affine = |origin: DVec3, step: DVec3| DAffine3 {
         matrix3: DMat3::from_cols(row * spacing[0], column * spacing[1], step),
         translation: origin,
@@ -246,13 +325,6 @@ fn arrange(
         return Ok(affine(at(&slices[0]), normal * thickness));
     }
     slices.sort_by(|a, b| at(a).dot(normal).total_cmp(&at(b).dot(normal)));
-    // Stable: of slices at one place, the first by number stays.
-    let all = slices.len();
-    slices.dedup_by(|b, a| (at(b) - at(a)).dot(normal) < 1e-3 * thickness);
-    warnings.add_many(
-        "slices lie where another one does and are left out (other times or echoes)",
-        (all - slices.len()) as u64,
-    );
     let n = slices.len();
     let origin = at(&slices[0]);
     if n == 1 {

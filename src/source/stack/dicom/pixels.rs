@@ -3,9 +3,15 @@
 //! Based on: NEMA PS3.5, sections 8 (pixel data) and annexes A and G (packed transfer syntaxes, RLE).
 
 use std::borrow::Cow;
+use std::ops::Range;
 
-use super::dataset::{Element, File, PIXEL_DATA};
-use crate::source::stack::samples::{Coding, Kind};
+use byteorder::{ByteOrder, LittleEndian};
+
+use super::dataset::{DOUBLE_PIXEL_DATA, Element, FLOAT_PIXEL_DATA, File, PIXEL_DATA, Tag};
+use crate::source::stack::coding::{Coding, Kind, rgb_of_ycbcr};
+
+/// Table of offsets of 64 bits.
+const EXTENDED_OFFSETS: Tag = 0x7fe0_0001;
 
 /// How a file's pixels are stored.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -19,6 +25,8 @@ pub struct Layout {
     high: usize,
     signed: bool,
     planar: bool,
+    /// Where the pixels are: whole numbers or floats.
+    data: Tag,
     pub photometric: String,
 }
 
@@ -45,28 +53,54 @@ fn packing(syntax: &str) -> Result<Packing, String> {
 
 impl Layout {
     pub fn new(file: &File) -> Result<Layout, String> {
-        let need =
-            |tag, name: &str| file.short(tag).map(usize::from).ok_or_else(|| format!("it does not say its {name}"));
         let data = &file.data;
+        let need = |tag, name: &str| {
+            file.short(data, tag).map(usize::from).ok_or_else(|| format!("it does not say its {name}"))
+        };
+        let pixels = [PIXEL_DATA, FLOAT_PIXEL_DATA, DOUBLE_PIXEL_DATA].into_iter().find(|tag| data.0.contains_key(tag));
+        let pixels = pixels.unwrap_or(PIXEL_DATA);
+        let allocated = need(0x0028_0100, "bits")?;
+        // Floats use all of their bits and do not say so.
+        let stored = if pixels == PIXEL_DATA { need(0x0028_0101, "bits")? } else { allocated };
+        let high = file.short(data, 0x0028_0102).filter(|_| pixels == PIXEL_DATA);
         let layout = Layout {
             rows: need(0x0028_0010, "rows")?,
             columns: need(0x0028_0011, "columns")?,
-            channels: file.short(0x0028_0002).map_or(1, usize::from),
-            allocated: need(0x0028_0100, "bits")?,
-            stored: need(0x0028_0101, "bits")?,
-            high: file.short(0x0028_0102).map_or(usize::MAX, usize::from),
-            signed: file.short(0x0028_0103) == Some(1),
-            planar: file.short(0x0028_0006) == Some(1),
+            channels: file.short(data, 0x0028_0002).map_or(1, usize::from),
+            allocated,
+            stored,
+            high: high.map_or_else(|| stored.saturating_sub(1), usize::from),
+            signed: file.short(data, 0x0028_0103) == Some(1),
+            planar: file.short(data, 0x0028_0006) == Some(1),
+            data: pixels,
             photometric: file.text(data, 0x0028_0004).unwrap_or_default(),
         };
-        let high = if layout.high == usize::MAX { layout.stored.saturating_sub(1) } else { layout.high };
-        let layout = Layout { high, ..layout };
-        let bits =
-            (1..=layout.allocated).contains(&layout.stored) && layout.stored - 1 <= high && high < layout.allocated;
+        let bits = (1..=layout.allocated).contains(&layout.stored)
+            && layout.stored - 1 <= layout.high
+            && layout.high < layout.allocated;
         if layout.rows == 0 || layout.columns == 0 || !bits || ![1, 3].contains(&layout.channels) {
             return Err(format!("its pixels cannot be: {layout:?}"));
         }
         Ok(layout)
+    }
+
+    pub fn is_signed(&self) -> bool {
+        self.signed
+    }
+
+    pub fn is_palette(&self) -> bool {
+        self.photometric == "PALETTE COLOR" && self.channels == 1
+    }
+
+    /// Whether slices of both can be in one stack.
+    pub fn is_like(&self, other: &Layout) -> bool {
+        (self.columns, self.rows, self.coding(), &self.photometric)
+            == (other.columns, other.rows, other.coding(), &other.photometric)
+    }
+
+    /// "512×512 MONOCHROME2 U16".
+    pub fn describe(&self) -> String {
+        format!("{}×{} {} {:?}", self.columns, self.rows, self.photometric, self.coding().kind)
     }
 
     /// What is not read, by name.
@@ -75,16 +109,23 @@ impl Layout {
             Ok(packing) => matches!(packing, Packing::Jpeg),
             Err(name) => return Some(name),
         };
-        if ![8, 16, 32].contains(&self.allocated) {
-            return Some(format!("DICOM of {} bits a pixel", self.allocated));
+        let known = if self.data == PIXEL_DATA { &[8, 16, 32][..] } else { &[32, 64] };
+        if !known.contains(&self.allocated) {
+            return Some(format!("DICOM of {} bits per pixel", self.allocated));
         }
-        let colour = self.photometric == "RGB" || jpeg && self.photometric.starts_with("YBR");
+        let colour = match self.photometric.as_str() {
+            "RGB" => true,
+            "YBR_FULL" => self.allocated == 8,
+            other => jpeg && other.starts_with("YBR"),
+        };
         (self.channels == 3 && !colour).then(|| format!("DICOM of {} pixels", self.photometric))
     }
 
     /// What frames are decoded to.
     pub fn coding(&self) -> Coding {
         let kind = match (self.allocated, self.signed) {
+            (32, _) if self.data == FLOAT_PIXEL_DATA => Kind::F32,
+            (64, _) => Kind::F64,
             (8, false) => Kind::U8,
             (8, true) => Kind::I8,
             (16, false) => Kind::U16,
@@ -100,10 +141,18 @@ impl Layout {
         self.rows * self.columns * self.coding().sample()
     }
 
+    /// The number that 16 stored bits are.
+    pub fn number(&self, bits: u16) -> f32 {
+        if self.allocated != 16 {
+            return if self.signed { f32::from(bits as i16) } else { f32::from(bits) };
+        }
+        let bits = self.clean(&bits.to_le_bytes(), false).first_chunk().map_or(bits, |b| u16::from_ne_bytes(*b));
+        if self.signed { f32::from(bits as i16) } else { f32::from(bits) }
+    }
+
     /// Frame `frame` of `frames` in this machine's bytes, channels side by side.
     pub fn frame(&self, file: &File, frame: usize, frames: usize) -> Result<Vec<u8>, String> {
-        let width = self.allocated / 8;
-        let mut raw: Cow<[u8]> = match (packing(&file.syntax)?, file.data.0.get(&PIXEL_DATA)) {
+        let mut raw: Cow<[u8]> = match (packing(&file.syntax)?, file.data.0.get(&self.data)) {
             (_, None) => return Err("it holds no pixels".into()),
             (Packing::Plain, Some(Element::Value(range))) => {
                 let all = file.bytes.get(range.clone()).unwrap_or_default();
@@ -115,13 +164,10 @@ impl Layout {
                 )
             }
             (packing @ (Packing::Runs | Packing::Jpeg), Some(Element::Fragments(list))) => {
-                let piece = |r: &std::ops::Range<usize>| file.bytes.get(r.clone()).unwrap_or_default();
-                let pieces = list.get(1..).unwrap_or_default();
-                let packed: Cow<[u8]> = match (frames, pieces) {
-                    (1, [one]) => Cow::Borrowed(piece(one)),
-                    (1, many) => Cow::Owned(many.iter().flat_map(|r| piece(r).iter().copied()).collect()),
-                    (n, many) if n == many.len() => Cow::Borrowed(piece(&many[frame])),
-                    _ => return Err(format!("{frames} frames are in {} pieces", pieces.len())),
+                let piece = |r: &Range<usize>| file.bytes.get(r.clone()).unwrap_or_default();
+                let packed: Cow<[u8]> = match &fragments(file, list, frames)?[frame] {
+                    [one] => Cow::Borrowed(piece(one)),
+                    many => Cow::Owned(many.iter().flat_map(|r| piece(r).iter().copied()).collect()),
                 };
                 match packing {
                     Packing::Runs => Cow::Owned(self.runs(&packed)?),
@@ -130,9 +176,10 @@ impl Layout {
             }
             _ => return Err("its pixels are not packed as it says".into()),
         };
-        // Runs come as this machine stores numbers.
-        let big = file.big_endian && matches!(raw, Cow::Borrowed(_));
-        if self.planar && self.channels > 1 && matches!(raw, Cow::Borrowed(_)) {
+        let width = self.allocated / 8;
+        // Runs come as this machine stores numbers, and channels side by side.
+        let plain = matches!(raw, Cow::Borrowed(_));
+        if self.planar && self.channels > 1 && plain {
             let plane = self.rows * self.columns;
             let mut mixed = Vec::with_capacity(raw.len());
             for i in 0..plane {
@@ -144,7 +191,22 @@ impl Layout {
             }
             raw = Cow::Owned(mixed);
         }
-        Ok(self.clean(&raw, big))
+        let big = file.big_endian && plain;
+        if self.data != PIXEL_DATA {
+            let swapped = |number: &[u8]| {
+                if big == cfg!(target_endian = "big") {
+                    number.to_vec()
+                } else {
+                    number.iter().rev().copied().collect()
+                }
+            };
+            return Ok(raw.chunks_exact(width).flat_map(swapped).collect());
+        }
+        let mut out = self.clean(&raw, big);
+        if self.channels == 3 && self.photometric == "YBR_FULL" {
+            out.as_chunks_mut().0.iter_mut().for_each(|pixel| *pixel = rgb_of_ycbcr(*pixel));
+        }
+        Ok(out)
     }
 
     /// Only the bits that are said to be the number's, the sign carried on.
@@ -228,4 +290,32 @@ impl Layout {
         // 16 bits come as this machine stores them.
         if self.channels == 1 { Ok(self.clean(&pixels, cfg!(target_endian = "big"))) } else { Ok(pixels) }
     }
+}
+
+/// The pieces of each frame: as many as frames, or by the table of offsets, or by where a JPEG begins.
+fn fragments<'a>(file: &File, list: &'a [Range<usize>], frames: usize) -> Result<Vec<&'a [Range<usize>]>, String> {
+    let (table, pieces) = list.split_first().ok_or("its packed pixels hold nothing")?;
+    if frames == 1 {
+        return Ok(vec![pieces]);
+    }
+    if frames == pieces.len() {
+        return Ok(pieces.chunks(1).collect());
+    }
+    // Offsets count from the head of the first piece, which is eight bytes long.
+    let offset = |r: &Range<usize>| r.start - pieces[0].start;
+    let table = file.bytes.get(table.clone()).unwrap_or_default();
+    let offsets: Vec<usize> = match file.value(&file.data, EXTENDED_OFFSETS) {
+        Some(wide) => wide.chunks_exact(8).map(|b| LittleEndian::read_u64(b) as usize).collect(),
+        None => table.chunks_exact(4).map(|b| LittleEndian::read_u32(b) as usize).collect(),
+    };
+    let begins = |r: &Range<usize>| match offsets.len() {
+        0 => file.bytes.get(r.clone()).is_some_and(|b| b.starts_with(&[0xff, 0xd8])),
+        _ => offsets.contains(&offset(r)),
+    };
+    let starts: Vec<usize> = (0..pieces.len()).filter(|&n| begins(&pieces[n])).collect();
+    if starts.len() != frames || starts[0] != 0 {
+        return Err(format!("{frames} frames are in {} pieces, and it does not say which are whose", pieces.len()));
+    }
+    let end = |n: usize| starts.get(n + 1).copied().unwrap_or(pieces.len());
+    Ok((0..frames).map(|n| &pieces[starts[n]..end(n)]).collect())
 }

@@ -1,0 +1,172 @@
+//! One channel and one frame of a file that holds several: which is taken, and a list of all where nobody chose.
+
+use std::path::Path;
+
+use super::StackOptions;
+use crate::{Error, Result, Warnings};
+
+/// Entries that a list names.
+const MAX_LISTED: usize = 20;
+
+/// What is asked for of one file or folder.
+pub struct Choice<'a> {
+    pub path: &'a Path,
+    channel: Option<&'a str>,
+    frame: Option<usize>,
+    /// Of DICOM: UID or number of a series, and after a colon the number of a stack in it.
+    pub series: Option<&'a str>,
+}
+
+/// "1 DAPI, 2 GFP", numbers alone where names say no more.
+fn listed(names: &[String]) -> String {
+    let entry = |(n, name): (usize, &String)| {
+        let number = (n + 1).to_string();
+        if name.is_empty() || *name == number { number } else { format!("{number} {name}") }
+    };
+    let mut list: Vec<String> = names.iter().enumerate().take(MAX_LISTED).map(entry).collect();
+    if names.len() > MAX_LISTED {
+        list.push(format!("… {}", names.len()));
+    }
+    list.join(", ")
+}
+
+impl<'a> Choice<'a> {
+    pub fn new(path: &'a Path, options: &'a StackOptions) -> Choice<'a> {
+        Choice { path, channel: options.channel.as_deref(), frame: options.frame, series: options.series.as_deref() }
+    }
+
+    /// Whether a channel was asked for.
+    pub fn names_channel(&self) -> bool {
+        self.channel.is_some()
+    }
+
+    /// Whether a frame was asked for.
+    pub fn names_frame(&self) -> bool {
+        self.frame.is_some()
+    }
+
+    /// Index of the channel that is taken of those with these names, which may be empty: the one that was asked for by name or
+    /// number, or the first, with a warning that lists all.
+    ///
+    /// # Errors
+    /// [`Error::Input`] where none of them is the one that was asked for.
+    pub fn channel(&self, names: &[String], warnings: &mut Warnings) -> Result<usize> {
+        let Some(wanted) = self.channel else {
+            if names.len() > 1 {
+                let what = format!(
+                    "{} channels are in it ({}): the first is taken, or choose with --channel",
+                    names.len(),
+                    listed(names)
+                );
+                warnings.add(what);
+            }
+            return Ok(0);
+        };
+        let by_name = names.iter().position(|n| n == wanted);
+        let by_number = || wanted.parse::<usize>().ok()?.checked_sub(1).filter(|n| *n < names.len());
+        by_name.or_else(by_number).ok_or_else(|| {
+            let what = format!("--channel {wanted} is not in it; there are: {}", listed(names));
+            Error::input(self.path, "", what)
+        })
+    }
+
+    /// Index of the frame that is taken of `count`: the one that was asked for, or the first, with a warning.
+    ///
+    /// # Errors
+    /// [`Error::Input`] where there are not as many.
+    pub fn frame(&self, count: usize, warnings: &mut Warnings) -> Result<usize> {
+        match self.frame {
+            None if count > 1 => {
+                warnings.add(format!(
+                    "{count} frames (volumes) are in it: the first is taken, or choose with --frame 1 to {count}"
+                ));
+                Ok(0)
+            }
+            None => Ok(0),
+            Some(wanted) if (1..=count).contains(&wanted) => Ok(wanted - 1),
+            Some(wanted) => {
+                Err(Error::input(self.path, "", format!("--frame {wanted} is not in it; there are 1 to {count}")))
+            }
+        }
+    }
+}
+
+/// Which of a file's volumes is taken, where axes beyond space are stored one volume after the other.
+pub struct Outer {
+    /// Number of samples along each outer axis, the first fastest, and whether it counts channels.
+    pub axes: Vec<(usize, bool)>,
+}
+
+/// One of several volumes in a row.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Volume {
+    pub index: u64,
+    pub count: u64,
+}
+
+impl Volume {
+    pub const ONLY: Volume = Volume { index: 0, count: 1 };
+}
+
+impl Outer {
+    fn count(&self, channels: bool) -> usize {
+        self.axes.iter().filter(|a| a.1 == channels).fold(1, |n, a| n.saturating_mul(a.0))
+    }
+
+    /// The volume of the channel and the frame that `choice` takes.
+    pub fn choose(&self, choice: &Choice, warnings: &mut Warnings) -> Result<Volume> {
+        let frame = choice.frame(self.count(false), warnings)?;
+        let channels = self.count(true);
+        let mut left = [frame, 0];
+        if channels > 1 {
+            left[1] = choice.channel(&vec![String::new(); channels], warnings)?;
+        }
+        let (mut index, mut stride) = (0u64, 1u64);
+        for &(size, is_channel) in &self.axes {
+            let rest = &mut left[usize::from(is_channel)];
+            index = index.saturating_add(stride.saturating_mul((*rest % size) as u64));
+            *rest /= size;
+            stride = stride.saturating_mul(size as u64);
+        }
+        Ok(Volume { index, count: stride })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn channels_go_by_name_and_number_and_are_listed() {
+        let names = ["DAPI".to_owned(), "2".to_owned(), String::new()];
+        let mut options = StackOptions::default();
+        let mut warnings = Warnings::default();
+        assert_eq!(Choice::new(Path::new("a"), &options).channel(&names, &mut warnings).unwrap(), 0);
+        assert!(warnings.as_reasons().contains("3 channels are in it (1 DAPI, 2, 3)"), "{}", warnings.as_reasons());
+        for (wanted, index) in [("DAPI", 0), ("1", 0), ("2", 1), ("3", 2)] {
+            options.channel = Some(wanted.into());
+            let mut warnings = Warnings::default();
+            assert_eq!(Choice::new(Path::new("a"), &options).channel(&names, &mut warnings).unwrap(), index);
+            assert!(warnings.is_empty());
+        }
+        for wrong in ["0", "4", "dapi", ""] {
+            options.channel = Some(wrong.into());
+            let error = Choice::new(Path::new("a"), &options).channel(&names, &mut warnings).unwrap_err();
+            assert!(error.to_string().contains("1 DAPI, 2, 3"), "{wrong}: {error}");
+        }
+    }
+
+    #[test]
+    fn volumes_are_counted_with_the_first_axis_fastest() {
+        // Three frames, two channels, and four frames more.
+        let outer = Outer { axes: vec![(3, false), (2, true), (4, false)] };
+        let mut options = StackOptions { frame: Some(8), channel: Some("2".into()), ..StackOptions::default() };
+        let mut warnings = Warnings::default();
+        // Frame 8 is the second of the third row: 1 + 3 · 1 + 6 · 2.
+        let volume = outer.choose(&Choice::new(Path::new("a"), &options), &mut warnings).unwrap();
+        assert_eq!((volume, warnings.is_empty()), (Volume { index: 16, count: 24 }, true));
+        options.frame = Some(13);
+        let error = outer.choose(&Choice::new(Path::new("a"), &options), &mut warnings).unwrap_err();
+        assert!(error.to_string().contains("1 to 12"), "{error}");
+    }
+}

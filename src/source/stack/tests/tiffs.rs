@@ -1,0 +1,266 @@
+//! TIFFs as microscopes and their programs write them: metadata, channels and frames, and every layout of samples.
+
+use super::*;
+
+enum Value {
+    Short(Vec<u16>),
+    Text(&'static str),
+    Ratio(u32, u32),
+}
+
+/// A page: its tags and its one strip.
+struct Page {
+    tags: Vec<(u16, Value)>,
+    data: Vec<u8>,
+}
+
+/// A little-endian TIFF of uncompressed pages of 2 × 2 pixels, but for what their tags say.
+fn tiff(pages: &[Page]) -> Vec<u8> {
+    let mut out = b"II*\0\0\0\0\0".to_vec();
+    let mut link = 4;
+    for page in pages {
+        let strip = out.len() as u32;
+        out.extend(&page.data);
+        out.extend(vec![0; out.len() % 2]);
+        let long = |v: u32| (4u16, 1u32, v.to_le_bytes().to_vec());
+        let short = |list: &[u16]| (3, list.len() as u32, list.iter().flat_map(|v| v.to_le_bytes()).collect());
+        let mut tags = std::collections::BTreeMap::from([
+            (256u16, short(&[2])),
+            (257, short(&[2])),
+            (258, short(&[16])),
+            (259, short(&[1])),
+            (262, short(&[1])),
+            (273, long(strip)),
+            (277, short(&[1])),
+            (278, short(&[2])),
+            (279, long(page.data.len() as u32)),
+        ]);
+        for (tag, value) in &page.tags {
+            let entry = match value {
+                Value::Short(list) => short(list),
+                Value::Text(text) => (2, text.len() as u32 + 1, [text.as_bytes(), b"\0"].concat()),
+                Value::Ratio(a, b) => (5, 1, [a.to_le_bytes(), b.to_le_bytes()].concat()),
+            };
+            tags.insert(*tag, entry);
+        }
+        let mut directory = (tags.len() as u16).to_le_bytes().to_vec();
+        for (tag, (kind, count, bytes)) in tags {
+            directory.extend(tag.to_le_bytes());
+            directory.extend(u16::to_le_bytes(kind));
+            directory.extend(count.to_le_bytes());
+            if bytes.len() <= 4 {
+                directory.extend([bytes, vec![0; 4]].concat().iter().take(4));
+            } else {
+                directory.extend((out.len() as u32).to_le_bytes());
+                out.extend(&bytes);
+                out.extend(vec![0; out.len() % 2]);
+            }
+        }
+        let at = (out.len() as u32).to_le_bytes();
+        out[link..link + 4].copy_from_slice(&at);
+        out.extend(directory);
+        link = out.len();
+        out.extend([0; 4]);
+    }
+    out
+}
+
+/// `count` pages whose pixels are all their number, the first with a description and .5 µm pixels.
+fn numbered(count: u16, description: &'static str) -> Vec<u8> {
+    let page = |n: u16| {
+        let mut tags = Vec::new();
+        if n == 0 {
+            tags = vec![(270, Value::Text(description)), (282, Value::Ratio(2, 1)), (283, Value::Ratio(4, 1))];
+        }
+        Page { tags, data: [n; 4].iter().flat_map(|v| v.to_le_bytes()).collect() }
+    };
+    tiff(&(0..count).map(page).collect::<Vec<_>>())
+}
+
+/// The value of each slice, whose pixels are all the same.
+fn slices(stack: &Stack) -> Vec<f32> {
+    values(stack).chunks(4).map(|c| c[0]).collect()
+}
+
+const HYPERSTACK: &str =
+    "ImageJ=1.53t\nimages=12\nchannels=2\nslices=3\nframes=2\nhyperstack=true\nspacing=3.0\nunit=um\n";
+
+#[test]
+fn imagej_says_how_far_and_which_channel_and_frame() {
+    let dir = Dir::new();
+    let path = dir.save("hyper.tif", &numbered(12, HYPERSTACK));
+    let first = open(&path).unwrap();
+    assert_eq!(slices(&first), [0.0, 2.0, 4.0]);
+    let warnings = first.warnings.as_reasons();
+    assert!(warnings.contains("2 channels") && warnings.contains("2 frames"), "{warnings}");
+    let size = first.affine.matrix3 * DVec3::ONE;
+    // .5 × .25 × 3 µm, in millimetres.
+    assert!((size - DVec3::new(5e-4, 2.5e-4, 3e-3)).length() < 1e-12 && first.metres_per_unit == 1e-3, "{size}");
+    let last = open_with(&path, Some("2"), Some(2)).unwrap();
+    assert_eq!((slices(&last), last.warnings.is_empty()), (vec![7.0, 9.0, 11.0], true));
+    for (channel, frame) in [(Some("3"), None), (None, Some(3)), (None, Some(0))] {
+        assert!(open_with(&path, channel, frame).is_err());
+    }
+    // Another count of pages than the description's: all of them, with a warning.
+    let odd = open(&dir.save("odd.tif", &numbered(5, HYPERSTACK))).unwrap();
+    assert!(slices(&odd).len() == 5 && odd.warnings.as_reasons().contains("12 planes"));
+    // A stack that was saved as a film.
+    let film = open(&dir.save("film.tif", &numbered(4, "ImageJ=1.53t\nimages=4\nframes=4\n"))).unwrap();
+    assert_eq!(slices(&film), [0.0, 1.0, 2.0, 3.0]);
+    assert_eq!(film.metres_per_unit, 0.0);
+}
+
+#[test]
+fn imagej_writes_large_stacks_behind_one_page() {
+    let dir = Dir::new();
+    let text = "ImageJ=1.53t\nimages=6\nchannels=2\nslices=3\nspacing=2\nunit=micron\n";
+    let data: Vec<u8> = (0..24u16).flat_map(|n| (n / 4).to_le_bytes()).collect();
+    let page = Page { tags: vec![(270, Value::Text(text))], data };
+    let path = dir.save("large.tif", &tiff(&[page]));
+    assert_eq!(slices(&open_with(&path, Some("2"), None).unwrap()), [1.0, 3.0, 5.0]);
+    let short = Page { tags: vec![(270, Value::Text(text))], data: vec![0; 16] };
+    assert!(error(&dir.save("short.tif", &tiff(&[short]))).contains("no more follows"));
+}
+
+#[test]
+fn ome_names_channels_and_orders_pages() {
+    let dir = Dir::new();
+    let text = "<?xml version=\"1.0\" encoding=\"UTF-8\"?><OME xmlns=\"http://www.openmicroscopy.org/Schemas/OME/2016-06\"><Image \
+        ID=\"Image:0\"><Pixels DimensionOrder=\"XYZCT\" SizeX=\"2\" SizeY=\"2\" SizeZ=\"3\" SizeC=\"2\" SizeT=\"1\" \
+        PhysicalSizeX=\"0.5\" PhysicalSizeXUnit=\"\u{b5}m\" PhysicalSizeY=\"0.5\" PhysicalSizeZ=\"3.0\"><Channel Name=\"DAPI\"/>\
+        <Channel Name=\"GFP\"/><TiffData IFD=\"0\" PlaneCount=\"6\"/></Pixels></Image></OME>";
+    let path = dir.save("z.ome.tif", &numbered(6, text));
+    let gfp = open_with(&path, Some("GFP"), None).unwrap();
+    assert_eq!(slices(&gfp), [3.0, 4.0, 5.0]);
+    let size = gfp.affine.matrix3 * DVec3::ONE;
+    assert!((size - DVec3::new(5e-4, 5e-4, 3e-3)).length() < 1e-12, "{size}");
+    assert!(open(&path).unwrap().warnings.as_reasons().contains("1 DAPI, 2 GFP"));
+    let elsewhere = "<OME><Image><Pixels DimensionOrder=\"XYZCT\" SizeZ=\"2\"><TiffData IFD=\"0\" PlaneCount=\"2\">\
+        <UUID FileName=\"b.ome.tif\"/></TiffData></Pixels></Image></OME>";
+    assert!(error(&dir.save("a.ome.tif", &numbered(2, elsewhere))).contains("b.ome.tif"));
+}
+
+/// A TIFF of one page with these tags.
+fn one(dir: &Dir, tags: Vec<(u16, Value)>, data: &[u8]) -> Stack {
+    open(&dir.save("one.tif", &tiff(&[Page { tags, data: data.to_vec() }]))).unwrap()
+}
+
+#[test]
+fn every_layout_of_samples_is_read() {
+    let dir = Dir::new();
+    let short = |v: &[u16]| Value::Short(v.to_vec());
+    // Half floats: 1, .5, 2, NaN.
+    let half: Vec<u8> = [0x3c00u16, 0x3800, 0x4000, 0x7e00].iter().flat_map(|v| v.to_le_bytes()).collect();
+    let stack = one(&dir, vec![(339, short(&[3]))], &half);
+    assert_eq!(values(&stack)[..3], [1.0, 0.5, 2.0]);
+    assert!(stack.samples.is_missing([1, 1, 0]));
+    // Two samples that are no opacity, side by side and in planes.
+    let two =
+        |planar: u16| vec![(277, short(&[2])), (258, short(&[8, 8])), (338, short(&[0])), (284, short(&[planar]))];
+    for (planar, data) in [(1, [1, 5, 2, 6, 3, 7, 4, 8]), (2, [1, 2, 3, 4, 5, 6, 7, 8])] {
+        let page = Page { tags: two(planar), data: data.to_vec() };
+        let mut file = tiff(&[page]);
+        if planar == 2 {
+            // Each plane is a strip.
+            let page = Page { tags: two(2), data: data.to_vec() };
+            file = planes(&page, 2);
+        }
+        let path = dir.save("two.tif", &file);
+        assert_eq!(values(&open(&path).unwrap()), [1.0, 2.0, 3.0, 4.0], "{planar}");
+        assert_eq!(values(&open_with(&path, Some("2"), None).unwrap()), [5.0, 6.0, 7.0, 8.0], "{planar}");
+        assert!(open(&path).unwrap().warnings.as_reasons().contains("2 channels"));
+    }
+    // Colours in planes are colours.
+    let tags = vec![(277, short(&[3])), (258, short(&[8; 3])), (262, short(&[2])), (284, short(&[2]))];
+    let path = dir.save("rgb.tif", &planes(&Page { tags, data: vec![255, 0, 0, 0, 0, 255, 0, 0, 0, 0, 255, 0] }, 3));
+    let stack = open(&path).unwrap();
+    assert_eq!(
+        [0, 1, 2, 3].map(|n| stack.samples.colour([n % 2, n / 2, 0])),
+        [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0; 3]]
+    );
+    // Packed with Zstandard.
+    let packed = zstd::encode_all(&[1u8, 0, 2, 0, 3, 0, 4, 0][..], 3).unwrap();
+    assert_eq!(values(&one(&dir, vec![(259, short(&[50000]))], &packed)), [1.0, 2.0, 3.0, 4.0]);
+    // Single bits, a row at a time.
+    assert_eq!(values(&one(&dir, vec![(258, short(&[1]))], &[0b1000_0000, 0b0100_0000])), [1.0, 0.0, 0.0, 1.0]);
+    // White is zero: values are as stored.
+    assert_eq!(values(&one(&dir, vec![(262, short(&[0]))], &[1, 0, 2, 0, 0, 1, 4, 0])), [1.0, 2.0, 256.0, 4.0]);
+    assert_eq!(values(&one(&dir, vec![(262, short(&[0])), (258, short(&[8]))], &[1, 2, 3, 4])), [1.0, 2.0, 3.0, 4.0]);
+}
+
+/// A TIFF of one page whose data are as many strips as planes.
+fn planes(page: &Page, count: usize) -> Vec<u8> {
+    let mut out = b"II*\0\0\0\0\0".to_vec();
+    out.extend(&page.data);
+    out.extend(vec![0; out.len() % 2]);
+    let size = page.data.len() / count;
+    let lists: Vec<(u16, Vec<u32>)> =
+        vec![(273, (0..count).map(|n| (8 + n * size) as u32).collect()), (279, vec![size as u32; count])];
+    let mut tags: std::collections::BTreeMap<u16, (u16, Vec<u32>)> =
+        [(256, 2), (257, 2), (259, 1), (262, 1), (278, 2)].map(|(tag, v)| (tag, (3, vec![v]))).into();
+    tags.extend(lists.into_iter().map(|(tag, list)| (tag, (4, list))));
+    for (tag, value) in &page.tags {
+        let Value::Short(list) = value else { panic!("numbers alone") };
+        tags.insert(*tag, (3, list.iter().map(|v| u32::from(*v)).collect()));
+    }
+    let mut directory = (tags.len() as u16).to_le_bytes().to_vec();
+    for (tag, (kind, list)) in tags {
+        let bytes: Vec<u8> =
+            list.iter().flat_map(|v| v.to_le_bytes()[..if kind == 3 { 2 } else { 4 }].to_vec()).collect();
+        directory.extend([tag, kind].iter().flat_map(|v| v.to_le_bytes()));
+        directory.extend((list.len() as u32).to_le_bytes());
+        if bytes.len() <= 4 {
+            directory.extend([bytes, vec![0; 4]].concat().iter().take(4));
+        } else {
+            directory.extend((out.len() as u32).to_le_bytes());
+            out.extend(bytes);
+            out.extend(vec![0; out.len() % 2]);
+        }
+    }
+    let at = (out.len() as u32).to_le_bytes();
+    out[4..8].copy_from_slice(&at);
+    out.extend(directory);
+    out.extend([0; 4]);
+    out
+}
+
+#[test]
+fn a_jpeg_of_luma_and_chroma_is_in_colour() {
+    let dir = Dir::new();
+    let (side, colour) = (16u16, [200u8, 80, 40]);
+    let mut jpeg = Vec::new();
+    let pixels = colour.repeat(usize::from(side) * usize::from(side));
+    image::codecs::jpeg::JpegEncoder::new_with_quality(&mut jpeg, 100)
+        .encode(&pixels, side.into(), side.into(), image::ExtendedColorType::Rgb8)
+        .unwrap();
+    let short = |v: &[u16]| Value::Short(v.to_vec());
+    let tags = vec![
+        (256, short(&[side])),
+        (257, short(&[side])),
+        (278, short(&[side])),
+        (258, short(&[8; 3])),
+        (259, short(&[7])),
+        (262, short(&[6])),
+        (277, short(&[3])),
+        (530, short(&[2, 2])),
+    ];
+    let stack = one(&dir, tags, &jpeg);
+    let linear = colour.map(crate::scene::texture::srgb_to_linear);
+    for at in [[0, 0, 0], [7, 9, 0], [15, 15, 0]] {
+        let got = stack.samples.colour(at);
+        // Chroma and coefficients are rounded to whole numbers: two steps of 255, which are .014 at the brightest.
+        assert!(got.iter().zip(linear).all(|(a, b)| (a - b).abs() < 0.015), "{got:?} {linear:?}");
+    }
+}
+
+#[test]
+fn smaller_copies_of_a_page_are_no_slices() {
+    let dir = Dir::new();
+    let page = |reduced: u16, n: u8| Page {
+        tags: vec![(254, Value::Short(vec![reduced]))],
+        data: vec![n, 0, n, 0, n, 0, n, 0],
+    };
+    let stack = open(&dir.save("p.tif", &tiff(&[page(0, 1), page(1, 9), page(0, 2)]))).unwrap();
+    assert_eq!(slices(&stack), [1.0, 2.0]);
+    assert!(stack.warnings.as_reasons().contains("smaller copies"));
+}
