@@ -6,7 +6,7 @@
 
 use multiversion::multiversion;
 
-use super::ranges::UNIT;
+use super::ranges::BRICK;
 use super::samples::Samples;
 use crate::geom::DAffine3;
 
@@ -25,8 +25,8 @@ pub struct Axis {
     weights: Vec<f32>,
     width: usize,
     samples: usize,
-    /// The cell at which each unit begins, and the end.
-    units: Vec<usize>,
+    /// The cell at which each brick begins, and the end.
+    bricks: Vec<usize>,
 }
 
 /// Nodes are at least so far apart.
@@ -35,7 +35,7 @@ const APART: f64 = 1e-6;
 const WIDEST: f64 = 1.25;
 const MAX_NODES_ALONG: f64 = 1e6;
 
-/// Samples around a unit that have a say in its values: those of the filter, of a cell that begins in it, and of the next.
+/// Samples around a brick that have a say in its values: those of the filter, of a cell that begins in it, and of the next.
 pub fn margin(sigma: f64) -> usize {
     reach(sigma) + 2
 }
@@ -80,10 +80,10 @@ impl Axis {
         let mut nodes = vec![-0.5, -0.5];
         nodes.extend(inner.into_iter().filter(|x| (APART - 0.5..end - APART).contains(x)));
         nodes.extend([end, end]);
-        // A cell belongs to the unit in which it begins.
-        let begin = |u: usize| if u == 0 { 0 } else { nodes.partition_point(|&x| x < (u * UNIT) as f64) };
-        let mut units: Vec<usize> = (0..samples.div_ceil(UNIT)).map(begin).collect();
-        units.push(nodes.len() - 1);
+        // A cell belongs to the brick in which it begins.
+        let begin = |u: usize| if u == 0 { 0 } else { nodes.partition_point(|&x| x < (u * BRICK) as f64) };
+        let mut bricks: Vec<usize> = (0..samples.div_ceil(BRICK)).map(begin).collect();
+        bricks.push(nodes.len() - 1);
         let r = reach(sigma) as i64;
         let width = 2 * r as usize + 2;
         let mut weight = vec![0.0; width * nodes.len()];
@@ -93,22 +93,22 @@ impl Axis {
             weights(x, sigma, out);
             first.push(x.floor() as i64 - r);
         }
-        Axis { nodes, first, weights: weight, width, samples, units }
+        Axis { nodes, first, weights: weight, width, samples, bricks }
     }
 
-    /// Cells of the unit `n` that overlap `from .. to`, index space.
+    /// Cells of the brick `n` that overlap `from .. to`, index space.
     pub fn cells(&self, n: usize, from: f64, to: f64) -> std::ops::Range<usize> {
-        let (start, end) = (self.units[n], self.units[n + 1]);
+        let (start, end) = (self.bricks[n], self.bricks[n + 1]);
         let ends = &self.nodes[start + 1..=end];
         let begins = &self.nodes[start..end];
         start + ends.partition_point(|&x| x < from)..start + begins.partition_point(|&x| x <= to)
     }
 
     /// Units whose cells overlap `from .. to`.
-    pub fn units(&self, from: f64, to: f64) -> std::ops::RangeInclusive<usize> {
-        let last = self.units.len() - 2;
-        let unit = |x: f64| ((x / UNIT as f64).max(0.0) as usize).min(last);
-        unit(from - WIDEST)..=unit(to)
+    pub fn bricks(&self, from: f64, to: f64) -> std::ops::RangeInclusive<usize> {
+        let last = self.bricks.len() - 2;
+        let brick = |x: f64| ((x / BRICK as f64).max(0.0) as usize).min(last);
+        brick(from - WIDEST)..=brick(to)
     }
 
     fn clamp(&self, virtual_index: i64) -> usize {

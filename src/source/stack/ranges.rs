@@ -6,13 +6,13 @@
 use super::samples::Samples;
 use crate::par;
 
-/// Samples along a brick's edge.
-const BRICK: usize = 4;
-/// Cells along the edge of a unit, which is pruned as a whole.
-pub const UNIT: usize = 8;
-/// Classes of values.
+/// Number of samples along the edge of a block, whose least and greatest value are kept.
+const BLOCK: usize = 4;
+/// Number of cells along the edge of a brick, which is pruned as a whole.
+pub const BRICK: usize = 8;
+/// Number of classes of the histogram.
 const BINS: usize = 4096;
-/// Samples that a histogram looks at, about.
+/// Number of samples that the histogram counts, about.
 const LOOKED_AT: usize = 1 << 23;
 
 /// The least and the greatest value; `hi < lo` where there is none.
@@ -31,36 +31,36 @@ impl Range {
     }
 }
 
-/// What a pass over all samples finds.
+/// Ranges of values, by one pass over all samples.
 pub struct Scan {
     /// Finite values.
     pub whole: Range,
     /// Number of samples without a value: NaN, infinite, or padding.
     pub missing: u64,
-    /// Indices of the bricks that hold such samples.
+    /// Indices of the blocks that hold such samples.
     with_missing: Vec<usize>,
-    /// Of every brick of 4^3 samples, x fastest.
-    bricks: Vec<Range>,
+    /// Range of each block of 4^3 samples, x fastest.
+    blocks: Vec<Range>,
     size: [usize; 3],
 }
 
 impl Scan {
     pub fn new(samples: &Samples) -> Scan {
         let dims = samples.dims();
-        let size = dims.map(|d| d.div_ceil(BRICK));
+        let size = dims.map(|d| d.div_ceil(BLOCK));
         let layers = par::map(size[2], |layer| {
-            let mut bricks = vec![Range::EMPTY; size[0] * size[1]];
+            let mut blocks = vec![Range::EMPTY; size[0] * size[1]];
             let mut row = vec![0.0f32; dims[0]];
-            let mut missing = vec![0u64; bricks.len()];
-            for k in layer * BRICK..dims[2].min((layer + 1) * BRICK) {
+            let mut missing = vec![0u64; blocks.len()];
+            for k in layer * BLOCK..dims[2].min((layer + 1) * BLOCK) {
                 for j in 0..dims[1] {
                     samples.row_with_nan(0, j, k, &mut row);
-                    let first = j / BRICK * size[0];
-                    let bricks = bricks[first..].iter_mut().zip(&mut missing[first..]);
-                    for ((brick, missing), values) in bricks.zip(row.chunks(BRICK)) {
+                    let first = j / BLOCK * size[0];
+                    let blocks = blocks[first..].iter_mut().zip(&mut missing[first..]);
+                    for ((block, missing), values) in blocks.zip(row.chunks(BLOCK)) {
                         for &v in values {
                             if v.is_finite() {
-                                brick.add(Range { lo: v, hi: v });
+                                block.add(Range { lo: v, hi: v });
                             } else {
                                 *missing += 1;
                             }
@@ -68,39 +68,39 @@ impl Scan {
                     }
                 }
             }
-            (bricks, missing)
+            (blocks, missing)
         });
-        let bricks = Vec::with_capacity(size.iter().product());
-        let mut scan = Scan { whole: Range::EMPTY, missing: 0, with_missing: Vec::new(), bricks, size };
-        for (bricks, missing) in layers {
-            let first = scan.bricks.len();
-            scan.bricks.extend(bricks);
+        let blocks = Vec::with_capacity(size.iter().product());
+        let mut scan = Scan { whole: Range::EMPTY, missing: 0, with_missing: Vec::new(), blocks, size };
+        for (blocks, missing) in layers {
+            let first = scan.blocks.len();
+            scan.blocks.extend(blocks);
             scan.with_missing.extend((first..).zip(&missing).filter(|m| *m.1 > 0).map(|m| m.0));
             scan.missing += missing.iter().sum::<u64>();
         }
-        for brick in &scan.bricks {
-            scan.whole.add(*brick);
+        for block in &scan.blocks {
+            scan.whole.add(*block);
         }
         scan
     }
 
-    /// Let samples without a value count as `value` in the ranges of their bricks.
+    /// Let samples without a value count as `value` in the ranges of their blocks.
     pub fn fill_missing(&mut self, value: f32) {
         for &n in &self.with_missing {
-            self.bricks[n].add(Range { lo: value, hi: value });
+            self.blocks[n].add(Range { lo: value, hi: value });
         }
     }
 
-    /// Of every unit of 8^3 cells, x fastest, what values may be in it once they are looked at from `reach` samples around;
-    /// and how many units there are along each axis.
-    pub fn units(&self, dims: [usize; 3], reach: usize) -> (Vec<Range>, [usize; 3]) {
-        let size = dims.map(|d| d.div_ceil(UNIT));
+    /// Range of the values that a filter of `reach` samples can give within each brick of 8^3 cells, x fastest; and the number
+    /// of bricks along each axis.
+    pub fn bricks(&self, dims: [usize; 3], reach: usize) -> (Vec<Range>, [usize; 3]) {
+        let size = dims.map(|d| d.div_ceil(BRICK));
         let layers = par::map(size[2], |z| {
             let span = |u: usize, axis: usize| {
                 let last = self.size[axis] - 1;
-                let from = (u * UNIT).saturating_sub(reach) / BRICK;
-                // A unit's last cell ends at the first sample of the next.
-                from..=((u * UNIT + UNIT + reach) / BRICK).min(last)
+                let from = (u * BRICK).saturating_sub(reach) / BLOCK;
+                // A brick's last cell ends at the first sample of the next.
+                from..=((u * BRICK + BRICK + reach) / BLOCK).min(last)
             };
             let mut out = Vec::with_capacity(size[0] * size[1]);
             for y in 0..size[1] {
@@ -109,7 +109,7 @@ impl Scan {
                     for k in span(z, 2) {
                         for j in span(y, 1) {
                             let row = (k * self.size[1] + j) * self.size[0];
-                            span(x, 0).for_each(|i| range.add(self.bricks[row + i]));
+                            span(x, 0).for_each(|i| range.add(self.blocks[row + i]));
                         }
                     }
                     out.push(range);

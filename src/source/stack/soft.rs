@@ -81,8 +81,8 @@ impl<'a> Field<'a> {
     }
 }
 
-/// How voxels see the stack.
-pub struct Sight<'a> {
+/// Soft matter of the voxels of one image of the stack.
+pub struct MediumSampler<'a> {
     pub transfer: &'a TransferSpec,
     /// Values from here on are solid, and not soft.
     pub solid_from: f64,
@@ -90,12 +90,12 @@ pub struct Sight<'a> {
     /// Distance of samples in voxels, the mean of the three.
     pub distance: f64,
     /// Where the stack is, index space.
-    pub window: Aabb,
+    pub index_bounds: Aabb,
     /// Whether the cells of samples without a value are left out.
     pub masked: bool,
 }
 
-impl Sight<'_> {
+impl MediumSampler<'_> {
     /// Points along a voxel's edge that are looked at: one for every sample.
     pub fn points(&self) -> usize {
         let m = self.to_index.matrix3;
@@ -109,14 +109,15 @@ impl Sight<'_> {
         let centre = self.to_index.transform_point3(corner + 0.5);
         // At the border, finer: only a part may be there.
         let reach = 0.5 * (self.to_index.matrix3.abs() * DVec3::ONE);
-        let inside = (centre - reach).cmpge(self.window.min).all() && (centre + reach).cmple(self.window.max).all();
+        let inside =
+            (centre - reach).cmpge(self.index_bounds.min).all() && (centre + reach).cmple(self.index_bounds.max).all();
         let n = if inside { self.points() } else { self.points().max(4) };
         let step = 1.0 / n as f64;
         let (mut sum, mut colour, mut slope) = (0.0, DVec3::ZERO, DVec3::ZERO);
         for i in 0..n * n * n {
             let offset = (DVec3::new((i % n) as f64, (i / n % n) as f64, (i / n / n) as f64) + 0.5) * step;
             let p = self.to_index.transform_point3(corner + offset);
-            if !(p.cmpge(self.window.min).all() && p.cmple(self.window.max).all()) {
+            if !(p.cmpge(self.index_bounds.min).all() && p.cmple(self.index_bounds.max).all()) {
                 continue;
             }
             if self.masked && field.is_missing(p) {

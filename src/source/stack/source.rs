@@ -3,7 +3,7 @@
 use super::lattice::{Lattice, MAX_SIGMA, Scratch, margin};
 use super::march::Block;
 use super::ranges::{Range, Scan};
-use super::soft::{Field, Sight};
+use super::soft::{Field, MediumSampler};
 use super::transfer::TransferSpec;
 use super::{Stack, StackOptions};
 use crate::geom::polygon::Polygon;
@@ -22,7 +22,7 @@ pub struct StackSource {
     /// Values from here on are solid; infinite where none are.
     iso: f32,
     sigma: f64,
-    units: Vec<Range>,
+    bricks: Vec<Range>,
     /// Units along each axis.
     size: [usize; 3],
     /// Stands for what is outside the stack.
@@ -98,13 +98,13 @@ impl StackSource {
         };
         let masked = scan.missing > 0 && least == f32::NEG_INFINITY;
         scan.fill_missing(stack.samples.missing);
-        let (units, size) = scan.units(dims, margin(options.sigma));
+        let (bricks, size) = scan.bricks(dims, margin(options.sigma));
         let mut source = StackSource {
             stack,
             transfer,
             iso,
             sigma: options.sigma,
-            units,
+            bricks,
             size,
             outside,
             masked,
@@ -115,25 +115,25 @@ impl StackSource {
         Ok(source)
     }
 
-    fn unit(&self, at: [usize; 3]) -> Range {
-        self.units[(at[2] * self.size[1] + at[1]) * self.size[0] + at[0]]
+    fn brick(&self, at: [usize; 3]) -> Range {
+        self.bricks[(at[2] * self.size[1] + at[1]) * self.size[0] + at[0]]
     }
 
-    /// Whether there may be surface in a unit: it is on both sides of the threshold, or within and at the border.
+    /// Whether there may be surface in a brick: it is on both sides of the threshold, or within and at the border.
     fn may_cross(&self, at: [usize; 3], iso: f32) -> bool {
-        let range = self.unit(at);
+        let range = self.brick(at);
         let border = (0..3).any(|a| at[a] == 0 || at[a] + 1 == self.size[a]);
         range.hi >= iso && (range.lo < iso || border)
     }
 
-    /// Whether there may be matter in a unit that lets light through.
+    /// Whether there may be matter in a brick that lets light through.
     fn may_be_soft(&self, at: [usize; 3]) -> bool {
-        let range = self.unit(at);
+        let range = self.brick(at);
         let (lo, hi) = (f64::from(range.lo), f64::from(range.hi));
         self.transfer.is_soft() && range.lo < self.iso && self.transfer.most(lo, hi) > 0.0
     }
 
-    /// The loops at `iso` of a unit's cells that overlap the index-space box.
+    /// The loops at `iso` of a brick's cells that overlap the index-space box.
     fn loops(
         &self,
         lattice: &Lattice,
@@ -160,7 +160,7 @@ impl StackSource {
     fn find_bounds(&self, least: f32) -> Aabb {
         let dims = self.stack.samples.dims();
         if least == f32::NEG_INFINITY {
-            return window(dims).transformed(self.stack.affine);
+            return index_bounds(dims).transformed(self.stack.affine);
         }
         let longest = dims.iter().copied().max().unwrap_or(1);
         let lattice = Lattice::new(dims, [(BOUNDS_CELLS / longest).clamp(1, 8); 3], self.sigma);
@@ -171,8 +171,8 @@ impl StackSource {
             for y in 0..self.size[1] {
                 for x in 0..self.size[0] {
                     if self.may_cross([x, y, z], least) {
-                        let unit = ([x, y, z], everywhere);
-                        self.loops(&lattice, unit, least, &mut scratch, &mut |corners| {
+                        let brick = ([x, y, z], everywhere);
+                        self.loops(&lattice, brick, least, &mut scratch, &mut |corners| {
                             for c in corners {
                                 bounds = bounds.grow(self.stack.affine.transform_point3(*c));
                             }
@@ -223,13 +223,13 @@ impl Source for StackSource {
         // Cells no larger than voxels.
         let parts = std::array::from_fn(|a| matrix.col(a).length().ceil().clamp(1.0, MAX_PARTS) as usize);
         let dims = self.stack.samples.dims();
-        let window = window(dims);
-        let copies: Vec<Copy> = place
-            .shifts(window.transformed(to_grid))
+        let bounds = index_bounds(dims);
+        let images: Vec<PeriodicImage> = place
+            .shifts(bounds.transformed(to_grid))
             .into_iter()
             .map(|shift| {
                 let to_grid = DAffine3 { translation: to_grid.translation + shift, ..to_grid };
-                Copy { shift, to_grid, to_index: to_grid.inverse() }
+                PeriodicImage { shift, to_grid, to_index: to_grid.inverse() }
             })
             .collect();
         let mut staged = StagedStack {
@@ -237,27 +237,27 @@ impl Source for StackSource {
             place: *place,
             lattice: Lattice::aligned(dims, &to_grid, self.sigma)
                 .unwrap_or_else(|| Lattice::new(dims, parts, self.sigma)),
-            copies,
+            images,
             mirrored: matrix.determinant() < 0.0,
             distance: libm::cbrt(matrix.determinant().abs()),
             width: f64::from(1u32 << place.region_log2()),
             regions: Vec::new(),
             weights: Vec::new(),
         };
-        staged.find_regions(place, window, progress);
+        staged.find_regions(place, bounds, progress);
         Ok(Box::new(staged))
     }
 }
 
-/// Most cells between two samples.
+/// Largest number of cells between two samples.
 const MAX_PARTS: f64 = 8192.0;
 /// Voxels along the edge of a block whose soft matter is found together.
 const BLOCK: u32 = 8;
-/// Facets that a unit is counted as.
-const UNIT_WEIGHT: u64 = 64;
+/// Number of facets that a brick is counted as.
+const BRICK_WEIGHT: u64 = 64;
 
-/// Where a stack is, index space.
-fn window(dims: [usize; 3]) -> Aabb {
+/// Box of a stack in index space.
+fn index_bounds(dims: [usize; 3]) -> Aabb {
     Aabb::new(DVec3::splat(-0.5), DVec3::from(dims.map(|d| d as f64 - 0.5)))
 }
 
@@ -269,8 +269,8 @@ fn snapped(p: DVec3) -> DVec3 {
     DVec3::select((p - plane).abs().cmplt(DVec3::splat(1e-7)), plane, p)
 }
 
-/// The stack at one place of the grid.
-struct Copy {
+/// One image of the stack, which repeats where the grid is cyclic.
+struct PeriodicImage {
     shift: DVec3,
     to_grid: DAffine3,
     to_index: DAffine3,
@@ -280,7 +280,7 @@ struct StagedStack<'a> {
     source: &'a StackSource,
     place: Placement,
     lattice: Lattice,
-    copies: Vec<Copy>,
+    images: Vec<PeriodicImage>,
     mirrored: bool,
     /// Of samples, in voxels: the mean of the three.
     distance: f64,
@@ -291,14 +291,14 @@ struct StagedStack<'a> {
 }
 
 impl StagedStack<'_> {
-    /// The box of the region `code`, in the index space of a copy; a little larger, so that rounding loses nothing.
-    fn region(&self, code: u64, copy: &Copy) -> Aabb {
+    /// The box of the region `code`, in the index space of an image; a little larger, so that rounding loses nothing.
+    fn region(&self, code: u64, image: &PeriodicImage) -> Aabb {
         let lo = DVec3::from(morton::decode(code).map(f64::from)) * self.width;
-        Aabb::new(lo, lo + self.width).transformed(copy.to_index).rounded_out()
+        Aabb::new(lo, lo + self.width).transformed(image.to_index).rounded_out()
     }
 
     /// Units that overlap an index-space box.
-    fn units(&self, window: Aabb, each: &mut dyn FnMut([usize; 3])) {
+    fn bricks(&self, window: Aabb, each: &mut dyn FnMut([usize; 3])) {
         let beyond = |a: usize| {
             let last = *self.lattice.axes[a].nodes.last().unwrap_or(&0.0);
             window.max[a] < -0.5 || window.min[a] > last
@@ -306,7 +306,7 @@ impl StagedStack<'_> {
         if (0..3).any(beyond) {
             return;
         }
-        let span = |a: usize| self.lattice.axes[a].units(window.min[a], window.max[a]);
+        let span = |a: usize| self.lattice.axes[a].bricks(window.min[a], window.max[a]);
         for z in span(2) {
             for y in span(1) {
                 for x in span(0) {
@@ -316,12 +316,12 @@ impl StagedStack<'_> {
         }
     }
 
-    fn find_regions(&mut self, place: &Placement, window: Aabb, progress: &dyn Progress) {
+    fn find_regions(&mut self, place: &Placement, bounds: Aabb, progress: &dyn Progress) {
         let across = f64::from(place.side() >> place.region_log2());
-        // Codes of the regions that a copy's box overlaps.
+        // Codes of the regions that an image's box overlaps.
         let mut codes = Vec::new();
-        for copy in &self.copies {
-            let b = window.transformed(copy.to_grid);
+        for image in &self.images {
+            let b = bounds.transformed(image.to_grid);
             let lo = (b.min / self.width).floor().clamp(DVec3::ZERO, DVec3::splat(across)).as_uvec3();
             let hi = ((b.max / self.width).floor() + 1.0).clamp(DVec3::ZERO, DVec3::splat(across)).as_uvec3();
             for z in lo.z..hi.z {
@@ -335,15 +335,15 @@ impl StagedStack<'_> {
         progress.stage("sort", codes.len() as u64);
         let weights = par::map(codes.len(), |i| {
             let (mut there, mut crossing) = (false, 0);
-            for copy in &self.copies {
-                self.units(self.region(codes[i], copy), &mut |at| {
+            for image in &self.images {
+                self.bricks(self.region(codes[i], image), &mut |at| {
                     let source = self.source;
-                    there |= source.unit(at).hi >= source.iso || source.may_be_soft(at);
+                    there |= source.brick(at).hi >= source.iso || source.may_be_soft(at);
                     crossing += u64::from(source.may_cross(at, source.iso));
                 });
             }
             progress.advance(1);
-            there.then_some(crossing * UNIT_WEIGHT)
+            there.then_some(crossing * BRICK_WEIGHT)
         });
         for (code, weight) in codes.into_iter().zip(weights) {
             if let Some(weight) = weight {
@@ -359,28 +359,28 @@ impl StagedStack<'_> {
         let samples = &source.stack.samples;
         let lo = DVec3::from(corner.map(f64::from));
         let own = |p: DVec3| (samples.has_colour() && !source.transfer.has_colour()).then(|| source.colour(p));
-        // Voxels that have theirs from an earlier copy.
+        // Voxels that have theirs from an earlier image.
         let mut taken = vec![false; (width * width * width) as usize];
-        for copy in &self.copies {
-            let block = Aabb::new(lo, lo + f64::from(width)).transformed(copy.to_index);
+        for image in &self.images {
+            let block = Aabb::new(lo, lo + f64::from(width)).transformed(image.to_index);
             let mut there = false;
-            self.units(block, &mut |at| there |= source.may_be_soft(at));
+            self.bricks(block, &mut |at| there |= source.may_be_soft(at));
             if !there {
                 continue;
             }
             let field = Field::new(&self.lattice, samples, block, scratch);
-            let sight = Sight {
+            let sampler = MediumSampler {
                 transfer: &source.transfer,
                 solid_from: f64::from(source.iso),
-                to_index: copy.to_index,
+                to_index: image.to_index,
                 distance: self.distance,
-                window: window(samples.dims()),
+                index_bounds: index_bounds(samples.dims()),
                 masked: source.masked,
             };
             for (n, taken) in taken.iter_mut().enumerate().filter(|t| !*t.1) {
                 let n = n as u32;
                 let step = [n % width, n / width % width, n / width / width];
-                let medium = sight.voxel(&field, std::array::from_fn(|a| corner[a] + step[a]), &own);
+                let medium = sampler.voxel(&field, std::array::from_fn(|a| corner[a] + step[a]), &own);
                 if let Some(medium) = medium {
                     each(&medium);
                     *taken = true;
@@ -389,10 +389,10 @@ impl StagedStack<'_> {
         }
     }
 
-    /// Index-space place in the copy that is there at a grid point, and that copy's value.
+    /// Index-space place in the image that is there at a grid point, and that image's value.
     fn value(&self, at: DVec3) -> Option<(DVec3, f32)> {
-        self.copies.iter().find_map(|copy| {
-            let index = copy.to_index.transform_point3(at);
+        self.images.iter().find_map(|image| {
+            let index = image.to_index.transform_point3(at);
             Some((index, self.lattice.value(&self.source.stack.samples, index.to_array())?))
         })
     }
@@ -414,14 +414,14 @@ impl Staged for StagedStack<'_> {
     fn emit(&self, region: usize, each: &mut dyn FnMut(&Polygon)) {
         let mut scratch = Scratch::default();
         let bounds = self.source.bounds;
-        for copy in &self.copies {
+        for image in &self.images {
             // By the same steps as the bounds, which facets of finer cells may pass by a hair: nothing sticks out.
             let to_grid = |index: DVec3| {
                 let p = self.source.stack.affine.transform_point3(index);
-                snapped(self.place.to_grid(p.clamp(bounds.min, bounds.max)) + copy.shift)
+                snapped(self.place.to_grid(p.clamp(bounds.min, bounds.max)) + image.shift)
             };
-            let window = self.region(self.regions[region], copy);
-            self.units(window, &mut |at| {
+            let window = self.region(self.regions[region], image);
+            self.bricks(window, &mut |at| {
                 if self.source.may_cross(at, self.source.iso) {
                     let iso = self.source.iso;
                     self.source.loops(&self.lattice, (at, window), iso, &mut scratch, &mut |corners| {
@@ -445,7 +445,7 @@ impl Staged for StagedStack<'_> {
         } else if source.stack.samples.has_colour() {
             let dims = source.stack.samples.dims();
             let there = |p: &DVec3| (0..3).all(|a| p[a] > -1.0 && p[a] < dims[a] as f64);
-            let p = self.copies.iter().map(|c| c.to_index.transform_point3(at)).find(there);
+            let p = self.images.iter().map(|c| c.to_index.transform_point3(at)).find(there);
             albedo = p.map_or(albedo, |p| source.colour(p));
         }
         Surface { albedo, alpha: 1.0 }
