@@ -188,6 +188,44 @@ fn headers_place_stacks_in_millimetres() {
 }
 
 #[test]
+fn files_of_real_writers_are_as_their_writers_meant() {
+    let Some(dir) = std::env::var_os("VTEX_ASSETS").map(|a| PathBuf::from(a).join("reported")) else { return };
+    let hard = |iso: f64| StackOptions { transfer: TransferSpec::hard(iso), ..StackOptions::default() };
+    let open = |name: &str, iso: f64| source(&dir.join(name), &hard(iso));
+    let bounds = |s: &StackSource| source::Source::bounds(s);
+    let warned = |s: &StackSource| source::Source::warnings(s).as_reasons();
+    // Half floats: the box of x 2.5 to 7.5, y 12.5 to 16.5, z 8.5 to 11.5, whose corners the filter rounds by less than a third.
+    let b = bounds(&open("tiff/t_f16.tif", 0.5));
+    let (min, max) = (DVec3::new(2.5, 12.5, 8.5), DVec3::new(7.5, 16.5, 11.5));
+    assert!((b.min - min).abs().max_element() < 0.34 && (b.max - max).abs().max_element() < 0.34, "{b:?}");
+    // All of it is matter: sizes are those of the lattice, in millimetres, 20 × 24 × 16 samples of .5 × .5 × 3 µm.
+    for name in ["tiff/t_imagej.tif", "tiff/t_z.ome.tif", "tiff/t_hyper.tif"] {
+        let s = open(name, -1e9);
+        let size = bounds(&s).size() - DVec3::new(0.01, 0.012, 0.048);
+        assert!(size.abs().max_element() < 1e-9 && source::Source::metres_per_unit(&s) == 1e-3, "{name} {size}");
+        assert_eq!(warned(&s).contains("2 channels"), name.contains("hyper"), "{name}");
+    }
+    let z = bounds(&open("tiff/T_aniso.tif", 500.0)).size().z;
+    // 6 slices of 5 µm, but for what the filter takes.
+    assert!((z - 0.03).abs() < 0.004, "{z}");
+    assert!(source::Source::has_colour(&open("tiff/t_rgb_jpeg.tif", 100.0)));
+    // One echo whole, as it is alone; NaN as zeros.
+    for (name, like, iso) in
+        [("dicom/d_echo_mix", "dicom/d_echo_ok", 450.0), ("nifti_nan/n_tmap.nii.gz", "nifti_nan/n_tmap0.nii.gz", 3.0)]
+    {
+        let (a, b) = (baked(&open(name, iso), 32), baked(&open(like, iso), 32));
+        assert_eq!((a.info.bounds, a.depths), (b.info.bounds, b.depths), "{name}");
+    }
+    assert!(warned(&open("dicom/d_echo_mix", 450.0)).contains("echo 2"));
+    assert!(!bounds(&open("dicom/d_float.dcm", 0.5)).is_empty());
+    assert!(warned(&open("nrrd/i_4d.nrrd", 400.0)).contains("2 frames"));
+    let refused = stack::read(&dir.join("nrrd/p_skipgz.nhdr"), &hard(400.0), 1 << 28).err().unwrap().to_string();
+    assert!(refused.contains("byte skip -1"), "{refused}");
+    // 16 parts are 16 slices.
+    assert_eq!(bounds(&open("exr/X_multi2/all.exr", -1e9)).size().z, 16.0);
+}
+
+#[test]
 fn every_real_stack_bakes_or_is_refused_by_one_line() {
     let Some(dir) = volumes() else { return };
     let out = tempfile::tempdir().unwrap();

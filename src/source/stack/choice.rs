@@ -9,6 +9,7 @@ use crate::{Error, Result, Warnings};
 const MAX_LISTED: usize = 20;
 
 /// What is asked for of one file or folder.
+#[derive(Clone, Copy)]
 pub struct Choice<'a> {
     pub path: &'a Path,
     channel: Option<&'a str>,
@@ -43,6 +44,12 @@ impl<'a> Choice<'a> {
     /// Whether a frame was asked for.
     pub fn names_frame(&self) -> bool {
         self.frame.is_some()
+    }
+
+    /// What is left to ask of the files of a folder, where the folder itself told channels or frames apart.
+    pub fn within(self, by_channel: bool, by_frame: bool) -> Choice<'a> {
+        let channel = self.channel.filter(|_| !by_channel);
+        Choice { channel, frame: self.frame.filter(|_| !by_frame), ..self }
     }
 
     /// Index of the channel that is taken of those with these names, which may be empty: the one that was asked for by name or

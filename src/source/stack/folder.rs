@@ -67,27 +67,35 @@ pub fn images(dir: &Path, files: &[PathBuf], warnings: &mut Warnings) -> Result<
     Ok(slices)
 }
 
-/// The images of a folder that are one stack: of one channel and one frame, where folders in it or names tell of several.
-pub fn choose(choice: &Choice, files: &[PathBuf], warnings: &mut Warnings) -> Result<Vec<PathBuf>> {
+/// The images of a folder that are one stack, of one channel and one frame where folders in it or names tell of several; and
+/// what is left to choose in them.
+pub fn choose<'a>(
+    choice: &Choice<'a>,
+    files: &[PathBuf],
+    warnings: &mut Warnings,
+) -> Result<(Vec<PathBuf>, Choice<'a>)> {
     let is_slice = |f: &PathBuf| is_image(&extension(f));
     if !files.iter().any(is_slice) {
         let folders = subfolders(choice.path);
         if !folders.is_empty() {
             let names: Vec<String> = folders.iter().map(|f| name(f)).collect();
             let folder = &folders[choice.channel(&names, warnings)?];
-            return images(folder, &list(folder)?, warnings);
+            return Ok((images(folder, &list(folder)?, warnings)?, choice.within(true, false)));
         }
     }
     let mut slices = images(choice.path, files, warnings)?;
+    let (mut by_frame, mut by_channel) = (false, false);
     if let Some((values, groups)) = by_names(&slices, &["time", "t"], false) {
         let frame = choice.frame(values.len(), warnings)?;
         slices = groups.into_iter().nth(frame).unwrap_or_default();
+        by_frame = true;
     }
     if let Some((values, groups)) = by_names(&slices, &["channel", "chan", "ch", "c", "w"], true) {
         let channel = choice.channel(&values, warnings)?;
         slices = groups.into_iter().nth(channel).unwrap_or_default();
+        by_channel = true;
     }
-    Ok(slices)
+    Ok((slices, choice.within(by_channel, by_frame)))
 }
 
 /// Folders in a folder that hold images, in natural order.

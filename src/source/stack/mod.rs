@@ -183,8 +183,11 @@ fn folder(choice: &Choice, in_memory: u64) -> Result<Stack> {
     let (dicom, others): (Vec<PathBuf>, Vec<PathBuf>) = files.into_iter().partition(|f| dicom::is_dicom(f));
     if dicom.is_empty() {
         let mut warnings = Warnings::default();
-        let images = folder::choose(choice, &others, &mut warnings)?;
-        return folder::read(choice, &images, warnings, in_memory);
+        let (images, within) = folder::choose(choice, &others, &mut warnings)?;
+        let mut stack = folder::read(&within, &images, warnings, in_memory)?;
+        stack.choose_channel(&within)?;
+        stack.channels = Channels::Chosen;
+        return Ok(stack);
     }
     let mut stack = dicom::read(choice, &dicom, in_memory)?;
     stack.warnings.add_many("files of the folder are not DICOM and are left out", others.len() as u64);

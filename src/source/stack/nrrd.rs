@@ -145,13 +145,20 @@ impl<'a> Axes<'a> {
         std::array::from_fn(|n| if n < self.space { self.sizes[self.first + n] } else { 1 })
     }
 
-    fn outer(&self, range: std::ops::Range<usize>) -> Outer {
-        Outer { axes: range.map(|n| (self.sizes[n], self.roles[n] == Role::Channel)).collect() }
+    /// Whether what is stored sample by sample are frames, or channels of frames.
+    fn interleaves_frames(&self) -> bool {
+        self.roles[..self.first].contains(&Role::Frame)
     }
 
-    /// The volume that is taken of those in a row.
-    fn volume(&self, choice: &Choice, warnings: &mut Warnings) -> Result<Volume> {
-        self.outer(self.first + self.space..self.sizes.len()).choose(choice, warnings)
+    /// The channel of each sample that is taken, where samples hold frames, and the volume of those in a row.
+    fn choose(&self, choice: &Choice, warnings: &mut Warnings) -> Result<(usize, Volume)> {
+        let inner = if self.interleaves_frames() { 0..self.first } else { 0..0 };
+        let axes = inner.clone().chain(self.first + self.space..self.sizes.len());
+        let outer = Outer { axes: axes.map(|n| (self.sizes[n], self.roles[n] == Role::Channel)).collect() };
+        let chosen = outer.choose(choice, warnings)?;
+        let channels = self.sizes[inner].iter().fold(1u64, |n, &d| n.saturating_mul(d as u64));
+        let volume = Volume { index: chosen.index / channels, count: chosen.count / channels };
+        Ok(((chosen.index % channels) as usize, volume))
     }
 }
 
@@ -225,7 +232,7 @@ fn stack(fields: &Fields, choice: &Choice, body: Option<usize>, in_memory: u64) 
     let Some(axes) = Axes::new(&sizes, &kinds, directions.as_deref()) else {
         return fields.wrong(at, "an axis that is not of space lies between those of space: put it first or last");
     };
-    let volume = axes.volume(choice, &mut warnings)?;
+    let (channel, volume) = axes.choose(choice, &mut warnings)?;
     let (first, channels, dims) = (axes.first, axes.channels(), axes.dims());
     let coding = Coding { kind, big_endian: big_endian(fields, kind)?, channels };
     let samples = Data { volume, ..data(fields, body, coding, dims)? }.load(in_memory)?;
@@ -255,9 +262,8 @@ fn stack(fields: &Fields, choice: &Choice, body: Option<usize>, in_memory: u64) 
     let affine = DAffine3 { matrix3: DMat3::from_cols(columns[0], columns[1], columns[2]), translation: origin };
     let metres_per_unit = unit.unwrap_or(if placed { 1e-3 } else { 0.0 });
     let mut stack = Stack::new(path, samples, super::with_thickness(affine, dims), metres_per_unit, warnings)?;
-    if axes.roles[..first].contains(&Role::Frame) {
-        let inner = axes.outer(0..first).choose(choice, &mut stack.warnings)?;
-        stack.samples.choose_channel(inner.index as usize);
+    if axes.interleaves_frames() {
+        stack.samples.choose_channel(channel);
         stack.channels = Channels::Chosen;
     } else if channels > 1 && !axes.colour {
         stack.channels = Channels::Values(vec![String::new(); channels]);

@@ -6,6 +6,7 @@ use std::io::Cursor;
 use std::path::Path;
 
 use tiff::ColorType;
+use tiff::decoder::ifd::Value;
 use tiff::decoder::{Decoder, DecodingResult, Limits};
 use tiff::tags::{Tag, Type, ValueBuffer};
 
@@ -127,7 +128,15 @@ fn describe(path: &Path, decoder: &mut Decoder<Cursor<&[u8]>>) -> Option<Descrip
     decoder.image_ifd().find_tag_buf(Tag::ImageDescription, &mut text).ok()??;
     let text = String::from_utf8_lossy(text.as_bytes());
     let text = text.trim_end_matches('\0');
-    let mut per_unit = |tag| decoder.find_tag(tag).ok()??.into_f64().ok().filter(|v| *v > 0.0);
+    let mut per_unit = |tag| {
+        let value = match decoder.find_tag(tag).ok()?? {
+            Value::Rational(a, b) => f64::from(a) / f64::from(b),
+            Value::Float(v) => f64::from(v),
+            Value::Double(v) => v,
+            _ => return None,
+        };
+        Some(value).filter(|v| v.is_finite() && *v > 0.0)
+    };
     let (x, y) = (per_unit(Tag::XResolution), per_unit(Tag::YResolution));
     let unit = decoder.find_tag_unsigned::<u16>(Tag::ResolutionUnit).ok().flatten().unwrap_or(1);
     let name = path.file_name().unwrap_or_default().to_string_lossy();
@@ -238,7 +247,12 @@ impl Pages<'_> {
         let big_endian = self.decoder.byte_order() == tiff::tags::ByteOrder::BigEndian;
         let size = (width * height * kind.bytes()).saturating_mul(channels);
         let start = offset.and_then(|o| usize::try_from(o).ok()).and_then(|o| o.checked_add(size.checked_mul(plane)?));
-        let bytes = start.and_then(|s| self.bytes.get(s..s.checked_add(size)?)).filter(|_| !packed);
+        // Pixels end where the page's tags begin, if these come after.
+        let tags = self.decoder.ifd_pointer().map_or(u64::MAX, |p| p.0);
+        let end =
+            if offset.is_some_and(|o| o < tags) { usize::try_from(tags).unwrap_or(usize::MAX) } else { usize::MAX };
+        let range = start.and_then(|s| Some(s..s.checked_add(size)?)).filter(|r| !packed && r.end <= end);
+        let bytes = range.and_then(|r| self.bytes.get(r));
         let Some(bytes) = bytes else {
             let what = format!(
                 "its description counts on a plane {}, but there is one page, and no more follows it",

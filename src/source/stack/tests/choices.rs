@@ -54,7 +54,7 @@ fn four_axes_of_nrrd_are_frames_wherever_they_stand() {
 #[test]
 fn volumes_in_other_files_and_from_the_end() {
     let dir = Dir::new();
-    let head = "dimension: 4\nsizes: 4 3 2 2\nspacings: 1 1 1 1\n";
+    let head = "dimension: 4\nsizes: 4 3 2 2\nspacings: 1 1 1 1\nkinds: domain domain domain domain\n";
     dir.save("all.raw", &[vec![9; 7], volumes(2)].concat());
     let end = dir.save("end.nhdr", &nrrd(&format!("{head}byte skip: -1\nencoding: raw\ndata file: all.raw"), &[]));
     assert_eq!([None, Some(2)].map(|f| volume(&open_with(&end, None, f).unwrap())), [0, 1]);
@@ -70,7 +70,7 @@ fn volumes_in_other_files_and_from_the_end() {
     // From the end of what is packed: nobody says where that is.
     let skip = format!("{head}byte skip: -1\nencoding: gzip\ndata file: s0.gz");
     let error = error(&dir.save("skip.nhdr", &nrrd(&skip, &[])));
-    assert!(error.contains("byte skip -1") && error.contains("line 6"), "{error}");
+    assert!(error.contains("byte skip -1") && error.contains("line 8"), "{error}");
 }
 
 #[test]
