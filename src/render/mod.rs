@@ -11,6 +11,7 @@ mod faces;
 mod film;
 pub mod image_io;
 mod light;
+mod mask;
 mod mesh;
 pub mod metrics;
 mod near;

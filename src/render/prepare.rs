@@ -187,7 +187,7 @@ impl<'a> World<'a> {
         if lost > 0 {
             return Err(Error::Options("the scene's height vectors are too large to be rendered".into()));
         }
-        self.mesh = mesh.build();
+        self.mesh = mesh.build(&model.materials);
         self.shells = Bvh::new(&self.boxes.iter().map(ShellBox::bounds).collect::<Vec<_>>());
         Ok(())
     }
