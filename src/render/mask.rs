@@ -134,7 +134,7 @@ mod tests {
         let material = Material { texture, alpha: card.alpha, unlit: true, ..Material::default() };
         let to_world = DAffine3::from_translation(DVec3::new(0.013, 0.017, 5.0));
         let projection = Projection::Orthographic { ymag: 0.5 * high };
-        let camera = Camera { name: String::new(), to_world, projection };
+        let camera = Camera { name: String::new(), to_world, projection, aspect: None };
         let sun = DAffine3::from_quat(DQuat::from_rotation_arc(DVec3::Z, DVec3::new(1.0, 0.0, 1.0).normalize()));
         let kind = LightKind::Directional;
         let sun = Light { name: String::new(), to_world: sun, intensity: [0.0; 3], kind, range: f64::INFINITY };

@@ -35,7 +35,9 @@ use std::time::Instant;
 
 pub use cells::hash;
 pub use film::Film;
+pub use light::{LUMENS_PER_WATT, photometric};
 pub use options::{Ambient, CameraChoice, Near, Options};
+pub use prepare::picture_size;
 pub use stats::{Counts, Stats, peak_memory};
 pub use trace::{Met, Trace};
 

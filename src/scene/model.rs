@@ -133,6 +133,8 @@ pub struct Camera {
     pub name: String,
     pub to_world: DAffine3,
     pub projection: Projection,
+    /// Width of its picture for a height of 1; `None` where the file leaves it to the viewer.
+    pub aspect: Option<f64>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
