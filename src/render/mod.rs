@@ -22,6 +22,7 @@ mod prepare;
 pub mod preview;
 pub mod reference;
 mod shell;
+mod sky;
 mod source;
 mod stats;
 pub mod stress;
