@@ -172,8 +172,8 @@ fn lights_in_lux_make_the_picture_that_watts_make() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     // Three watts a square metre, and as Blender writes them.
-    terrain(folder, "watts.glb", |json| *sun(json) = 3.into());
-    terrain(folder, "lux.glb", |json| *sun(json) = 2049.into());
+    terrain(folder, "watts.glb", |json| *sun(json) = serde_json::json!(3));
+    terrain(folder, "lux.glb", |json| *sun(json) = serde_json::json!(2049));
     let shot = |what: &str, name: &str| {
         let (code, _, errors) = vtex(folder, &format!("render {what} --camera far --size 48x27 -o {name}"));
         assert_eq!(code, 0, "{errors}");
@@ -210,7 +210,7 @@ fn lights_in_lux_make_the_picture_that_watts_make() {
 fn a_picture_has_the_shape_of_its_camera() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    terrain(folder, "slit.glb", |json| json["cameras"][1]["perspective"]["aspectRatio"] = 0.009.into());
+    terrain(folder, "slit.glb", |json| json["cameras"][1]["perspective"]["aspectRatio"] = serde_json::json!(0.009));
     let size = |arguments: &str| {
         let (code, _, errors) = vtex(folder, &format!("render slit.glb --no-shadows -o a.png {arguments}"));
         assert_eq!(code, 0, "{errors}");
