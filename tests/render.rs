@@ -5,6 +5,7 @@ use std::process::Command;
 
 use vtex::format;
 use vtex::geom::{Aabb, DVec3};
+use vtex::render::image_io;
 use vtex::volume::{Depth, Info, Volume, Voxel};
 
 /// A folder with land.gltf: the sample terrain under bushes of nine voxels.
@@ -146,4 +147,76 @@ fn the_light_binary_renders_the_same() {
     assert!(run.status.success() && run.stdout.is_empty() && run.stderr.is_empty(), "{run:?}");
     let [all, light] = ["all.png", "light.png"].map(|name| std::fs::read(folder.path().join(name)).unwrap());
     assert_eq!(all, light);
+}
+
+/// The sample terrain with its JSON changed, under another name in the folder.
+fn terrain(folder: &Path, name: &str, change: impl FnOnce(&mut serde_json::Value)) {
+    let bytes = std::fs::read(Path::new(env!("CARGO_MANIFEST_DIR")).join("samples/terrain.glb")).unwrap();
+    let length = u32::from_le_bytes(bytes[12..16].try_into().unwrap()) as usize;
+    let mut json = serde_json::from_slice(&bytes[20..20 + length]).unwrap();
+    change(&mut json);
+    let mut text = json.to_string().into_bytes();
+    text.resize(text.len().next_multiple_of(4), b' ');
+    let rest = &bytes[20 + length..];
+    let total = (20 + text.len() + rest.len()) as u32;
+    let head = [&bytes[..8], &total.to_le_bytes(), &(text.len() as u32).to_le_bytes(), &bytes[16..20]].concat();
+    std::fs::write(folder.join(name), [&head[..], &text, rest].concat()).unwrap();
+}
+
+fn sun(json: &mut serde_json::Value) -> &mut serde_json::Value {
+    &mut json["extensions"]["KHR_lights_punctual"]["lights"][0]["intensity"]
+}
+
+#[test]
+fn lights_in_lux_make_the_picture_that_watts_make() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    // Three watts a square metre, and as Blender writes them.
+    terrain(folder, "watts.glb", |json| *sun(json) = serde_json::json!(3));
+    terrain(folder, "lux.glb", |json| *sun(json) = serde_json::json!(2049));
+    let shot = |what: &str, name: &str| {
+        let (code, _, errors) = vtex(folder, &format!("render {what} --camera far --size 48x27 -o {name}"));
+        assert_eq!(code, 0, "{errors}");
+        (image_io::read(&folder.join(name)).unwrap().rgba, errors)
+    };
+    let (watts, said) = shot("watts.glb", "watts.png");
+    assert!(!said.contains("lux") && !said.contains("clipped"), "{said}");
+    let (lux, said) = shot("lux.glb", "lux.png");
+    assert!(said.contains("lux and candela") && said.contains("683 lm/W") && said.contains("--exposure 0"), "{said}");
+    // One step of the display's 255.
+    let differ = |a: &[[f32; 4]], b: &[[f32; 4]]| {
+        let pairs = a.iter().flatten().zip(b.iter().flatten());
+        pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max)
+    };
+    assert!(differ(&watts, &lux) < 0.012, "{}", differ(&watts, &lux));
+    // As they are, where that is asked for, with a word on what it does to the picture.
+    let (_, said) = shot("lux.glb --exposure 0", "white.png");
+    assert!(said.contains("of the picture is clipped to white; try --exposure -"), "{said}");
+    // An .exr keeps the numbers of the file: 683 times the sun's light, besides the sky's.
+    let (plain, _) = shot("watts.glb --sky 0,0,0", "watts.exr");
+    let (kept, said) = shot("lux.glb --sky 0,0,0", "lux.exr");
+    assert!(said.contains("kept in an .exr"), "{said}");
+    let sum = |film: &[[f32; 4]]| film.iter().map(|p| f64::from(p[0])).sum::<f64>();
+    // Of light that is too faint in a display's white the mean share is taken for its shadows.
+    assert!((sum(&kept) / sum(&plain) / 683.0 - 1.0).abs() < 1e-3, "{} {}", sum(&kept), sum(&plain));
+    let (scaled, _) = shot("lux.glb --sky 0,0,0 --exposure auto", "auto.exr");
+    assert!(differ(&scaled, &plain) < 1e-5, "{}", differ(&scaled, &plain));
+    for bad in ["NaN", "bright", "inf"] {
+        assert_eq!(vtex(folder, &format!("render lux.glb -o a.png --exposure {bad}")).0, 2, "{bad}");
+    }
+}
+
+#[test]
+fn a_picture_has_the_shape_of_its_camera() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    terrain(folder, "slit.glb", |json| json["cameras"][1]["perspective"]["aspectRatio"] = serde_json::json!(0.009));
+    let size = |arguments: &str| {
+        let (code, _, errors) = vtex(folder, &format!("render slit.glb --no-shadows -o a.png {arguments}"));
+        assert_eq!(code, 0, "{errors}");
+        let picture = image_io::read(&folder.join("a.png")).unwrap();
+        [picture.width, picture.height]
+    };
+    assert_eq!(size("--camera far"), [12, 1280]);
+    assert_eq!(size("--camera far --size 32x16"), [32, 16]);
 }

@@ -7,7 +7,7 @@ use super::{Ui, reference};
 use crate::geom::DVec3;
 use crate::render;
 use crate::render::{Ambient, CameraChoice, Met, Near, Options, Stats};
-use crate::scene::gltf;
+use crate::scene::{Scene, gltf};
 use crate::{Error, Result};
 
 #[derive(clap::Args)]
@@ -17,9 +17,9 @@ pub struct Args {
     /// The picture: .png (sRGB) or .exr (linear, with alpha)
     #[arg(short, long, required_unless_present = "pixel")]
     output: Option<PathBuf>,
-    /// Pixels
-    #[arg(long, value_name = "WxH", default_value = "1280x720", value_parser = size)]
-    size: [u32; 2],
+    /// Pixels; by default the longer side has 1280, and the shape is the camera's in the file, or else 16:9
+    #[arg(long, value_name = "WxH", value_parser = size)]
+    size: Option<[u32; 2]>,
     /// A camera of the file, by name or number; the first by default
     #[arg(long, value_name = "NAME", conflicts_with_all = ["eye", "frame"])]
     camera: Option<String>,
@@ -50,9 +50,11 @@ pub struct Args {
     /// Cones a pixel: 1, 2, 4, 8 or 16
     #[arg(long, value_name = "N", default_value_t = 1)]
     lanes: u32,
-    /// Make the picture brighter, stops
-    #[arg(long, value_name = "STOPS", default_value_t = 0.0, allow_hyphen_values = true)]
-    exposure: f64,
+    /// Brightness: so many stops brighter than what the file says, its lights read as W/m² and W/sr; or `auto`: lights so
+    /// strong that they must be lux and candela (a median of more than 100 over the scene) are divided by 683 lm/W, which
+    /// is said, as Blender shows what it exports. By default `auto` for .png, 0 for .exr, whose numbers are for measuring
+    #[arg(long, value_name = "auto|STOPS", value_parser = exposure, allow_hyphen_values = true)]
+    exposure: Option<Exposure>,
     /// Threads; 0: one a core
     #[arg(long, value_name = "N", default_value_t = 0)]
     threads: usize,
@@ -84,6 +86,13 @@ pub struct Args {
     /// Print --stats or --pixel as JSON
     #[arg(long)]
     json: bool,
+}
+
+/// How bright the picture is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Exposure {
+    Auto,
+    Stops(f64),
 }
 
 #[derive(Clone, Copy, clap::ValueEnum)]
@@ -121,13 +130,21 @@ fn triple(text: &str) -> std::result::Result<[f64; 3], String> {
     }
 }
 
+fn exposure(text: &str) -> std::result::Result<Exposure, String> {
+    if text.trim().eq_ignore_ascii_case("auto") {
+        return Ok(Exposure::Auto);
+    }
+    let stops = text.trim().parse().ok().filter(|stops: &f64| stops.is_finite());
+    stops.map(Exposure::Stops).ok_or_else(|| format!("{text:?} is neither a number of stops nor auto"))
+}
+
 fn colour(text: &str) -> std::result::Result<[f64; 3], String> {
     let rgb = triple(text)?;
     if rgb.iter().all(|&v| v >= 0.0) { Ok(rgb) } else { Err("a radiance is not negative".into()) }
 }
 
 impl Args {
-    fn options(&self) -> Options {
+    fn options(&self, scene: &Scene) -> Result<Options> {
         let camera = match (&self.camera, self.eye.zip(self.look_at)) {
             (Some(name), _) => CameraChoice::Named(name.clone()),
             (None, Some((eye, target))) => CameraChoice::LookAt {
@@ -138,8 +155,18 @@ impl Args {
             (None, None) if self.frame => CameraChoice::Framed,
             (None, None) => CameraChoice::Default,
         };
-        Options {
-            size: self.size,
+        let size = match self.size {
+            Some(size) => size,
+            None => render::picture_size(scene, &camera)?,
+        };
+        let said = self.exposure.unwrap_or(if self.is_exr() { Exposure::Stops(0.0) } else { Exposure::Auto });
+        let (exposure, light_scale) = match (said, render::photometric(scene)) {
+            (Exposure::Stops(stops), _) => (stops, 1.0),
+            (Exposure::Auto, None) => (0.0, 1.0),
+            (Exposure::Auto, Some(_)) => (0.0, 1.0 / render::LUMENS_PER_WATT),
+        };
+        Ok(Options {
+            size,
             camera,
             sky: self.sky,
             background: self.background,
@@ -148,7 +175,8 @@ impl Args {
                 AmbientArg::Occluded => Ambient::Occluded,
             },
             lanes: self.lanes,
-            exposure: self.exposure,
+            exposure,
+            light_scale,
             threads: self.threads,
             depth_bias: self.depth_bias,
             shadow_bias: self.shadow_bias,
@@ -157,12 +185,36 @@ impl Args {
                 NearArg::Voxels => Near::Voxels,
             },
             shadows: !self.no_shadows,
+        })
+    }
+
+    fn is_exr(&self) -> bool {
+        let extension = self.output.as_ref().and_then(|path| path.extension());
+        extension.is_some_and(|e| e.eq_ignore_ascii_case("exr"))
+    }
+
+    /// What is to be known of the lights' units, in a line.
+    fn said_of_lights(&self, scene: &Scene, options: &Options) -> Option<String> {
+        let irradiance = render::photometric(scene)?;
+        let what = format!("the file's lights are in lux and candela (a median of {irradiance:.0} lx)");
+        if options.light_scale != 1.0 {
+            return Some(format!("{what}: divided by 683 lm/W (--exposure 0: as they are)"));
         }
+        // Who asked for stops knows.
+        let kept = "kept in an .exr (--exposure auto: divided by 683 lm/W, as in a .png)";
+        self.exposure.is_none().then(|| format!("{what}: {kept}"))
     }
 }
 
+/// A line about a film of which most is clipped, with what would help.
+fn said_of_clipping(film: &render::Film, options: &Options) -> Option<String> {
+    let (share, stops) = film.overexposed()?;
+    // Stops that are asked for take the lights as they are.
+    let wanted = options.exposure + options.light_scale.log2() + stops;
+    Some(format!("{:.0} % of the picture is clipped to white; try --exposure {wanted:.1}", 100.0 * share))
+}
+
 pub fn run(args: &Args, ui: &Ui) -> Result<()> {
-    let options = args.options();
     if let Some(path) = &args.output {
         render::Film::check_name(path)?;
     }
@@ -171,12 +223,16 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
     let scene = gltf::read(&args.landscape, &read)?;
     let reading = start.elapsed();
     ui.warn(&scene.model.warnings)?;
+    let options = args.options(&scene)?;
     if let Some(at) = args.pixel {
         return print_trace(&render::trace_pixel(&scene, &options, at)?, args.json);
     }
     let Some(output) = &args.output else {
         return Err(Error::Options("--output or --pixel is needed".into()));
     };
+    if let Some(line) = args.said_of_lights(&scene, &options) {
+        ui.say(&line);
+    }
     if let Some(samples) = args.reference {
         let (landscape, scene_name) = (args.landscape.as_path(), args.scene.as_deref());
         let job = reference::Job { landscape, scene: &scene, scene_name, options: &options, samples, output };
@@ -194,6 +250,9 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
         ui.say(note);
     }
     ui.warn(&done.warnings)?;
+    if let Some(line) = said_of_clipping(&done.film, &options).filter(|_| !args.is_exr()) {
+        ui.say(&line);
+    }
     let saving = Instant::now();
     done.film.save(output)?;
     done.stats.times.insert(0, ("read", reading));

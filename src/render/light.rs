@@ -1,7 +1,7 @@
 //! Punctual lights (KHR_lights_punctual): where they are seen from a point, and the irradiance that they bring.
 
-use crate::geom::{DVec3, Vec3};
-use crate::scene::{Light, LightKind};
+use crate::geom::{Aabb, DVec3, Vec3};
+use crate::scene::{Light, LightKind, Scene};
 
 /// A light in the renderer's space.
 #[derive(Debug, Clone)]
@@ -30,9 +30,10 @@ pub struct Sight {
 }
 
 impl Lamp {
-    /// The renderer's space is (world − eye) / unit. `None` for a light that gives nothing or has no direction.
-    pub fn new(light: &Light, eye: DVec3, unit: f64) -> Option<Lamp> {
-        let intensity = DVec3::from_array(light.intensity);
+    /// The light times `scale`, in the renderer's space, which is (world − eye) / unit. `None` for a light that gives
+    /// nothing or has no direction.
+    pub fn new(light: &Light, scale: f64, eye: DVec3, unit: f64) -> Option<Lamp> {
+        let intensity = scale * DVec3::from_array(light.intensity);
         let axis = (-light.to_world.matrix3.z_axis).try_normalize().unwrap_or(DVec3::NEG_Z);
         let position = (light.to_world.translation - eye) / unit;
         let shines = intensity.is_finite() && intensity.max_element() > 0.0 && position.is_finite();
@@ -64,6 +65,42 @@ impl Lamp {
     }
 }
 
+/// Photometric units in a radiometric one, as exporters have it (Blender's *Standard* unit of lights): lm / W.
+pub const LUMENS_PER_WATT: f64 = 683.0;
+
+/// Irradiance from which on lights count as photometric. A white surface under a light that suits a display gets about π,
+/// and 683 times as much where the same light is given in lux; this is between the two, about as far from either.
+const PHOTOMETRIC: f64 = 100.0;
+
+/// Places of a scene at which its light is looked at.
+const PLACES: usize = 1 << 14;
+
+/// The irradiance of a scene's lights, if it is so large that they must be meant in lux and candela: the median over its
+/// objects (centres and corners of their boxes) of what all lights bring there, whatever stands between. It does not depend
+/// on the view, so all pictures of a scene are exposed alike.
+pub fn photometric(scene: &Scene) -> Option<f64> {
+    let model = &scene.model;
+    let lamps: Vec<Lamp> = model.lights.iter().filter_map(|light| Lamp::new(light, 1.0, DVec3::ZERO, 1.0)).collect();
+    let step = (9 * model.instances.len()).div_ceil(PLACES).max(1);
+    let places = model.instances.iter().step_by(step).flat_map(|instance| {
+        let part = model.parts.get(instance.part).filter(|part| !part.triangles.is_empty());
+        let points = part.into_iter().flat_map(|part| &part.positions);
+        let own = Aabb::around(points.map(|p| DVec3::from_array(p.map(f64::from))));
+        let corner = move |k: usize| {
+            let pick = |a: usize| if k >> a & 1 == 0 { own.min[a] } else { own.max[a] };
+            DVec3::new(pick(0), pick(1), pick(2))
+        };
+        let all = (0..8).map(corner).chain([own.centre()]);
+        all.filter(move |_| !own.is_empty()).map(|p| instance.transform.transform_point3(p))
+    });
+    let at = |place: DVec3| -> f64 {
+        lamps.iter().filter_map(|lamp| lamp.sight(place)).map(|sight| f64::from(sight.irradiance.max_element())).sum()
+    };
+    let mut found: Vec<f64> = places.map(at).collect();
+    found.sort_unstable_by(f64::total_cmp);
+    found.get(found.len() / 2).copied().filter(|&irradiance| irradiance > PHOTOMETRIC)
+}
+
 /// The sun of a file without lights: from the left, behind and above the usual camera.
 pub fn default_sun() -> Light {
     let towards = DVec3::new(-0.5, 0.75, 0.42).normalize();
@@ -83,6 +120,7 @@ pub const DEFAULT_SKY: [f64; 3] = [0.35, 0.42, 0.52];
 mod tests {
     use super::*;
     use crate::geom::DAffine3;
+    use crate::scene::{Instance, Model, Part};
 
     fn light(kind: LightKind, range: f64) -> Light {
         let to_world = DAffine3::from_translation(DVec3::new(0.0, 0.0, 10.0));
@@ -91,7 +129,7 @@ mod tests {
 
     #[test]
     fn falls_off_with_the_square_in_metres() {
-        let lamp = Lamp::new(&light(LightKind::Point, f64::INFINITY), DVec3::ZERO, 2.0).unwrap();
+        let lamp = Lamp::new(&light(LightKind::Point, f64::INFINITY), 1.0, DVec3::ZERO, 2.0).unwrap();
         let sight = lamp.sight(DVec3::new(0.0, 0.0, 3.0)).unwrap();
         assert_eq!(sight.distance, 2.0);
         assert_eq!(sight.irradiance, Vec3::new(8.0, 4.0, 2.0) / 16.0);
@@ -100,20 +138,48 @@ mod tests {
 
     #[test]
     fn range_and_cone_end() {
-        let ranged = Lamp::new(&light(LightKind::Point, 5.0), DVec3::ZERO, 1.0).unwrap();
+        let ranged = Lamp::new(&light(LightKind::Point, 5.0), 1.0, DVec3::ZERO, 1.0).unwrap();
         assert!(ranged.sight(DVec3::new(0.0, 0.0, 4.9)).is_none());
         assert!(ranged.sight(DVec3::new(0.0, 0.0, 5.1)).is_some());
         let spot = LightKind::Spot { inner: 0.2, outer: 0.4 };
-        let spot = Lamp::new(&light(spot, f64::INFINITY), DVec3::ZERO, 1.0).unwrap();
+        let spot = Lamp::new(&light(spot, f64::INFINITY), 1.0, DVec3::ZERO, 1.0).unwrap();
         let at = |angle: f64| spot.sight(DVec3::new(angle.tan(), 0.0, 9.0)).map_or(0.0, |s| s.irradiance.x);
         assert_eq!(at(0.0), 8.0);
         assert_eq!(at(0.41), 0.0);
         assert!(at(0.3) > 0.0 && at(0.3) < at(0.19));
     }
 
+    /// A ground of 20 m, lit from 10 m above its middle.
+    fn ground(kind: LightKind, intensity: f64) -> Scene {
+        let corners = [[-10.0f32, -10.0], [10.0, -10.0], [10.0, 10.0]].map(|[x, y]| [x, y, 0.0]);
+        let part = Part { positions: corners.to_vec(), triangles: vec![[0, 1, 2]], ..Part::default() };
+        let instance = Instance { part: 0, transform: DAffine3::IDENTITY, node: String::new() };
+        let lights = vec![Light { intensity: [intensity; 3], ..light(kind, f64::INFINITY) }];
+        let model = Model { parts: vec![part], instances: vec![instance], lights, ..Model::default() };
+        Scene { model, ..Scene::default() }
+    }
+
+    #[test]
+    fn lux_and_candela_are_told_from_watts() {
+        for strength in [0.5, 1.0, 3.0, 10.0] {
+            assert_eq!(photometric(&ground(LightKind::Directional, strength)), None);
+            let lux = LUMENS_PER_WATT * strength;
+            assert_eq!(photometric(&ground(LightKind::Directional, lux)), Some(lux));
+        }
+        // A lamp of 2 kW and one of 20 kW: 1.6 and 16 W / m² right below, a third of that at the corners.
+        for watts in [2e3, 2e4] {
+            let intensity = watts / (4.0 * std::f64::consts::PI);
+            assert_eq!(photometric(&ground(LightKind::Point, intensity)), None);
+            let corner = intensity * LUMENS_PER_WATT / 300.0;
+            let found = photometric(&ground(LightKind::Point, intensity * LUMENS_PER_WATT)).unwrap();
+            assert!((found / corner - 1.0).abs() < 1e-6, "{found} {corner}");
+        }
+        assert_eq!(photometric(&Scene::default()), None);
+    }
+
     #[test]
     fn the_sun_is_the_same_everywhere() {
-        let sun = Lamp::new(&default_sun(), DVec3::splat(1e6), 1e3).unwrap();
+        let sun = Lamp::new(&default_sun(), 1.0, DVec3::splat(1e6), 1e3).unwrap();
         let a = sun.sight(DVec3::ZERO).unwrap();
         assert!(a.dir.y > 0.5 && a.distance.is_infinite());
     }

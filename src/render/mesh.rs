@@ -4,6 +4,7 @@
 //! Shadow Terminator*, Ray Tracing Gems II, 2021.
 
 use super::bvh::Bvh;
+use super::mask::{Lookup, Masks};
 use crate::geom::{Aabb, DMat3, DVec3, Ray, Vec3};
 use crate::scene::{Alpha, Material, Model, Part};
 
@@ -22,6 +23,7 @@ pub struct Mesh {
     vertices: Vec<DVec3>,
     triangles: Vec<Triangle>,
     bvh: Bvh,
+    masks: Masks,
 }
 
 /// Where a ray met a triangle.
@@ -33,6 +35,13 @@ pub struct Contact {
     b: [f64; 2],
     /// In (0, 1].
     pub alpha: f32,
+}
+
+impl Contact {
+    /// Weights of the triangle's corners.
+    fn weights(&self) -> [f32; 3] {
+        [(1.0 - self.b[0] - self.b[1]) as f32, self.b[0] as f32, self.b[1] as f32]
+    }
 }
 
 /// What is seen at a contact.
@@ -103,11 +112,12 @@ impl MeshBuilder {
         }
     }
 
-    pub fn build(self) -> Mesh {
+    /// The mesh, whose parts are of `materials`.
+    pub fn build(self, materials: &[Material]) -> Mesh {
         let MeshBuilder { vertices, triangles } = self;
         let bounds = |t: &Triangle| Aabb::around(t.vertices.map(|v| vertices[v as usize]));
         let bvh = Bvh::new(&triangles.iter().map(bounds).collect::<Vec<_>>());
-        Mesh { vertices, triangles, bvh }
+        Mesh { vertices, triangles, bvh, masks: Masks::new(materials) }
     }
 }
 
@@ -190,20 +200,60 @@ impl Mesh {
         let material = &model.materials[part.material];
         if material.alpha != Alpha::Opaque {
             let cosine = facing(&corners, ray.dir);
-            let [.., a] = self.color(part, material, triangle, &contact, width_at(t) / cosine);
-            contact.alpha = match material.alpha {
-                Alpha::Opaque => 1.0,
-                Alpha::Mask(cutoff) => f32::from(u8::from(a >= cutoff)),
-                Alpha::Blend => a.clamp(0.0, 1.0),
-            };
+            contact.alpha = self.share(part, material, triangle, &contact, width_at(t) / cosine);
         }
         (contact.alpha > 0.0).then_some(contact)
+    }
+
+    /// The share of `width` of the surface around a contact that is there.
+    fn share(&self, part: &Part, material: &Material, triangle: &Triangle, at: &Contact, width: f64) -> f32 {
+        let lookup = self.lookup(part, material, triangle, at, width);
+        let (Alpha::Mask(_), Some(lookup)) = (material.alpha, lookup) else {
+            return material.alpha.share(self.color(part, material, triangle, at, width)[3]);
+        };
+        let corners = part.triangles.get(triangle.index as usize);
+        let alphas = part
+            .colors
+            .as_ref()
+            .zip(corners)
+            .map(|(colors, corners)| corners.map(|i| colors.get(i as usize).map_or(1.0, |c| c[3])));
+        let [a, b, c] = alphas.unwrap_or([1.0; 3]);
+        let [wa, wb, wc] = at.weights();
+        let vertex = (wa * a + wb * b + wc * c, [a, b, c] == [1.0; 3]);
+        self.masks.share(material, part.material, &lookup, vertex)
+    }
+
+    /// Where a contact falls in its material's texture; `None` without one, or without coordinates for it.
+    fn lookup<'a>(
+        &self,
+        part: &Part,
+        material: &'a Material,
+        triangle: &Triangle,
+        at: &Contact,
+        width: f64,
+    ) -> Option<Lookup<'a>> {
+        let reference = material.texture.as_ref()?;
+        let texture = &*reference.texture;
+        let uvs = part.uvs.get(reference.tex_coord)?;
+        let corners = part.triangles.get(triangle.index as usize)?;
+        let corners = corners.map(|i| reference.map(uvs.get(i as usize).copied().unwrap_or_default()));
+        let [a, b, c] = corners;
+        let weights = at.weights();
+        let uv = [0, 1].map(|k| weights[0] * a[k] + weights[1] * b[k] + weights[2] * c[k]);
+        // Texels across the width: the root of the ratio of areas.
+        let size = [texture.width as f32, texture.height as f32];
+        let [e, f] = [[b[0] - a[0], b[1] - a[1]], [c[0] - a[0], c[1] - a[1]]];
+        let texels = f64::from((e[0] * f[1] - e[1] * f[0]).abs() * size[0] * size[1]);
+        let [p, q, r] = self.corners(triangle);
+        let area = (q - p).cross(r - p).length();
+        let footprint = if area > 0.0 { width * (texels / area).sqrt() } else { 0.0 };
+        Some(Lookup { texture, uv, corners, footprint: footprint as f32 })
     }
 
     /// Linear RGBA at a contact, over `width` of the surface.
     fn color(&self, part: &Part, material: &Material, triangle: &Triangle, at: &Contact, width: f64) -> [f32; 4] {
         let Some(corners) = part.triangles.get(triangle.index as usize) else { return [0.0; 4] };
-        let weights = [(1.0 - at.b[0] - at.b[1]) as f32, at.b[0] as f32, at.b[1] as f32];
+        let weights = at.weights();
         let mut rgba = material.base_color;
         if let Some(colors) = &part.colors {
             for k in 0..4 {
@@ -212,22 +262,8 @@ impl Mesh {
                 rgba[k] *= mixed;
             }
         }
-        if let Some(texture) = &material.texture {
-            let uvs = part.uvs.get(texture.tex_coord);
-            let uv = |i: usize| {
-                let uv = uvs.and_then(|u| u.get(corners[i] as usize)).copied().unwrap_or_default();
-                texture.map(uv)
-            };
-            let [a, b, c] = [uv(0), uv(1), uv(2)];
-            let mixed = [0, 1].map(|k| weights[0] * a[k] + weights[1] * b[k] + weights[2] * c[k]);
-            // Texels across the width: the root of the ratio of areas.
-            let size = [texture.texture.width as f32, texture.texture.height as f32];
-            let [e, f] = [[b[0] - a[0], b[1] - a[1]], [c[0] - a[0], c[1] - a[1]]];
-            let texels = f64::from((e[0] * f[1] - e[1] * f[0]).abs() * size[0] * size[1]);
-            let [p, q, r] = self.corners(triangle);
-            let area = (q - p).cross(r - p).length();
-            let footprint = if area > 0.0 { width * (texels / area).sqrt() } else { 0.0 };
-            let sampled = texture.texture.average(mixed, footprint as f32);
+        if let Some(lookup) = self.lookup(part, material, triangle, at, width) {
+            let sampled = lookup.texture.average(lookup.uv, lookup.footprint);
             rgba.iter_mut().zip(sampled).for_each(|(c, s)| *c *= s);
         }
         rgba

@@ -11,6 +11,7 @@ mod faces;
 mod film;
 pub mod image_io;
 mod light;
+mod mask;
 mod mesh;
 pub mod metrics;
 mod near;
@@ -21,6 +22,7 @@ mod prepare;
 pub mod preview;
 pub mod reference;
 mod shell;
+mod sky;
 mod source;
 mod stats;
 pub mod stress;
@@ -34,7 +36,9 @@ use std::time::Instant;
 
 pub use cells::hash;
 pub use film::Film;
+pub use light::{LUMENS_PER_WATT, photometric};
 pub use options::{Ambient, CameraChoice, Near, Options};
+pub use prepare::picture_size;
 pub use stats::{Counts, Stats, peak_memory};
 pub use trace::{Met, Trace};
 

@@ -17,6 +17,9 @@ pub struct Options {
     pub lanes: u32,
     /// Stops: the film is multiplied by 2^exposure.
     pub exposure: f64,
+    /// Factor of the intensity of the file's lights: 1 takes them as radiometric, 1 / [`super::LUMENS_PER_WATT`] as
+    /// photometric. A sky and what shines by itself are not affected.
+    pub light_scale: f64,
     /// 0: all cores.
     pub threads: usize,
     /// Added to the depth that fits a cone: −1 is one coarser.
@@ -39,6 +42,7 @@ impl Default for Options {
             ambient: Ambient::Constant,
             lanes: 1,
             exposure: 0.0,
+            light_scale: 1.0,
             threads: 0,
             depth_bias: 0.0,
             shadow_bias: 0.0,

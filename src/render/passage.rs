@@ -105,24 +105,40 @@ fn across(m: &DMat3, d: DVec3) -> f64 {
     if along > 0.0 { (m.determinant().abs() / along).sqrt() } else { 0.0 }
 }
 
-/// The share of light that comes through all that stands along `ray` up to t1, 0 below `stop`. The ray starts on
-/// `start`; its cone is `width.0` wide at the start and grows by `width.1`.
-#[allow(clippy::too_many_arguments)]
+/// A cone towards a light or a part of the sky.
+pub struct ShadowCone {
+    pub ray: Ray,
+    /// Distance to what shines.
+    pub end: f64,
+    /// Where the ray starts on matter.
+    pub start: Option<Start>,
+    /// Width at the start, and what it grows by along the ray.
+    pub width: f64,
+    pub growth: f64,
+}
+
+impl ShadowCone {
+    /// The share of light that comes through the scene's meshes along the cone's ray.
+    pub fn through_meshes(&self, world: &World<'_>) -> f32 {
+        world.mesh.transmittance(&world.scene.model, &self.ray, self.end, Start::plain(self.start), self.width)
+    }
+}
+
+/// The share of light that comes along a cone through all texels, of the share `through` that meshes leave; 0 below `stop`.
 pub fn visibility(
     world: &World<'_>,
-    ray: &Ray,
-    t1: f64,
-    start: Option<Start>,
-    width: (f64, f64),
+    cone: &ShadowCone,
+    mut through: f32,
     choice: DepthChoice,
     stop: f32,
     counts: &mut Counts,
 ) -> f32 {
-    let mut through = world.mesh.transmittance(&world.scene.model, ray, t1, Start::plain(start), width.0);
     if through < stop {
         return 0.0;
     }
-    let width_at = |t: f64| width.0 + width.1 * t;
+    let ShadowCone { ray, end: t1, start, width, growth } = *cone;
+    let ray = &ray;
+    let width_at = |t: f64| width + growth * t;
     let end = world.shells.nearest(ray, t1, |index, t1| {
         let mut open = true;
         world.boxes[index as usize].spans(ray, 0.0, t1, |a, b| {

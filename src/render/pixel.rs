@@ -11,8 +11,9 @@ use super::camera::Cone;
 use super::cells::Visit;
 use super::mesh::{Contact, Surface};
 use super::options::{Ambient, Options};
-use super::passage::{Start, Stretched, passage};
+use super::passage::{ShadowCone, Start, Stretched, passage};
 use super::prepare::World;
+use super::sky::sky_cones;
 use super::stats::Counts;
 use super::trace::{Met, Trace};
 use crate::geom::{DMat3, DVec3, Ray, Vec3};
@@ -397,7 +398,8 @@ impl<'w> Tracer<'w> {
             sum.faint += light;
             return;
         }
-        let seen = self.visibility(from, distance, start, (width, 0.0), threshold);
+        let cone = ShadowCone { ray: *from, end: distance, start, width, growth: 0.0 };
+        let seen = self.visibility(&cone, cone.through_meshes(self.world), threshold);
         sum.radiance += seen * light;
         sum.seen += seen * bright;
         sum.tested += bright;
@@ -437,34 +439,31 @@ impl<'w> Tracer<'w> {
         }
     }
 
-    /// The share of light that comes along a ray; its cone is `width.0` wide and grows by `width.1`.
-    fn visibility(&mut self, from: &Ray, t1: f64, start: Option<Start>, width: (f64, f64), threshold: f32) -> f32 {
+    /// The share of light that comes along a cone, of the share `through` that meshes leave.
+    fn visibility(&mut self, cone: &ShadowCone, through: f32, threshold: f32) -> f32 {
         self.counts.shadow_rays += 1;
         // The depth of what is seen by default; a coarser one darkens (see `shadow_start`).
         let bias = (self.options.depth_bias + self.options.shadow_bias) as f32;
         let choice = DepthChoice { bias, threshold, finest: u8::MAX };
-        super::passage::visibility(self.world, from, t1, start, width, choice, FAINT, &mut self.counts)
+        super::passage::visibility(self.world, cone, through, choice, FAINT, &mut self.counts)
     }
 
     /// The share of the sky that a point sees: of the half around a surface's normal, or of all around a voxel.
     fn open_sky(&mut self, x: DVec3, surface: Option<(DVec3, Start)>, width: f64, threshold: f32) -> f32 {
-        // A cube's corners, turned so that none lies along an axis; each stands for an eighth of the sphere, which is a
-        // cone of about 60 degrees.
         const GROWTH: f64 = 0.8;
-        let turn = DMat3::from_rotation_y(0.39) * DMat3::from_rotation_x(0.23);
-        let (mut open, mut all) = (0.0, 0.0);
-        for k in 0..8 {
-            let sign = |bit: u32| if k >> bit & 1 == 0 { 1.0 } else { -1.0 };
-            let dir = turn * DVec3::new(sign(0), sign(1), sign(2)) * (1.0 / 3.0f64.sqrt());
-            let weight = surface.map_or(1.0, |(n, _)| n.dot(dir).max(0.0) as f32);
-            if weight > 0.0 {
-                let from = Ray { origin: x + width * dir, dir };
-                let start = surface.map(|s| s.1);
-                open += weight * self.visibility(&from, f64::INFINITY, start, (width, GROWTH), threshold);
-                all += weight;
-            }
-        }
-        open / all
+        let start = surface.map(|s| s.1);
+        let cone = |dir: DVec3| {
+            let ray = Ray { origin: x + width * dir, dir };
+            ShadowCone { ray, end: f64::INFINITY, start, width, growth: GROWTH }
+        };
+        let cones = sky_cones(surface.map(|s| s.0));
+        let count = cones.len() as f32;
+        let open = cones.into_iter().map(|part| {
+            let rays = part.rays.map(|ray| cone(ray).through_meshes(self.world));
+            let through = rays.iter().sum::<f32>() / rays.len() as f32;
+            self.visibility(&cone(part.axis), through, threshold)
+        });
+        open.sum::<f32>() / count
     }
 }
 

@@ -16,7 +16,7 @@ use super::shell::ShellBox;
 use super::source::Source;
 use crate::geom::{Aabb, DAffine3, DVec3, Vec3};
 use crate::scene::shell::{ShellMaterial, Variant};
-use crate::scene::{Part, Projection, Scene};
+use crate::scene::{Camera, Part, Projection, Scene};
 use crate::volume::Octree;
 use crate::{Error, Result, Warnings};
 
@@ -122,7 +122,7 @@ impl<'a> World<'a> {
             box_skin: Vec::new(),
             shells: Bvh::default(),
             skins: Vec::new(),
-            lamps: lamps(scene, view.eye, unit, &mut notes),
+            lamps: lamps(scene, options.light_scale, view.eye, unit, &mut notes),
             view,
             texels,
             sky: Vec3::ZERO,
@@ -187,7 +187,7 @@ impl<'a> World<'a> {
         if lost > 0 {
             return Err(Error::Options("the scene's height vectors are too large to be rendered".into()));
         }
-        self.mesh = mesh.build();
+        self.mesh = mesh.build(&model.materials);
         self.shells = Bvh::new(&self.boxes.iter().map(ShellBox::bounds).collect::<Vec<_>>());
         Ok(())
     }
@@ -230,6 +230,38 @@ fn bounds(scene: &Scene) -> Aabb {
     bounds
 }
 
+/// The file's camera that `choice` names; `None` where another view is wanted or the file has none.
+fn camera_of<'a>(scene: &'a Scene, choice: &CameraChoice) -> Result<Option<&'a Camera>> {
+    let cameras = &scene.model.cameras;
+    match choice {
+        CameraChoice::Framed | CameraChoice::LookAt { .. } => Ok(None),
+        CameraChoice::Default => Ok(cameras.first()),
+        CameraChoice::Named(name) => {
+            let numbered = name.parse().ok().and_then(|k: usize| cameras.get(k));
+            let found = cameras.iter().find(|c| c.name == *name).or(numbered);
+            found.map(Some).ok_or_else(|| {
+                let names: Vec<_> = cameras.iter().map(|c| format!("{:?}", c.name)).collect();
+                let known = if names.is_empty() { "none".into() } else { names.join(", ") };
+                Error::Options(format!("no camera {name:?} in the file; it has {known}"))
+            })
+        }
+    }
+}
+
+/// Width and height of a picture for which nobody asked for a size: of the shape that the camera has in the file, with a
+/// longer side as that of [`Options::default`], whose size it is where no camera has a shape.
+///
+/// # Errors
+/// `Options` where the file has no such camera.
+pub fn picture_size(scene: &Scene, choice: &CameraChoice) -> Result<[u32; 2]> {
+    let plain = Options::default().size;
+    let Some(aspect) = camera_of(scene, choice)?.and_then(|camera| camera.aspect) else { return Ok(plain) };
+    let long = plain[0];
+    // At least a pixel, however thin.
+    let short = (f64::from(long) * aspect.min(1.0 / aspect)).round().max(1.0) as u32;
+    Ok(if aspect < 1.0 { [short, long] } else { [long, short] })
+}
+
 fn view(scene: &Scene, bounds: &Aabb, options: &Options, notes: &mut Vec<String>) -> Result<View> {
     let size = options.size;
     let cameras = &scene.model.cameras;
@@ -237,53 +269,35 @@ fn view(scene: &Scene, bounds: &Aabb, options: &Options, notes: &mut Vec<String>
         let bounds = if bounds.is_empty() { Aabb::UNIT } else { *bounds };
         View::framing(&bounds, size).ok_or_else(|| Error::Options("the scene is too large to be framed".into()))
     };
-    let of_file = |camera: &crate::scene::Camera| {
+    let of_file = |camera: &Camera| {
         View::new(camera, size)
             .ok_or_else(|| Error::Options(format!("camera {:?} has no direction or no field of view", camera.name)))
     };
-    match &options.camera {
-        CameraChoice::Framed => framed(),
-        CameraChoice::Default => match cameras.first() {
-            Some(camera) => {
-                if cameras.len() > 1 {
-                    notes.push(format!("camera {:?}, the first of {} (--camera)", camera.name, cameras.len()));
-                }
-                of_file(camera)
+    if let CameraChoice::LookAt { eye, target, yfov } = &options.camera {
+        let view = View::towards(*eye, *target - *eye, DVec3::Y, size, Projection::Perspective { yfov: *yfov });
+        let what = "--eye and --look-at must differ, and the field of view lie in 0 … 180 degrees";
+        return view.ok_or_else(|| Error::Options(what.into()));
+    }
+    let camera = camera_of(scene, &options.camera)?;
+    if options.camera == CameraChoice::Default {
+        match camera {
+            Some(camera) if cameras.len() > 1 => {
+                notes.push(format!("camera {:?}, the first of {} (--camera)", camera.name, cameras.len()));
             }
-            None => {
-                notes.push("no camera in the file: the scene is framed (--eye, --look-at)".into());
-                framed()
-            }
-        },
-        CameraChoice::Named(name) => {
-            let numbered = name.parse().ok().and_then(|k: usize| cameras.get(k));
-            match cameras.iter().find(|c| c.name == *name).or(numbered) {
-                Some(camera) => of_file(camera),
-                None => {
-                    let names: Vec<_> = cameras.iter().map(|c| format!("{:?}", c.name)).collect();
-                    let known = if names.is_empty() { "none".into() } else { names.join(", ") };
-                    Err(Error::Options(format!("no camera {name:?} in the file; it has {known}")))
-                }
-            }
-        }
-        CameraChoice::LookAt { eye, target, yfov } => {
-            View::towards(*eye, *target - *eye, DVec3::Y, size, Projection::Perspective { yfov: *yfov }).ok_or_else(
-                || {
-                    Error::Options(
-                        "--eye and --look-at must differ, and the field of view lie in 0 … 180 degrees".into(),
-                    )
-                },
-            )
+            Some(_) => {}
+            None => notes.push("no camera in the file: the scene is framed (--eye, --look-at)".into()),
         }
     }
+    camera.map_or_else(framed, of_file)
 }
 
-fn lamps(scene: &Scene, eye: DVec3, unit: f64, notes: &mut Vec<String>) -> Vec<Lamp> {
+/// The scene's lights times `scale`; without any, a sun.
+fn lamps(scene: &Scene, scale: f64, eye: DVec3, unit: f64, notes: &mut Vec<String>) -> Vec<Lamp> {
     if scene.model.lights.is_empty() {
         notes.push("no light in the file: a sun from the upper left was added".into());
-        return Lamp::new(&default_sun(), eye, unit).into_iter().collect();
+        return Lamp::new(&default_sun(), 1.0, eye, unit).into_iter().collect();
     }
-    scene.model.lights.iter().filter_map(|l| Lamp::new(l, eye, unit)).collect()
+    scene.model.lights.iter().filter_map(|l| Lamp::new(l, scale, eye, unit)).collect()
 }
 
 /// The parts of the height vectors that a shell's layers fill, each once.

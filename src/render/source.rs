@@ -51,7 +51,7 @@ impl Source {
             }
         }
         model.instances = placed;
-        Source { mesh: builder.build(), model }
+        Source { mesh: builder.build(&model.materials), model }
     }
 
     /// What is seen of a copy at a contact of `ray` in the renderer's space, which is `inside` in texel space from t0 on;

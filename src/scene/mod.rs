@@ -1,5 +1,6 @@
 //! What is rendered and baked: models read from files, as plain data with every default filled in.
 
+pub mod alpha;
 pub(crate) mod files;
 pub mod gltf;
 pub(crate) mod image;

@@ -68,6 +68,19 @@ pub enum Alpha {
     Blend,
 }
 
+impl Alpha {
+    /// Share of a point that is there, where the base colour's alpha is `alpha`.
+    pub fn share(self, alpha: f32) -> f32 {
+        /// What filtering may lose of an alpha that is the cutoff itself: the weights of a lookup add up to 1 within this.
+        const ROUNDING: f32 = 1e-6;
+        match self {
+            Alpha::Opaque => 1.0,
+            Alpha::Mask(cutoff) => f32::from(u8::from(alpha >= cutoff - ROUNDING)),
+            Alpha::Blend => alpha.clamp(0.0, 1.0),
+        }
+    }
+}
+
 /// A surface: base colour = factor · texture · vertex colour.
 #[derive(Debug, Clone)]
 pub struct Material {
@@ -120,6 +133,8 @@ pub struct Camera {
     pub name: String,
     pub to_world: DAffine3,
     pub projection: Projection,
+    /// Width of its picture for a height of 1; `None` where the file leaves it to the viewer.
+    pub aspect: Option<f64>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]

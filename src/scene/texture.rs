@@ -211,7 +211,7 @@ fn period(u: f32, wrap: Wrap) -> f32 {
 }
 
 /// Index of the texel that cell `i` shows.
-fn wrapped(i: i32, size: u32, wrap: Wrap) -> usize {
+pub(super) fn wrapped(i: i32, size: u32, wrap: Wrap) -> usize {
     let n = size.clamp(1, i32::MAX as u32 / 2) as i32;
     (match wrap {
         Wrap::Repeat => i.rem_euclid(n),

@@ -4,7 +4,6 @@
 //! The door is [`Source`] and [`Staged`], with [`Placement`] and what they speak of: [`Polygon`], [`Medium`], [`Surface`],
 //! [`AlphaSampler`]. A bake knows only these. Behind it is a folder or a file for each kind; [`open`](open()) chooses one by a file's name.
 
-mod alpha;
 pub mod curve;
 pub mod emitter;
 mod facets;
@@ -29,7 +28,7 @@ pub mod texel;
 mod traits;
 
 pub use crate::geom::polygon::{MAX_CORNERS, Polygon};
-pub use alpha::AlphaClass;
+pub use crate::scene::alpha::AlphaClass;
 pub use curve::trajectory::TrajectoryOptions;
 pub use curve::{CurveOptions, CurveSource, Interpolation, Section, Strand};
 pub use facets::{Facets, Piece, facets};

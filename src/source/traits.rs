@@ -1,11 +1,11 @@
 //! What a bake needs of a source: its extent, and its matter as facets, a region at a time.
 
-use super::alpha::AlphaClass;
 use super::medium::Medium;
 use super::placement::Placement;
 use crate::geom::polygon::Polygon;
 use crate::geom::{Aabb, DAffine3, DVec3};
 use crate::progress::Progress;
+use crate::scene::alpha::AlphaClass;
 use crate::{Result, Warnings};
 
 /// What a facet looks like at a point.

@@ -30,7 +30,13 @@ pub fn camera(
             return Ok(None);
         }
     };
-    Ok(Some(Camera { name: named(&camera.name, node), to_world, projection }))
+    let aspect = match (&camera.perspective, &camera.orthographic) {
+        (Some(p), _) => p.aspect_ratio.map(f64::from),
+        (None, Some(o)) => Some(f64::from(o.xmag).abs() / f64::from(o.ymag).abs()),
+        (None, None) => None,
+    };
+    let aspect = aspect.filter(|a| *a > 0.0 && a.is_finite());
+    Ok(Some(Camera { name: named(&camera.name, node), to_world, projection, aspect }))
 }
 
 /// The light `index`, placed; none where its numbers are of no use.

@@ -7,7 +7,6 @@
 mod kept;
 
 use self::kept::{Kept, List};
-use super::alpha::AlphaClass;
 use super::mesh::patch::weighted_median;
 use super::mixture::mix;
 use super::placement::Placement;
@@ -15,6 +14,7 @@ use super::traits::{AlphaSampler, Source, Staged, Surface};
 use crate::geom::polygon::{MAX_PIECE_CORNERS, Polygon};
 use crate::geom::{Aabb, DAffine3, DVec3};
 use crate::progress::Progress;
+use crate::scene::alpha::AlphaClass;
 use crate::source::Medium;
 use crate::source::materials::{renamed, unite};
 use crate::{Error, Result, Warnings, morton};

@@ -5,12 +5,12 @@ pub mod patch;
 
 use self::interior::Interior;
 use self::patch::Face;
-use super::alpha::{AlphaClass, AlphaSums};
 use super::placement::Placement;
 use super::traits::{AlphaSampler, Source, Staged, Surface};
 use crate::geom::polygon::Polygon;
 use crate::geom::{Aabb, DAffine3, DVec3};
 use crate::progress::Progress;
+use crate::scene::alpha::{AlphaClass, AlphaSums};
 use crate::scene::model::{Alpha, Material, Model, Part};
 use crate::scene::texture::Texture;
 use crate::source::materials::of_model;
@@ -79,7 +79,7 @@ impl MeshSource {
             let open = faces.iter().flatten().filter(|f| **f == Face::Sheet).count();
             warnings.add_many("triangles of surfaces that do not close are left hollow by --fill solid", open as u64);
         }
-        let alphas = par::map(model.materials.len(), |i| alpha_sums(&model.materials[i]));
+        let alphas = par::map(model.materials.len(), |i| AlphaSums::of(&model.materials[i]));
         let (names, ids) = of_model(&model, |part| !part.triangles.is_empty());
         MeshSource {
             names,
@@ -108,18 +108,6 @@ fn opaque_share(material: &Material) -> f64 {
             f64::from(t.texture.average([0.5, 0.5], whole)[3]).clamp(0.01, 1.0)
         }
         _ => 1.0,
-    }
-}
-
-/// What there is of a material's texture, by box.
-fn alpha_sums(material: &Material) -> Option<AlphaSums> {
-    let texture = &*material.texture.as_ref()?.texture;
-    let factor = material.base_color[3];
-    let alpha = |code: u8| factor * f32::from(code) / 255.0;
-    match material.alpha {
-        Alpha::Opaque => None,
-        Alpha::Mask(cutoff) => Some(AlphaSums::new(texture, |code| if alpha(code) >= cutoff { 255 } else { 0 })),
-        Alpha::Blend => Some(AlphaSums::new(texture, |code| (alpha(code).clamp(0.0, 1.0) * 255.0).round() as u8)),
     }
 }
 
@@ -364,11 +352,7 @@ impl Staged for StagedMesh<'_> {
                 rgba.iter_mut().zip(texel).for_each(|(v, t)| *v *= t);
             }
         }
-        let alpha = match m.alpha {
-            Alpha::Opaque => 1.0,
-            Alpha::Mask(cutoff) => f32::from(u8::from(rgba[3] >= cutoff)),
-            Alpha::Blend => rgba[3].clamp(0.0, 1.0),
-        };
+        let alpha = m.alpha.share(rgba[3]);
         Surface { albedo: [rgba[0], rgba[1], rgba[2]].map(|v| v.clamp(0.0, 1.0)), alpha }
     }
 
@@ -464,11 +448,7 @@ impl AlphaSampler for FacetAlpha<'_> {
             *alpha = if texels > 1.0 {
                 self.sums.mean(uv, texels)
             } else {
-                let found = factor * self.texture.alpha(uv.map(|v| v as f32));
-                match self.material.alpha {
-                    Alpha::Mask(cutoff) => f32::from(u8::from(found >= cutoff)),
-                    _ => found.clamp(0.0, 1.0),
-                }
+                self.material.alpha.share(factor * self.texture.alpha(uv.map(|v| v as f32)))
             };
         }
     }
