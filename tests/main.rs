@@ -17,6 +17,7 @@ mod layers;
 mod levels;
 mod lsystem;
 mod map;
+mod map_measure;
 mod materials;
 mod medium;
 mod near;

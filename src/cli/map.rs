@@ -7,7 +7,7 @@ use clap::ValueEnum;
 use super::Ui;
 use crate::format::{Limits, Reader};
 use crate::geom::DVec3;
-use crate::scene::gltf::map::{Cells, Chart, Heights, MapOptions, Mapped, map};
+use crate::scene::gltf::map::{Cells, Chart, Covered, Heights, MapOptions, Mapped, map};
 use crate::scene::shell::Orientations;
 use crate::scene::texture::srgb_to_linear;
 use crate::volume::{Pages, Style};
@@ -41,6 +41,12 @@ pub struct Args {
     /// Add a layer to the shell that the materials already have: more copies among the first
     #[arg(long)]
     add: bool,
+    /// Write over _VTEX_UVW, _VTEX_HEIGHT and _VTEX_DW that the file brings [default: they are kept]
+    #[arg(long)]
+    replace: bool,
+    /// Turn the file's own _VTEX_HEIGHT: they were made with Z up, as in Blender
+    #[arg(long, value_enum, conflicts_with = "replace")]
+    heights: Option<Turned>,
     /// Height of the shell in metres [default: in proportion to the width of a copy]
     #[arg(long, value_name = "METRES")]
     thickness: Option<f64>,
@@ -95,6 +101,11 @@ enum Turns {
 }
 
 #[derive(Clone, Copy, PartialEq, ValueEnum)]
+enum Turned {
+    ZUp,
+}
+
+#[derive(Clone, Copy, PartialEq, ValueEnum)]
 enum Surface {
     Visible,
     Hidden,
@@ -120,6 +131,8 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
         },
         offset: args.offset,
         add: args.add,
+        replace: args.replace,
+        z_up: args.heights == Some(Turned::ZUp),
         thickness: args.thickness,
         heights: args.height_along.unwrap_or(Heights::Auto),
         chart: match (args.planar, args.uv) {
@@ -152,13 +165,11 @@ pub fn say(mapped: &Mapped, ui: &Ui) {
     for note in &mapped.notes {
         ui.say(note);
     }
-    let [u, v] = mapped.cell;
-    ui.say(&format!(
-        "covered {}: copies {u:.3} × {v:.3} m, {:.3} m high, about {:.0} of them",
-        mapped.materials.join(", "),
-        mapped.thickness,
-        mapped.copies
-    ));
+    for Covered { material, cell: [u, v], height, copies } in &mapped.covered {
+        ui.say(&format!(
+            "covered {material}: copies {u:.3} × {v:.3} m, {height:.3} m high, about {copies:.0} of them"
+        ));
+    }
     for copy in &mapped.saved.copied {
         ui.say(&format!("copied {} beside the output", copy.display()));
     }

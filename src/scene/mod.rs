@@ -1,5 +1,6 @@
 //! What is rendered and baked: models read from files, as plain data with every default filled in.
 
+pub mod copies;
 pub(crate) mod files;
 pub mod gltf;
 pub(crate) mod image;
@@ -21,6 +22,8 @@ pub use texture::{Texture, Wrap};
 pub struct Scene {
     pub model: Model,
     pub texels: Vec<shell::TexelRef>,
+    /// Rigid copies of the texels.
+    pub copies: Vec<copies::CopySet>,
     pub environment: shell::Environment,
 }
 

@@ -99,7 +99,7 @@ fn landscape(random: &mut Random, place: DAffine3) -> Scene {
         palette: Default::default(),
     };
     let environment = Environment { sky: Some([0.2, 0.3, 0.4]), background: Some([0.0; 3]) };
-    Scene { model, texels: vec![texel], environment }
+    Scene { model, texels: vec![texel], copies: Vec::new(), environment }
 }
 
 pub fn scenes(random: &mut Random, rays: u64) -> Tally {
