@@ -7,6 +7,7 @@ mod bake;
 mod bake_cli;
 mod bench;
 mod compare;
+mod copies;
 mod curves;
 mod demo;
 mod error;

@@ -61,7 +61,8 @@ impl<'a> Copies<'a> {
         let mut copies = Copies::default();
         for set in &scene.copies {
             let kind = |v: &crate::scene::shell::Variant| {
-                let missing = || Error::Options(format!("the scene's copies use texel {}, which is not there", v.texel));
+                let missing =
+                    || Error::Options(format!("the scene's copies use texel {}, which is not there", v.texel));
                 let info = info(v.texel).ok_or_else(missing)?;
                 let map = to_texel(info);
                 let content = info.content.transformed(map.inverse());

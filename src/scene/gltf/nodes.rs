@@ -204,6 +204,9 @@ fn tops(document: &Document) -> Vec<usize> {
     (0..is_child.len()).filter(|&i| !is_child[i]).collect()
 }
 
+/// Name of the extension by which one node shows its mesh many times.
+pub const INSTANCING: &str = "EXT_mesh_gpu_instancing";
+
 /// The EXT_mesh_gpu_instancing of a node.
 pub struct Instancing<'a> {
     document: &'a Document,
@@ -215,7 +218,7 @@ impl<'a> Instancing<'a> {
     /// `None` where the node places its mesh once.
     pub fn of(document: &'a Document, placed: &'a Placed) -> Option<Self> {
         let extensions = placed.node.and_then(|n| document.root.nodes.get(n)).and_then(|n| n.extensions.as_ref());
-        let json = extensions.and_then(|e| e.others.get("EXT_mesh_gpu_instancing"))?;
+        let json = extensions.and_then(|e| e.others.get(INSTANCING))?;
         Some(Instancing { document, name: &placed.name, json })
     }
 

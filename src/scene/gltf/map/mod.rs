@@ -1,12 +1,14 @@
-//! Covers a plain glTF mesh with texels: the extension on its materials, and the attributes where they are asked for.
+//! Covers a plain glTF mesh with texels: rigid copies of isolated objects, shells of what is continuous.
 
+mod copies;
 mod options;
 mod plan;
+mod scatter;
 mod shell;
 mod surface;
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
 
@@ -17,6 +19,7 @@ pub use options::{Cells, Chart, Covered, Heights, MapOptions, Mapped};
 
 use crate::geom::DVec3;
 use crate::scene::select::Selection;
+use crate::volume::Info;
 use crate::{Error, Result, Warnings};
 use plan::{Plan, SurfacePlan};
 use surface::{Surface, surfaces};
@@ -27,7 +30,15 @@ use surface::{Surface, surfaces};
 /// Where a file cannot be read or written, where a material is not there, where nothing can be covered, and where
 /// options are out of range.
 pub fn map(input: &Path, options: &MapOptions, output: &Path) -> Result<Mapped> {
-    options::check(options)?;
+    let cyclic = |(_, info): &(PathBuf, Info)| info.cyclic[0] || info.cyclic[1];
+    let continuous = options.texels.iter().filter(|t| cyclic(t)).count();
+    if continuous > 0 && continuous < options.texels.len() && !options.bend {
+        let what = "cyclic texels fill shells and others stand as rigid copies: map them one by one (--add), or bend all \
+                    (--bend)";
+        return Err(Error::Options(what.into()));
+    }
+    let mut rigid = continuous == 0 && !options.bend;
+    options::check(options, rigid)?;
     let read = ReadOptions::default();
     let document = Document::open(input, &read)?;
     support::check(&document)?;
@@ -49,12 +60,41 @@ pub fn map(input: &Path, options: &MapOptions, output: &Path) -> Result<Mapped> 
         return Err(Error::input(input, "", "the chosen materials have no triangles in the scene to cover"));
     }
     surfaces.retain(Surface::has_area);
-    let plan = Plan::new(options, &surfaces, false, &mut mapped.notes, &mut warnings)?;
+    // A file's own vectors are made for shells.
+    let own = |s: &Surface| {
+        let geometry = &s.geometry;
+        (geometry.uvw.is_some() && geometry.is_authored("_VTEX_UVW"))
+            || (geometry.heights.is_some() && geometry.is_authored("_VTEX_HEIGHT"))
+    };
+    if rigid && !options.replace && !options.add && surfaces.iter().any(own) {
+        rigid = false;
+        options::check(options, rigid)?;
+    }
+    let plan = Plan::new(options, &surfaces, rigid, &mut mapped.notes, &mut warnings)?;
 
     let mut editor = Editor::open(input, read.max_bytes)?;
     let mut saved = Saved::default();
     editor.settle(output, &mut saved)?;
     let texels = texels(&mut editor, input, options, output, &mut saved)?;
+    let all: Vec<&Surface> = surfaces.iter().collect();
+    if !options.add {
+        copies::remove(&all, &mut editor, &mut warnings);
+    }
+    if rigid {
+        if !options.add {
+            remove_shells(&document, &surfaces, &mut editor, &mut warnings);
+        }
+        let said = (&mut mapped.notes, &mut warnings);
+        for (cell, members) in by_cell(&plan, &surfaces) {
+            let of = (&plan, &members[..], cell);
+            let said = (&mut *said.0, &mut *said.1);
+            mapped.covered.extend(copies::place((&document, &graph), options, of, &texels, &mut editor, said)?);
+        }
+        editor.save(output)?;
+        saved.warnings.merge(warnings);
+        mapped.saved = saved;
+        return Ok(mapped);
+    }
     let homes = if options.add { Vec::new() } else { separate(&surfaces, &mut editor)? };
     let mut of_material: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
     let mut new_material = None;
@@ -75,13 +115,16 @@ pub fn map(input: &Path, options: &MapOptions, output: &Path) -> Result<Mapped> 
         let material = material.ok_or_else(|| document.error(format!("materials[{index}]"), "does not exist"))?;
         let name = material.get("name").and_then(Value::as_str).map_or(format!("material {index}"), str::to_owned);
         let extensions = Editor::object(input, material, "extensions")?;
-        if options.add {
+        // Among rigid copies, the first shell has nothing to be added to.
+        let has_shell = extensions.get(extension::NAME).is_some_and(|e| e.get("layers").is_some());
+        let fresh = !options.add || (!has_shell && copies::stand(&document, &graph, &all));
+        if !fresh {
             shell::add(&plan, &own, &shell, &mut extensions[extension::NAME], &name, &mut warnings)?;
         } else {
             extensions[extension::NAME] = shell;
         }
         mapped.covered.extend(covered(&name, &plan, options, &members));
-        for (k, &i) in of_material[&index].iter().enumerate().filter(|_| !options.add) {
+        for (k, &i) in of_material[&index].iter().enumerate().filter(|_| fresh) {
             let mesh = homes.get(i).copied().unwrap_or(members[k].0.mesh);
             shell::attributes(options, &plan, &own, members[k], (mesh, index), &mut editor)?;
         }
@@ -91,6 +134,42 @@ pub fn map(input: &Path, options: &MapOptions, output: &Path) -> Result<Mapped> 
     saved.warnings.merge(warnings);
     mapped.saved = saved;
     Ok(mapped)
+}
+
+/// Surfaces with cells of one width together.
+fn by_cell<'a>(plan: &Plan, surfaces: &'a [Surface]) -> Vec<([f64; 2], Vec<&'a Surface>)> {
+    let mut groups: Vec<([f64; 2], Vec<&Surface>)> = Vec::new();
+    for (planned, surface) in plan.surfaces.iter().zip(surfaces) {
+        let near = |a: f64, b: f64| (a - b).abs() <= 1e-6 * a.abs().max(b.abs());
+        let cell = planned.cell;
+        match groups.iter_mut().find(|g| near(g.0[0], cell[0]) && near(g.0[1], cell[1])) {
+            Some(group) => group.1.push(surface),
+            None => groups.push((cell, vec![surface])),
+        }
+    }
+    groups
+}
+
+/// Take away the shells that an earlier mapping gave the surfaces' materials.
+fn remove_shells(document: &Document, surfaces: &[Surface], editor: &mut Editor, warnings: &mut Warnings) {
+    for surface in surfaces {
+        shell::strip(surface, editor);
+    }
+    let materials: BTreeSet<usize> = surfaces.iter().filter_map(|s| s.material).collect();
+    for index in materials {
+        let at = format!("/materials/{index}");
+        let Some(material) = editor.json.pointer_mut(&at).and_then(Value::as_object_mut) else { continue };
+        let Some(extensions) = material.get_mut("extensions").and_then(Value::as_object_mut) else { continue };
+        if extensions.shift_remove(extension::NAME).is_none() {
+            continue;
+        }
+        if extensions.is_empty() {
+            material.shift_remove("extensions");
+        }
+        let name = document.root.materials.get(index).and_then(|m| m.name.clone());
+        let name = name.unwrap_or_else(|| format!("material {index}"));
+        warnings.add(format!("{name}: its shell of an earlier mapping is replaced (--add keeps it)"));
+    }
 }
 
 /// Indices of the materials that were asked for.
@@ -169,7 +248,10 @@ fn covered(name: &str, plan: &Plan, options: &MapOptions, members: &[(&Surface, 
         let near = |a: f64, b: f64| (a - b).abs() <= 1e-3 * a.abs().max(b.abs());
         match all.iter_mut().find(|c| near(c.cell[0], u) && near(c.cell[1], v) && near(c.height, height)) {
             Some(known) => known.copies += copies,
-            None => all.push(Covered { material: name.to_owned(), cell: [u, v], height, copies }),
+            None => {
+                let material = name.to_owned();
+                all.push(Covered { material, texel: None, cell: [u, v], height, copies });
+            }
         }
     }
     all

@@ -19,6 +19,18 @@ pub struct MapOptions {
     /// Names or indices of the materials; none: all of them.
     pub materials: Vec<String>,
     pub cells: Cells,
+    /// Bend copies with the ground, in a shell, also where the texels are isolated objects. Those are else placed as rigid
+    /// copies; texels that are cyclic fill shells always.
+    pub bend: bool,
+    /// Rigid copies per square metre of ground; by default their crowns touch, or each cell holds one.
+    pub density: Option<f64>,
+    /// Height of the tallest texel's content as a rigid copy, metres; the others keep their proportions. By default their
+    /// own size, or in proportion to the cell.
+    pub size: Option<f64>,
+    /// Metres that rigid copies are sunk by on a slope of 45 degrees, and in proportion to the slope elsewhere.
+    pub sink: f64,
+    /// Leave out rigid copies that would overhang the border of what is covered.
+    pub inset: bool,
     /// Shift of the copies along u and v, in cells.
     pub offset: [f64; 2],
     /// Keep what the materials are covered with already, and add to it.
@@ -91,7 +103,9 @@ pub struct Mapped {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Covered {
     pub material: String,
-    /// Width along u and v and height of a copy, metres, at its full size.
+    /// The name of the texel, of rigid copies; `None` of a shell.
+    pub texel: Option<String>,
+    /// Width along u and v (of a rigid copy's content: along its x and z) and height of a copy, metres, at its full size.
     pub cell: [f64; 2],
     pub height: f64,
     /// Number of copies.
@@ -105,6 +119,11 @@ impl Default for MapOptions {
             geometries: Vec::new(),
             materials: Vec::new(),
             cells: Cells::Texel,
+            bend: false,
+            density: None,
+            size: None,
+            sink: 0.0,
+            inset: false,
             offset: [0.0; 2],
             add: false,
             replace: false,
@@ -124,11 +143,11 @@ impl Default for MapOptions {
     }
 }
 
-/// Refuse what contradicts itself or is out of range.
+/// Refuse what contradicts itself or is out of range; `rigid`: for rigid copies.
 ///
 /// # Errors
 /// [`Error::Options`].
-pub fn check(options: &MapOptions) -> Result<()> {
+pub fn check(options: &MapOptions, rigid: bool) -> Result<()> {
     let wrong = |what: &str| Err(Error::Options(what.into()));
     let [least, most] = options.scale;
     if options.texels.is_empty() {
@@ -141,8 +160,17 @@ pub fn check(options: &MapOptions) -> Result<()> {
     {
         return wrong(&format!("--geometry {}: it must be one .glb file", path.display()));
     }
-    if !(least > 0.0 && least <= most && most <= 1.0) {
-        return wrong("--scale must be MIN,MAX with 0 < MIN ≤ MAX ≤ 1");
+    if !(least > 0.0 && least <= most && most <= if rigid { 100.0 } else { 1.0 }) {
+        return wrong(if rigid {
+            "--scale must be MIN,MAX with 0 < MIN ≤ MAX ≤ 100"
+        } else {
+            "--scale must be MIN,MAX with 0 < MIN ≤ MAX ≤ 1"
+        });
+    }
+    if !rigid && (options.density.is_some() || options.size.is_some() || options.sink != 0.0 || options.inset) {
+        return wrong(
+            "--density, --size, --sink and --inset are for rigid copies, not for shells (cyclic texels, --bend)",
+        );
     }
     if !(0.0..=1.0).contains(&options.presence) {
         return wrong("--presence must lie in [0, 1]");
@@ -168,6 +196,9 @@ pub fn check(options: &MapOptions) -> Result<()> {
     };
     if !cells || options.thickness.is_some_and(|t| !positive(t)) {
         return wrong("--repeat, --cell and --thickness must be above 0");
+    }
+    if [options.density, options.size].into_iter().flatten().any(|x| !positive(x)) || !options.sink.is_finite() {
+        return wrong("--density and --size must be above 0, and --sink a number");
     }
     if let Heights::Along(d) = options.heights
         && !(d.is_finite() && d.length() > 0.0)

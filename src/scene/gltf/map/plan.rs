@@ -59,9 +59,9 @@ impl Plan {
         warnings: &mut Warnings,
     ) -> Result<Plan> {
         let up = up(options, surfaces, notes, warnings);
-        let kept = |s: &Surface, name: &str| !options.replace && (options.add || s.geometry.is_authored(name));
-        let keeps_uvw: Vec<bool> =
-            surfaces.iter().map(|s| s.geometry.uvw.is_some() && kept(s, "_VTEX_UVW")).collect();
+        let kept =
+            |s: &Surface, name: &str| !rigid && !options.replace && (options.add || s.geometry.is_authored(name));
+        let keeps_uvw: Vec<bool> = surfaces.iter().map(|s| s.geometry.uvw.is_some() && kept(s, "_VTEX_UVW")).collect();
         let keeps_heights: Vec<bool> =
             surfaces.iter().map(|s| s.geometry.heights.is_some() && kept(s, "_VTEX_HEIGHT")).collect();
         if options.z_up && !keeps_heights.iter().any(|k| *k) {
@@ -74,26 +74,32 @@ impl Plan {
             .map(|&own| if own { Coordinates::Own } else { planar.unwrap_or(Coordinates::Uv) })
             .collect();
         let groups = groups(surfaces, &coordinates, up);
-        let unusable = |g: &Group| !g.stats.usable() && !(g.coordinates == Coordinates::Own && !options.add);
+        // Rigid copies need coordinates where they are counted by them alone.
+        let counted = !rigid || matches!(options.cells, Cells::Repeat(_));
+        let unusable = |g: &Group| counted && !g.stats.usable() && !(g.coordinates == Coordinates::Own && !options.add);
         if let Some(group) = groups.iter().find(|g| unusable(g)) {
             let name = surfaces.get(group.members[0]).map_or(0, |s| s.mesh);
-            let what = match (planar, rigid) {
-                (Some(_), true) | (_, true) => "has no area to stand on".to_string(),
-                (Some(_), false) => "is flat along u or v of this chart; use another --planar axis".into(),
-                (None, false) => "has texture coordinates that cover no area; use --planar y".into(),
+            let what = match planar {
+                Some(_) => "is flat along u or v of this chart; use another --planar axis",
+                None => "has texture coordinates that cover no area; use --planar y",
             };
             return Err(Error::Options(format!("the mesh {what} (meshes[{name}])")));
         }
-        let origin = groups.iter().find(|g| Some(g.coordinates) == planar).map_or([0.0; 2], |g| {
-            [g.stats.span[0][0], g.stats.span[1][0]]
-        });
-        let width = width(options, &groups, !rigid, notes, warnings);
+        let origin = groups
+            .iter()
+            .find(|g| Some(g.coordinates) == planar)
+            .map_or([0.0; 2], |g| [g.stats.span[0][0], g.stats.span[1][0]]);
+        let width = if rigid { 1.0 } else { width(options, &groups, notes, warnings) };
         let top = options.texels.iter().map(|(_, info)| info.content.max.z).fold(0.0, f64::max);
         let heights_kept = !options.add && keeps_heights.iter().any(|k| *k);
         let dw = if options.displace[2] > 0.0 || top <= 0.0 || heights_kept { 1.0 } else { (top * 1.001).min(1.0) };
         let mut planned = vec![None; surfaces.len()];
         for group in &groups {
-            let (scale, cell) = group.cells(options, width);
+            let (scale, cell) = match options.cells {
+                Cells::Wide(width) if rigid => ([1.0; 2], [width; 2]),
+                Cells::Texel if rigid => ([1.0; 2], [1.0; 2]),
+                _ => group.cells(options, width),
+            };
             for &i in &group.members {
                 let Some(surface) = surfaces.get(i) else { continue };
                 let given = surface.height_facts().filter(|_| keeps_heights[i] && !options.add).map(|f| f[0]);
@@ -165,9 +171,10 @@ fn chart(
     rigid: bool,
     notes: &mut Vec<String>,
 ) -> Result<Chart> {
-    let has_uvs = surfaces.iter().zip(keeps_uvw).all(|(s, &kept)| {
-        kept || (s.geometry.has_uvs() && SurfaceStats::of([s], Coordinates::Uv, up).usable())
-    });
+    let has_uvs = surfaces
+        .iter()
+        .zip(keeps_uvw)
+        .all(|(s, &kept)| kept || (s.geometry.has_uvs() && SurfaceStats::of([s], Coordinates::Uv, up).usable()));
     match options.chart {
         Chart::Auto if has_uvs => Ok(Chart::Uv(0)),
         Chart::Auto => {
@@ -200,8 +207,7 @@ fn groups(surfaces: &[Surface], coordinates: &[Coordinates], up: Option<DVec3>) 
                 let (a, b) = (g.stats.metres[k], stats.metres[k]);
                 a <= SAME_DENSITY * b && b <= SAME_DENSITY * a
             };
-            g.coordinates == coordinates
-                && (planar || (near(0) && near(1) && g.stats.mirrored == stats.mirrored))
+            g.coordinates == coordinates && (planar || (near(0) && near(1) && g.stats.mirrored == stats.mirrored))
         };
         match groups.iter_mut().find(close) {
             Some(group) => group.members.push(i),
@@ -254,14 +260,8 @@ impl Group {
     }
 }
 
-/// The width of a copy that is aimed at, metres. `shrink`: copies are made smaller where the ground has little room.
-fn width(
-    options: &MapOptions,
-    groups: &[Group],
-    shrink: bool,
-    notes: &mut Vec<String>,
-    warnings: &mut Warnings,
-) -> f64 {
+/// The width of a copy in a shell that is aimed at, metres.
+fn width(options: &MapOptions, groups: &[Group], notes: &mut Vec<String>, warnings: &mut Warnings) -> f64 {
     if let Cells::Wide(width) = options.cells {
         return width;
     }
@@ -271,7 +271,7 @@ fn width(
     let widths = widths(options, notes);
     let widest = widths.iter().copied().fold(0.0, f64::max);
     let narrowest = widths.iter().copied().fold(f64::INFINITY, f64::min);
-    if narrowest < 0.5 * widest && shrink {
+    if narrowest < 0.5 * widest {
         warnings.add(format!(
             "the texels are {narrowest:.3} to {widest:.3} m wide, and all are drawn as wide as the widest; map them one by one"
         ));
@@ -279,7 +279,7 @@ fn width(
     let widest = if widest > 0.0 && widest.is_finite() { widest } else { 1.0 };
     let room = groups.iter().map(Group::shorter).fold(0.0, f64::max);
     let all_kept = groups.iter().all(|g| g.coordinates == Coordinates::Own) && !options.add;
-    if !shrink || all_kept || room >= FEW * widest {
+    if all_kept || room >= FEW * widest {
         return widest;
     }
     let fit = room / FEW_FIT;
@@ -290,7 +290,7 @@ fn width(
 }
 
 /// The width of each texel's cube, metres.
-pub fn widths(options: &MapOptions, notes: &mut Vec<String>) -> Vec<f64> {
+fn widths(options: &MapOptions, notes: &mut Vec<String>) -> Vec<f64> {
     let width = |(path, info): &(std::path::PathBuf, Info)| {
         if info.metres_per_unit <= 0.0 {
             notes.push(format!("{}: the source's unit is unknown and taken as a metre", path.display()));

@@ -33,7 +33,8 @@ impl MaterialPlan {
         let one = raw[0].as_ref().filter(|first| raw.iter().all(|r| r.as_ref().is_some_and(|r| same(r, first))));
         let planar = matches!(plan.chart, Chart::Planar(_));
         let write_uvw = options.attributes || planar || one.is_none();
-        let Raw { scale, offset } = one.filter(|_| !write_uvw).copied().unwrap_or(Raw { scale: [1.0; 2], offset: [0.0; 2] });
+        let Raw { scale, offset } =
+            one.filter(|_| !write_uvw).copied().unwrap_or(Raw { scale: [1.0; 2], offset: [0.0; 2] });
         let thickness = first.thickness;
         let uneven = members.iter().any(|(_, p)| (p.thickness - thickness).abs() > 1e-6 * thickness || p.keeps_heights);
         let scaled = members.iter().any(|(s, _)| (s.world().matrix3.determinant().abs() - 1.0).abs() > 1e-3);
@@ -172,8 +173,8 @@ pub fn attributes(
         (false, _, None) => Some(surface.heights_normal(planned.thickness)),
     };
     let keeps_dw = planned.keeps_uvw || planned.keeps_heights;
-    let uvw = uvw.map(|v| editor.add_vec3(&v)).transpose()?;
-    let heights = heights.map(|v| editor.add_vec3(&v)).transpose()?;
+    let uvw = uvw.map(|v| editor.add_floats(&v, true)).transpose()?;
+    let heights = heights.map(|v| editor.add_floats(&v, true)).transpose()?;
     let all = [
         ("_VTEX_UVW", uvw, planned.keeps_uvw),
         ("_VTEX_HEIGHT", heights, planned.keeps_heights),
@@ -197,6 +198,16 @@ pub fn attributes(
     }
     mark(primitive, &written);
     Ok(())
+}
+
+/// Take away the attributes that an earlier mapping wrote.
+pub fn strip(surface: &Surface, editor: &mut Editor) {
+    let at = format!("/meshes/{}/primitives/{}", surface.mesh, surface.primitive);
+    let Some(primitive) = editor.json.pointer_mut(&at).and_then(Value::as_object_mut) else { return };
+    if let Some(attributes) = primitive.get_mut("attributes").and_then(Value::as_object_mut) {
+        attributes.retain(|name, _| !name.starts_with("_VTEX_") || surface.geometry.is_authored(name));
+    }
+    mark(primitive, &[]);
 }
 
 /// Note under `extras` which attributes a mapping wrote.

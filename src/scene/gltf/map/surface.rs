@@ -57,7 +57,8 @@ impl Geometry {
         let uvw = floats::<3>(document, custom("VTEX_UVW"), n, &at)?;
         let heights = floats::<3>(document, custom("VTEX_HEIGHT"), n, &at)?;
         let extras = source.extras.as_ref().and_then(|e| serde_json::from_str::<Value>(e.get()).ok());
-        let written = extras.and_then(|mut e| serde_json::from_value(e.get_mut(WRITTEN)?.take()).ok()).unwrap_or_default();
+        let written =
+            extras.and_then(|mut e| serde_json::from_value(e.get_mut(WRITTEN)?.take()).ok()).unwrap_or_default();
         let indices: Vec<u32> = match source.indices {
             Some(accessor) => document.read_uints::<1>(accessor.value(), &at)?.into_iter().map(|[i]| i).collect(),
             None => (0..n as u32).collect(),
@@ -297,9 +298,8 @@ pub fn surfaces(
                 }
             };
             let Some(geometry) = geometry else { continue };
-            let known = surfaces.iter_mut().find(|s| {
-                (s.mesh, s.primitive) == (placed.mesh, i) && alike(&s.world(), &first)
-            });
+            let known =
+                surfaces.iter_mut().find(|s| (s.mesh, s.primitive) == (placed.mesh, i) && alike(&s.world(), &first));
             match known {
                 Some(known) => {
                     known.worlds.extend(&worlds);
@@ -413,7 +413,6 @@ impl SurfaceStats {
 
     /// Whether the chart has an area and an extent along both axes.
     pub fn usable(&self) -> bool {
-        self.metres.iter().all(|m| *m > 0.0 && m.is_finite())
-            && self.extent().iter().all(|s| *s > 0.0 && s.is_finite())
+        self.metres.iter().all(|m| *m > 0.0 && m.is_finite()) && self.extent().iter().all(|s| *s > 0.0 && s.is_finite())
     }
 }
