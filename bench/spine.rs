@@ -91,7 +91,7 @@ fn bake(name: &str, dir: &Path, source: &str, output: &Path, resolution: &str, g
 
 fn map(dir: &Path, land: &Path, texel: &Path, output: &Path, more: &[&str]) -> Outcome<()> {
     let [land, texel, output] = [land, texel, output].map(|p| p.display().to_string());
-    vtex(dir, &[&["map", &land, "--texel", &texel, "-o", &output, "--quiet"], more].concat())?;
+    vtex(dir, &[&["map", &land, "--bend", "--texel", &texel, "-o", &output, "--quiet"], more].concat())?;
     Ok(())
 }
 

@@ -148,7 +148,9 @@ fn golden_of(
         palette: Default::default(),
     }];
     let environment = Environment { sky: Some([0.3, 0.35, 0.4]), background: None };
-    let done = render_with(&Scene { model, texels, environment }, vec![Some(texel)], &options, &Quiet).unwrap();
+    let done =
+        render_with(&Scene { model, texels, copies: Vec::new(), environment }, vec![Some(texel)], &options, &Quiet)
+            .unwrap();
     assert!(done.warnings.is_empty(), "{:?}", done.warnings);
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden").join(format!("{name}.png"));
     if std::env::var_os("VTEX_BLESS").is_some() {

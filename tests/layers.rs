@@ -13,7 +13,7 @@ const MAY_USE: [(&str, &[&str]); 14] = [
     ("random", &[]),
     ("volume", &["geom", "morton"]),
     ("format", &["geom", "morton", "par", "volume"]),
-    ("scene", &["geom", "volume", "format"]),
+    ("scene", &["geom", "random", "volume", "format"]),
     ("march", &["geom", "morton", "par", "volume"]),
     ("source", &["geom", "morton", "par", "random", "volume", "format", "scene"]),
     ("bake", &["geom", "morton", "par", "random", "volume", "march", "source"]),

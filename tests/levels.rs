@@ -59,7 +59,7 @@ fn scene() -> Scene {
         palette: Default::default(),
     };
     let environment = Environment { sky: Some([0.35, 0.42, 0.52]), background: Some([0.0; 3]) };
-    Scene { model, texels: vec![texel], environment }
+    Scene { model, texels: vec![texel], copies: Vec::new(), environment }
 }
 
 /// Mean luminance of the copy with pixels of 1, 2, 4, 8 of its finest voxels.

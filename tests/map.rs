@@ -10,13 +10,14 @@ use vtex::scene::Scene;
 use vtex::scene::gltf::{self, ReadOptions};
 use vtex::volume::{Depth, Info, Volume, Voxel};
 
-/// A texel of one voxel: `size` metres wide, its content up to `top` of the cube.
+/// A texel of one voxel that goes on from cell to cell: `size` metres wide, its content up to `top` of the cube.
 fn texel(path: &Path, size: f64, top: f64) {
     let half = size / 2.0;
     let info = Info {
         bounds: Aabb::new(DVec3::new(-half, 0.0, -half), DVec3::new(half, size, half)),
         content: Aabb::new(DVec3::ZERO, DVec3::new(1.0, 1.0, top)),
         facet_size: 0.01,
+        cyclic: [true, true, false],
         ..Info::default()
     };
     let depths = vec![Depth { masks: vec![0], voxels: vec![Voxel::default()], mixes: Vec::new() }];

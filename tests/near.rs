@@ -36,7 +36,7 @@ fn landscape() -> tempfile::TempDir {
     });
     std::fs::write(dir.path().join("ground.gltf"), ground.to_string()).unwrap();
     vtex(dir.path(), "bake fern.glb -r 16 -o fern.vtex");
-    vtex(dir.path(), "map ground.gltf --texel fern.vtex --geometry fern.glb --cell 2.5 -o land.gltf");
+    vtex(dir.path(), "map ground.gltf --bend --texel fern.vtex --geometry fern.glb --cell 2.5 -o land.gltf");
     dir
 }
 

@@ -26,13 +26,11 @@ pub const SAMPLES: [(&str, &[u8]); 4] = [
 ];
 
 /// The commands; `@` stands for the folder, `#` for the size.
-const COMMANDS: [&str; 9] = [
+const COMMANDS: [&str; 7] = [
     "bake @tree.glb -r 512 -o @tree.vtex",
     "bake @spruce.glb -r 256 -o @spruce.vtex",
     "bake @fern.glb -r 128 -o @fern.vtex",
-    "map @terrain.glb --material forest --texel @spruce.vtex --presence 0.6 -o @landscape.glb",
-    "map @landscape.glb --material forest --add --texel @tree.vtex --presence 0.8 --seed 1 -o @landscape.glb",
-    "map @landscape.glb --material forest --add --texel @tree.vtex --offset 0.5,0.5 --presence 0.8 --seed 2 -o @landscape.glb",
+    "map @terrain.glb --material forest --texel @spruce.vtex --texel @tree.vtex --texel @tree.vtex -o @landscape.glb",
     "map @landscape.glb --material meadow --texel @fern.vtex --presence 0.5 -o @landscape.glb",
     "render @landscape.glb --camera near --size # -o @near.png",
     "render @landscape.glb --camera far --size # -o @far.png",

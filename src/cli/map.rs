@@ -7,7 +7,7 @@ use clap::ValueEnum;
 use super::Ui;
 use crate::format::{Limits, Reader};
 use crate::geom::DVec3;
-use crate::scene::gltf::map::{Cells, Chart, Heights, MapOptions, Mapped, map};
+use crate::scene::gltf::map::{Cells, Chart, Covered, Heights, MapOptions, Mapped, map};
 use crate::scene::shell::Orientations;
 use crate::scene::texture::srgb_to_linear;
 use crate::volume::{Pages, Style};
@@ -32,15 +32,36 @@ pub struct Args {
     /// Copies along u and v of the unit square of texture coordinates, or of the mesh's extent with --planar
     #[arg(long, value_name = "N|U,V", value_parser = pair, conflicts_with = "cell")]
     repeat: Option<[f64; 2]>,
-    /// Width of a copy in metres [default: as wide as the texel's source]
+    /// Width of a cell in metres, which holds one copy [default: as wide as the texel's source]
     #[arg(long, value_name = "METRES")]
     cell: Option<f64>,
-    /// Shift of the copies along u and v, in cells
-    #[arg(long, value_name = "U,V", value_parser = pair, default_value = "0", allow_hyphen_values = true)]
-    offset: [f64; 2],
-    /// Add a layer to the shell that the materials already have: more copies among the first
+    /// Bend copies with the ground, in a shell [default: cyclic texels and files with vectors of their own only]
+    #[arg(long)]
+    bend: bool,
+    /// Rigid copies per hectare (400, 400/ha) or square metre (0.04/m2) of ground [default: crowns touch]
+    #[arg(long, value_name = "N[/ha|/m2]", value_parser = density)]
+    density: Option<f64>,
+    /// Height of rigid copies in metres, of the tallest texel [default: as the source, or in proportion to the cell]
+    #[arg(long, value_name = "METRES")]
+    size: Option<f64>,
+    /// Sink rigid copies by so many metres on a slope of 45 degrees, in proportion on others
+    #[arg(long, value_name = "METRES", default_value_t = 0.0)]
+    sink: f64,
+    /// Leave out rigid copies that would overhang the border
+    #[arg(long)]
+    inset: bool,
+    /// Shift of a shell's copies along u and v, in cells
+    #[arg(long, value_name = "U,V", value_parser = pair, allow_hyphen_values = true)]
+    offset: Option<[f64; 2]>,
+    /// Keep what the materials are covered with: more copies among the first
     #[arg(long)]
     add: bool,
+    /// Write over _VTEX_UVW, _VTEX_HEIGHT and _VTEX_DW that the file brings [default: they are kept]
+    #[arg(long)]
+    replace: bool,
+    /// Turn the file's own _VTEX_HEIGHT: they were made with Z up, as in Blender
+    #[arg(long, value_enum, conflicts_with = "replace")]
+    heights: Option<Turned>,
     /// Height of the shell in metres [default: in proportion to the width of a copy]
     #[arg(long, value_name = "METRES")]
     thickness: Option<f64>,
@@ -56,16 +77,16 @@ pub struct Args {
     /// Write _VTEX_UVW and _VTEX_HEIGHT even where the material alone would do
     #[arg(long)]
     attributes: bool,
-    /// How copies are turned at random: not at all, by quarter turns, or also mirrored
+    /// How copies are turned at random: not at all; in a shell by quarter turns, or also mirrored; rigid ones by any angle
     #[arg(long, value_enum, default_value_t = Turns::W8)]
     orientations: Turns,
-    /// Random size of copies, as a share of the cell
+    /// Random size of copies, as a share of their full size
     #[arg(long, value_name = "MIN,MAX", value_parser = pair, default_value = "0.8,1")]
     scale: [f64; 2],
-    /// Largest random displacement of copies, in cells
-    #[arg(long, value_name = "D|U,V,W", value_parser = displacement, default_value = "0.1")]
-    displace: [f64; 3],
-    /// Share of the cells that hold a copy
+    /// Largest random displacement of a shell's copies, in cells [default: 0.1]
+    #[arg(long, value_name = "D|U,V,W", value_parser = displacement)]
+    displace: Option<[f64; 3]>,
+    /// Share of the cells that hold a copy, or of the density that is kept
     #[arg(long, default_value_t = 1.0)]
     presence: f64,
     /// Seed of the random choices
@@ -95,6 +116,11 @@ enum Turns {
 }
 
 #[derive(Clone, Copy, PartialEq, ValueEnum)]
+enum Turned {
+    ZUp,
+}
+
+#[derive(Clone, Copy, PartialEq, ValueEnum)]
 enum Surface {
     Visible,
     Hidden,
@@ -109,8 +135,15 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
         let reader = Reader::open(path, &Limits::default())?;
         Ok((path.clone(), reader.info().clone()))
     });
+    let texels = texels.collect::<Result<Vec<_>>>()?;
+    let isolated = texels.iter().all(|(_, info)| !info.cyclic[0] && !info.cyclic[1]);
+    let for_shells = isolated.then(|| of_shells(args)).flatten();
+    if let (Some(name), false) = (for_shells, args.bend) {
+        ui.say(&format!("{name} is for shells: copies bend with the ground, as with --bend"));
+    }
+    let bend = args.bend || for_shells.is_some();
     let options = MapOptions {
-        texels: texels.collect::<Result<_>>()?,
+        texels,
         geometries: args.geometries.clone(),
         materials: args.materials.clone(),
         cells: match (args.repeat, args.cell) {
@@ -118,8 +151,15 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
             (None, Some(metres)) => Cells::Wide(metres),
             (None, None) => Cells::Texel,
         },
-        offset: args.offset,
+        bend,
+        density: args.density,
+        size: args.size,
+        sink: args.sink,
+        inset: args.inset,
+        offset: args.offset.unwrap_or_default(),
         add: args.add,
+        replace: args.replace,
+        z_up: args.heights == Some(Turned::ZUp),
         thickness: args.thickness,
         heights: args.height_along.unwrap_or(Heights::Auto),
         chart: match (args.planar, args.uv) {
@@ -134,7 +174,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
             Turns::W8 => Orientations::W8,
         },
         scale: args.scale,
-        displace: args.displace,
+        displace: args.displace.unwrap_or([0.1, 0.1, 0.0]),
         presence: args.presence,
         seed: args.seed,
         palette: args.palette.iter().cloned().collect(),
@@ -147,18 +187,32 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
     Ok(())
 }
 
+/// An option that only shells understand, if one is given.
+fn of_shells(args: &Args) -> Option<&'static str> {
+    let given = [
+        (args.thickness.is_some(), "--thickness"),
+        (args.planar.is_some(), "--planar"),
+        (args.uv.is_some(), "--uv"),
+        (args.attributes, "--attributes"),
+        (args.displace.is_some(), "--displace"),
+        (args.offset.is_some(), "--offset"),
+        (args.surface == Surface::Hidden, "--surface hidden"),
+    ];
+    given.into_iter().find(|g| g.0).map(|g| g.1)
+}
+
 /// What was done, in a few lines.
 pub fn say(mapped: &Mapped, ui: &Ui) {
     for note in &mapped.notes {
         ui.say(note);
     }
-    let [u, v] = mapped.cell;
-    ui.say(&format!(
-        "covered {}: copies {u:.3} × {v:.3} m, {:.3} m high, about {:.0} of them",
-        mapped.materials.join(", "),
-        mapped.thickness,
-        mapped.copies
-    ));
+    for Covered { material, texel, cell: [u, v], height, copies } in &mapped.covered {
+        let size = format!("{u:.3} × {v:.3} m, {height:.3} m high");
+        ui.say(&match texel {
+            Some(texel) => format!("covered {material}: {copies:.0} copies of {texel}, up to {size}"),
+            None => format!("covered {material}: copies {size}, about {copies:.0} of them"),
+        });
+    }
     for copy in &mapped.saved.copied {
         ui.say(&format!("copied {} beside the output", copy.display()));
     }
@@ -201,6 +255,18 @@ fn displacement(text: &str) -> Result<[f64; 3], String> {
         [u, v, w] => Ok([u, v, w]),
         _ => Err("one number (along u and v) or three are needed".into()),
     }
+}
+
+/// Copies per square metre from `400`, `400/ha`, `0.04/m2` or `0.04/m²`.
+fn density(text: &str) -> Result<f64, String> {
+    let (number, area) = text.split_once('/').unwrap_or((text, "ha"));
+    let per = match area.trim() {
+        "ha" => 1e-4,
+        "m2" | "m²" => 1.0,
+        _ => return Err("a density is per hectare (400/ha) or per square metre (0.04/m2)".into()),
+    };
+    let number: f64 = number.trim().parse().map_err(|_| format!("{number:?} is not a number"))?;
+    Ok(number * per)
 }
 
 fn heights(text: &str) -> Result<Heights, String> {

@@ -6,6 +6,7 @@
 mod bvh;
 mod camera;
 mod cells;
+mod copies;
 pub mod error;
 mod faces;
 mod film;
@@ -91,7 +92,7 @@ pub fn render_with(
         let (film, counts) = film(&world, options, progress);
         let mut stats = Stats {
             counts,
-            shell_boxes: world.boxes.len() as u64,
+            shell_boxes: (world.boxes.len() + world.copies.len()) as u64,
             times: vec![("prepare", prepared - start), ("trace", prepared.elapsed())],
             peak_bytes: peak_memory(),
             ..Stats::default()

@@ -47,7 +47,7 @@ const STRAY: f64 = 0.25;
 /// And at the least, in cells: finer than a voxel of depth 10.
 const LEAST_STRAY: f64 = 1.0 / 4096.0;
 
-/// Stretches of `ray` in [t0, t1] of a box, of one layer or of all, in order of depth a layer, until `each` returns false.
+/// Stretches of `ray` in [t0, t1] of a box, of one layer or of all, in order of depth per layer, or of a copy, until `each` returns false.
 /// False if stopped.
 pub fn passage(
     world: &World<'_>,
@@ -58,39 +58,56 @@ pub fn passage(
     width_at: &dyn Fn(f64) -> f64,
     each: &mut dyn FnMut(&Stretched) -> bool,
 ) -> bool {
-    let skins = &world.skins[world.box_skin[index as usize] as usize];
-    let skins = match layer {
-        Some(layer) => &skins[layer as usize..=layer as usize],
-        None => &skins[..],
+    let Some(shell) = world.boxes.get(index as usize) else {
+        let Some(copy) = world.copy(index) else { return true };
+        let matrix = copy.to_texel.matrix3;
+        let edges = across(&matrix, ray.dir);
+        return stretched(world, copy.visit(ray, t0, t1), &matrix, edges, 1.0, width_at).is_none_or(|s| each(&s));
     };
+    let skins = world.skins_of(index);
+    let skins = layer.map_or(skins, |layer| skins.get(layer as usize).map_or(&[], std::slice::from_ref));
     let tolerance = |t: f64, m: &DMat3| (STRAY * width_at(t) * across(m, ray.dir)).max(LEAST_STRAY);
-    world.boxes[index as usize].pieces(ray, t0, t1, &tolerance, &mut |piece| {
+    shell.pieces(ray, t0, t1, &tolerance, &mut |piece| {
         skins.iter().all(|skin| {
             let (scale, offset) = (DVec3::from_array(skin.layer.scale), DVec3::from_array(skin.layer.offset));
             let to_cell = DMat3::from_diagonal(scale) * piece.to_texel;
             let piece =
                 Piece { q0: piece.q0 * scale + offset, q1: piece.q1 * scale + offset, to_texel: to_cell, ..*piece };
             let edges = across(&to_cell, ray.dir);
+            let opacity_scale = skin.layer.opacity_scale as f32;
             skin.walk(&piece, &mut |visit| {
-                let texel = world.texels.get(visit.texel).and_then(Option::as_ref);
-                if texel.is_none_or(|t| visit.misses(&t.tree.info().content)) {
-                    return true;
-                }
-                let scale = edges * visit.zoom;
-                let (w0, w1) = (width_at(visit.t0), width_at(visit.t1));
-                let length = visit.t1 - visit.t0;
-                let stretch = Stretch {
-                    origin: inside(visit.origin),
-                    dir: visit.dir.as_vec3(),
-                    length: length as f32,
-                    footprint: (w0 * scale) as f32,
-                    growth: ((w1 - w0) / length * scale) as f32,
-                    opacity_scale: skin.layer.opacity_scale as f32,
-                };
-                each(&Stretched { visit: *visit, stretch, to_texel: visit.linear * to_cell, scale })
+                stretched(world, *visit, &to_cell, edges, opacity_scale, width_at).is_none_or(|s| each(&s))
             })
         })
     })
+}
+
+/// A visit, ready to be marched; `None` where it passes by the texel's content. `edges`: cells per unit of length across the
+/// ray.
+fn stretched(
+    world: &World<'_>,
+    visit: Visit,
+    to_cell: &DMat3,
+    edges: f64,
+    opacity_scale: f32,
+    width_at: &dyn Fn(f64) -> f64,
+) -> Option<Stretched> {
+    let texel = world.texels.get(visit.texel)?.as_ref()?;
+    if visit.misses(&texel.tree.info().content) {
+        return None;
+    }
+    let scale = edges * visit.zoom;
+    let (w0, w1) = (width_at(visit.t0), width_at(visit.t1));
+    let length = visit.t1 - visit.t0;
+    let stretch = Stretch {
+        origin: inside(visit.origin),
+        dir: visit.dir.as_vec3(),
+        length: length as f32,
+        footprint: (w0 * scale) as f32,
+        growth: ((w1 - w0) / length * scale) as f32,
+        opacity_scale,
+    };
+    Some(Stretched { visit, stretch, to_texel: visit.linear * *to_cell, scale })
 }
 
 /// To f32, so that what is inside of a cube's upper faces stays so: a ray along one lies in one cube only.
@@ -141,7 +158,7 @@ pub fn visibility(
     let width_at = |t: f64| width + growth * t;
     let end = world.shells.nearest(ray, t1, |index, t1| {
         let mut open = true;
-        world.boxes[index as usize].spans(ray, 0.0, t1, |a, b| {
+        world.spans(index, ray, t1, |a, b| {
             counts.boxes += 1;
             open = open
                 && passage(world, ray, index, None, (a, b), &width_at, &mut |step| {

@@ -157,8 +157,9 @@ impl<'w> Tracer<'w> {
             let mut first = nearest(spans);
             while sweep.next_enter() < first.map_or(f64::INFINITY, |i| spans[i].t0) {
                 sweep.step(|index| {
-                    world.boxes[index as usize].spans(&cone.ray, 0.0, end, |t0, t1| {
-                        let layers = world.skins[world.box_skin[index as usize] as usize].len() as u32;
+                    world.spans(index, &cone.ray, end, |t0, t1| {
+                        // A copy fills its box alone.
+                        let layers = world.skins_of(index).len().max(1) as u32;
                         spans.extend((0..layers).map(|layer| Span { t0, t1, what: What::Box { index, layer } }));
                     });
                 });

@@ -6,6 +6,7 @@
 use super::bvh::Bvh;
 use super::camera::View;
 use super::cells::{Choice, Skin};
+use super::copies::{Copies, Copy};
 use super::faces;
 use super::light::{DEFAULT_SKY, Lamp, default_sun};
 use super::mesh::{Mesh, MeshBuilder};
@@ -14,7 +15,7 @@ use super::options;
 use super::options::{CameraChoice, Options};
 use super::shell::ShellBox;
 use super::source::Source;
-use crate::geom::{Aabb, DAffine3, DVec3, Vec3};
+use crate::geom::{Aabb, DAffine3, DVec3, Ray, Vec3};
 use crate::scene::shell::{ShellMaterial, Variant};
 use crate::scene::{Camera, Part, Projection, Scene};
 use crate::volume::Octree;
@@ -47,8 +48,10 @@ pub struct World<'a> {
     pub unit: f64,
     pub mesh: Mesh,
     pub boxes: Vec<ShellBox>,
+    pub copies: Copies<'a>,
     /// For each box, its index into `skins`.
     pub box_skin: Vec<u32>,
+    /// Over the boxes, and after them the copies.
     pub shells: Bvh,
     /// The layers of each material that has some; those that fill one range of the skin together.
     pub skins: Vec<Vec<Skin>>,
@@ -62,7 +65,7 @@ pub struct World<'a> {
     pub notes: Vec<String>,
 }
 
-/// Which texels any shell of the scene uses.
+/// Which texels any shell or copy of the scene uses.
 pub fn used_texels(scene: &Scene) -> Vec<bool> {
     let mut used = vec![false; scene.texels.len()];
     for instance in &scene.model.instances {
@@ -74,6 +77,11 @@ pub fn used_texels(scene: &Scene) -> Vec<bool> {
                     *slot = true;
                 }
             }
+        }
+    }
+    for variant in scene.copies.iter().flat_map(|set| &set.variants) {
+        if let Some(slot) = used.get_mut(variant.texel) {
+            *slot = true;
         }
     }
     used
@@ -90,7 +98,9 @@ impl<'a> World<'a> {
     pub fn new(scene: &'a Scene, texels: Vec<Option<Octree>>, options: &Options) -> Result<World<'a>> {
         let mut notes = Vec::new();
         let mut warnings = Warnings::default();
-        let bounds = bounds(scene);
+        let info = |i: usize| Some(texels.get(i)?.as_ref()?.info());
+        let copies = Copies::new(scene, info, |world| world)?;
+        let bounds = copies.bounds().filter(finite).fold(bounds(scene), Aabb::union);
         let view = view(scene, &bounds, options, &mut notes)?;
         let reach = (bounds.min - view.eye).abs().max((bounds.max - view.eye).abs()).max_element();
         // 2^k, exact, and within what f64 squares without loss.
@@ -99,6 +109,7 @@ impl<'a> World<'a> {
         } else {
             1.0
         };
+        let copies = Copies::new(scene, info, |world| relative(world, view.eye, unit))?;
         let texels: Vec<Option<Texel>> = texels
             .into_iter()
             .zip(&scene.texels)
@@ -119,6 +130,7 @@ impl<'a> World<'a> {
             unit,
             mesh: Mesh::default(),
             boxes: Vec::new(),
+            copies,
             box_skin: Vec::new(),
             shells: Bvh::default(),
             skins: Vec::new(),
@@ -139,7 +151,7 @@ impl<'a> World<'a> {
         world.sky = Vec3::from_array(sky.map(|v| v as f32));
         let background = options.background.or(environment.background).unwrap_or(sky);
         world.background = Vec3::from_array(background.map(|v| v as f32));
-        if world.boxes.is_empty() && world.mesh.is_empty() {
+        if world.boxes.is_empty() && world.copies.len() == 0 && world.mesh.is_empty() {
             warnings.add("nothing to see: the scene has no triangle that could be drawn");
         }
         (world.warnings, world.notes) = (warnings, notes);
@@ -188,8 +200,35 @@ impl<'a> World<'a> {
             return Err(Error::Options("the scene's height vectors are too large to be rendered".into()));
         }
         self.mesh = mesh.build(&model.materials);
-        self.shells = Bvh::new(&self.boxes.iter().map(ShellBox::bounds).collect::<Vec<_>>());
+        let bounds: Vec<Aabb> = self.boxes.iter().map(ShellBox::bounds).chain(self.copies.bounds()).collect();
+        if !bounds.iter().all(finite) {
+            return Err(Error::Options("the scene's copies are too large to be rendered".into()));
+        }
+        self.shells = Bvh::new(&bounds);
         Ok(())
+    }
+
+    /// The copy that is item `index` of `shells`; `None` where that is a box, or the copy is flat.
+    pub fn copy(&self, index: u32) -> Option<Copy> {
+        self.copies.get((index as usize).checked_sub(self.boxes.len())?)
+    }
+
+    /// The intervals of t in [0, t1] in which the ray is inside of item `index` of `shells`, in order.
+    pub fn spans(&self, index: u32, ray: &Ray, t1: f64, mut each: impl FnMut(f64, f64)) {
+        match self.boxes.get(index as usize) {
+            Some(shell) => shell.spans(ray, 0.0, t1, each),
+            None => {
+                if let Some((a, b)) = self.copy(index).and_then(|copy| copy.span(ray, t1)) {
+                    each(a, b);
+                }
+            }
+        }
+    }
+
+    /// The layers of item `index` of `shells`; none where it is a copy.
+    pub fn skins_of(&self, index: u32) -> &[Skin] {
+        let skin = self.box_skin.get(index as usize).and_then(|&skin| self.skins.get(skin as usize));
+        skin.map_or(&[], Vec::as_slice)
     }
 }
 

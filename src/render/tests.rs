@@ -76,7 +76,7 @@ fn scene(parts: Vec<Part>, materials: Vec<Material>, at: Vec<DAffine3>) -> Scene
         palette: Default::default(),
     };
     let environment = Environment { sky: Some([0.0; 3]), background: Some([0.0; 3]) };
-    Scene { model, texels: vec![texel], environment }
+    Scene { model, texels: vec![texel], copies: Vec::new(), environment }
 }
 
 fn sun(towards: DVec3, irradiance: f64) -> Light {

@@ -1,6 +1,7 @@
 //! What is rendered and baked: models read from files, as plain data with every default filled in.
 
 pub mod alpha;
+pub mod copies;
 pub(crate) mod files;
 pub mod gltf;
 pub(crate) mod image;
@@ -22,6 +23,8 @@ pub use texture::{Texture, Wrap};
 pub struct Scene {
     pub model: Model,
     pub texels: Vec<shell::TexelRef>,
+    /// Rigid copies of the texels.
+    pub copies: Vec<copies::CopySet>,
     pub environment: shell::Environment,
 }
 

@@ -93,7 +93,7 @@ impl Bench<'_> {
         let path = self.folder.join(format!("{}-{own}.gltf", place.name));
         let (out, ground) = (path.display().to_string(), self.folder.join(format!("{}-ground.glb", place.name)));
         let under = ground.display().to_string();
-        let common = ["map", &under, "--texel", &file, "--geometry", &source, "-o", &out];
+        let common = ["map", &under, "--bend", "--texel", &file, "--geometry", &source, "-o", &out];
         match place.layout {
             Layout::Alone => {
                 let reader = Reader::open(&texel, &Limits::default())?;
@@ -118,6 +118,7 @@ impl Bench<'_> {
                         "map",
                         &out,
                         "--add",
+                        "--bend",
                         "--texel",
                         &texel,
                         "--geometry",

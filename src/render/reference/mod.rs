@@ -93,7 +93,7 @@ pub fn reference_with(
         let (film, halves, counts) = films(&tracer, samples.clone(), progress);
         let stats = Stats {
             counts,
-            shell_boxes: world.boxes.len() as u64,
+            shell_boxes: (world.boxes.len() + world.copies.len()) as u64,
             times: vec![("prepare", prepared - start), ("trace", prepared.elapsed())],
             peak_bytes: peak_memory(),
             ..Stats::default()

@@ -123,7 +123,7 @@ fn scene(model: Model) -> Scene {
         palette: Default::default(),
     };
     let environment = Environment { sky: Some([0.3, 0.4, 0.6]), background: Some([0.1, 0.2, 0.9]) };
-    Scene { model, texels: vec![texel], environment }
+    Scene { model, texels: vec![texel], copies: Vec::new(), environment }
 }
 
 fn options() -> Options {

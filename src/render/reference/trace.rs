@@ -111,11 +111,20 @@ impl<'a> Tracer<'a> {
         counts: &mut Counts,
         each: &mut dyn FnMut(&Visit, &Piece, &Placing) -> bool,
     ) {
-        let shell = &self.world.boxes[index as usize];
+        let Some(shell) = self.world.boxes.get(index as usize) else {
+            let copy = self.world.copy(index);
+            if let Some((copy, (from, to))) = copy.and_then(|copy| Some((copy, copy.span(ray, t1)?))) {
+                counts.boxes += 1;
+                let (q0, to_texel) = (DVec3::ZERO, copy.to_texel.matrix3);
+                let piece = Piece { t0: from, t1: to, q0, q1: q0, to_texel };
+                each(&copy.visit(ray, from, to), &piece, &Placing { scale: DMat3::IDENTITY });
+            }
+            return;
+        };
         let tolerance = |_: f64, _: &DMat3| STRAY;
         shell.spans(ray, 0.0, t1, |from, to| {
             counts.boxes += 1;
-            for skin in &self.world.skins[self.world.box_skin[index as usize] as usize] {
+            for skin in self.world.skins_of(index) {
                 let scale = DVec3::from_array(skin.layer.scale);
                 let offset = DVec3::from_array(skin.layer.offset);
                 let placing = Placing { scale: DMat3::from_diagonal(scale) };

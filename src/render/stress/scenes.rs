@@ -7,7 +7,8 @@ use crate::geom::{DAffine3, DVec3};
 use crate::morton;
 use crate::progress::Quiet;
 use crate::render::{CameraChoice, Options, render_with};
-use crate::scene::shell::{Environment, Layer, ShellMaterial, TexelRef};
+use crate::scene::copies::CopySet;
+use crate::scene::shell::{Environment, Layer, ShellMaterial, TexelRef, Variant};
 use crate::scene::{Instance, Light, LightKind, Material, Model, Part, Scene};
 use crate::volume::{Channels, Depth, Info, Octree, Volume, Voxel};
 
@@ -46,7 +47,7 @@ fn ball(depth: usize, seed: u64) -> Option<Octree> {
     Octree::new(Volume { info, depths }).ok()
 }
 
-/// A square patch of uneven thickness on a ground, with a sun; all numbers are short in binary.
+/// A square patch of uneven thickness on a ground, rigid copies about it, and a sun; all numbers are short in binary.
 fn landscape(random: &mut Random, place: DAffine3) -> Scene {
     let short = |v: f64| (v * 256.0).round() as f32 / 256.0;
     let corners = [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0f32]];
@@ -82,6 +83,18 @@ fn landscape(random: &mut Random, place: DAffine3) -> Scene {
         kind: LightKind::Directional,
         range: f64::INFINITY,
     };
+    // Leaning, flattened and mirrored ones among them, inside of the shell and outside.
+    let spot = |random: &mut Random, y: f64| [random.between(-2.0, 2.0), y, random.between(-2.0, 2.0)].map(short);
+    let copies = CopySet {
+        node: "copies".into(),
+        to_world: place,
+        variants: vec![Variant { texel: 0, weight: 1.0, diffuse: [1.0, 0.5, 0.25] }],
+        translations: (0..4).map(|k| spot(random, 0.25 * f64::from(k) - 0.25)).collect(),
+        rotations: (0..4).map(|_| spot(random, 0.5)).map(|[x, y, z]| [x, y, z, 1.0]).collect(),
+        scales: [[1.0; 3], [0.5, 1.5, 0.5], [-1.0, 1.0, 1.0], [0.25, 0.25, 2.0]].to_vec(),
+        choices: Vec::new(),
+        tints: Vec::new(),
+    };
     let model = Model {
         parts: vec![bulging, square(8.0, 1.0, 1)],
         materials: vec![covered, Material::default()],
@@ -100,7 +113,7 @@ fn landscape(random: &mut Random, place: DAffine3) -> Scene {
         palette: Default::default(),
     };
     let environment = Environment { sky: Some([0.2, 0.3, 0.4]), background: Some([0.0; 3]) };
-    Scene { model, texels: vec![texel], environment }
+    Scene { model, texels: vec![texel], copies: vec![copies], environment }
 }
 
 pub fn scenes(random: &mut Random, rays: u64) -> Tally {

@@ -114,18 +114,7 @@ fn layer(json: &Object, texels: &mut Texels, warnings: &mut Warnings) -> Result<
     if json.choice("combine", &[("union", false), ("over", true)])? == Some(true) {
         json.ignored("combine \"over\"", warnings);
     }
-    let Style { factor: diffuse, keep } = style(json, "phong", warnings)?;
-    let rest = if keep { Style::OWN } else { Style::BLANK };
-    let mut styles = BTreeMap::new();
-    if let Some(palette) = json.object("palette")? {
-        if palette.json.len() > MOST_MATERIALS {
-            return Err(json.error("palette", &format!("has more than {MOST_MATERIALS} materials")));
-        }
-        for name in palette.json.keys() {
-            styles.insert(name.clone(), style(&palette, name, warnings)?);
-        }
-    }
-    let palette = Palette { styles, rest };
+    let (palette, diffuse) = palette(json, warnings)?;
     let discrete = match json.object("jitter")? {
         Some(jitter) => {
             jitter.known(&["discrete"], &["continuous"], warnings);
@@ -147,6 +136,69 @@ fn layer(json: &Object, texels: &mut Texels, warnings: &mut Warnings) -> Result<
         diffuse,
         discrete,
     })
+}
+
+/// Whether a material's extension object places rigid copies, and is no shell.
+pub fn places_copies(json: &Value) -> bool {
+    json.get("copies").is_some()
+}
+
+/// The texels of rigid copies: `copies` of a material's extension object.
+pub fn copies(
+    document: &Document,
+    json: &Value,
+    at: &str,
+    texels: &mut Texels,
+    warnings: &mut Warnings,
+) -> Result<Vec<Variant>> {
+    let outer = Object::new(document, json, format!("{at}.{NAME}"))?;
+    outer.known(&["copies"], &[], warnings);
+    let json = outer.object("copies")?.ok_or_else(|| outer.error("copies", "is needed"))?;
+    json.known(&["texel", "variants", "palette", "phong"], &["animation"], warnings);
+    let (palette, diffuse) = palette(&json, warnings)?;
+    let mut variants = variants(&json, texels, &palette, warnings)?;
+    if variants.is_empty() {
+        let what = "is needed where there are no variants";
+        let texel = json.texel(texels.own)?.ok_or_else(|| json.error("texel", what))?;
+        variants.push(Variant { texel: texels.shown(texel, &palette), weight: 1.0, diffuse: [1.0; 3] });
+    }
+    for variant in &mut variants {
+        variant.diffuse = std::array::from_fn(|k| variant.diffuse[k] * diffuse[k]);
+    }
+    Ok(variants)
+}
+
+/// The `palette` and `phong` of a layer or of copies: the colours of the texel's materials, and a factor of all.
+fn palette(json: &Object, warnings: &mut Warnings) -> Result<(Palette, [f64; 3])> {
+    let Style { factor: diffuse, keep } = style(json, "phong", warnings)?;
+    let rest = if keep { Style::OWN } else { Style::BLANK };
+    let mut styles = BTreeMap::new();
+    if let Some(palette) = json.object("palette")? {
+        if palette.json.len() > MOST_MATERIALS {
+            return Err(json.error("palette", &format!("has more than {MOST_MATERIALS} materials")));
+        }
+        for name in palette.json.keys() {
+            styles.insert(name.clone(), style(&palette, name, warnings)?);
+        }
+    }
+    Ok((Palette { styles, rest }, diffuse))
+}
+
+/// The `variants` of jittered or of rigid copies.
+fn variants(json: &Object, texels: &mut Texels, palette: &Palette, warnings: &mut Warnings) -> Result<Vec<Variant>> {
+    let mut variants = Vec::new();
+    for variant in json.list("variants", 0, 256)?.unwrap_or_default() {
+        variant.known(&["texel", "weight", "phong"], &[], warnings);
+        let texel = variant.texel(texels.own)?.ok_or_else(|| variant.error("texel", "is needed"))?;
+        let weight = variant.number("weight", 0.0..=f64::MAX)?.unwrap_or(1.0);
+        if weight <= 0.0 {
+            return Err(variant.error("weight", "must be above 0"));
+        }
+        let Style { factor: diffuse, keep } = style(&variant, "phong", warnings)?;
+        let palette = Palette { rest: if keep { palette.rest } else { Style::BLANK }, ..palette.clone() };
+        variants.push(Variant { texel: texels.shown(texel, &palette), weight, diffuse });
+    }
+    Ok(variants)
 }
 
 /// The `phong` object under `key`, as far as it is drawn; of nothing, no change.
@@ -210,25 +262,13 @@ fn discrete(json: &Object, texels: &mut Texels, palette: &Palette, warnings: &mu
     if !(0.0 < scale[0] && scale[0] <= scale[1]) {
         return Err(json.error("scale", "must be above 0, and from less to more"));
     }
-    let mut variants = Vec::new();
-    for variant in json.list("variants", 0, 256)?.unwrap_or_default() {
-        variant.known(&["texel", "weight", "phong"], &[], warnings);
-        let texel = variant.texel(texels.own)?.ok_or_else(|| variant.error("texel", "is needed"))?;
-        let weight = variant.number("weight", 0.0..=f64::MAX)?.unwrap_or(1.0);
-        if weight <= 0.0 {
-            return Err(variant.error("weight", "must be above 0"));
-        }
-        let Style { factor: diffuse, keep } = style(&variant, "phong", warnings)?;
-        let palette = Palette { rest: if keep { palette.rest } else { Style::BLANK }, ..palette.clone() };
-        variants.push(Variant { texel: texels.shown(texel, &palette), weight, diffuse });
-    }
     Ok(Discrete {
         seed: json.integer("seed", u32::MAX.into())?.unwrap_or(0) as u32,
         orientations,
         scale,
         displace: json.vec3("displace", 0.0..=f64::MAX)?.unwrap_or([0.0; 3]),
         presence: json.number("presence", 0.0..=1.0)?.unwrap_or(1.0),
-        variants,
+        variants: variants(json, texels, palette, warnings)?,
     })
 }
 

@@ -89,7 +89,7 @@ fn material(
         Some(info) => images.reference(&info, opaque, &at, warnings)?,
         None => None,
     };
-    let shell = extensions.and_then(|e| e.others.get(extension::NAME));
+    let shell = extensions.and_then(|e| e.others.get(extension::NAME)).filter(|json| !extension::places_copies(json));
     let shell = shell.map(|json| extension::material(document, json, &at, texels, warnings)).transpose()?;
     Ok(Material {
         name,
@@ -228,6 +228,23 @@ fn wrap(mode: &Checked<WrappingMode>) -> u8 {
         Checked::Valid(WrappingMode::ClampToEdge) => 2,
         _ => 0,
     }
+}
+
+/// How a material lays its textures on the set `set` of texture coordinates: KHR_texture_transform of the first texture that
+/// uses it, base colour before the others; identity where there is none.
+pub fn uv_transform(material: Option<&gltf::json::Material>, set: u32) -> [[f32; 3]; 2] {
+    let Some(material) = material else { return IDENTITY };
+    let pbr = &material.pbr_metallic_roughness;
+    let old = material.extensions.as_ref().and_then(|e| e.others.get("KHR_materials_pbrSpecularGlossiness"));
+    let old = old.and_then(|old| serde_json::from_value::<SpecularGlossiness>(old.clone()).ok());
+    let old = old.and_then(|old| old.diffuse_texture);
+    let textures = [&old, &pbr.base_color_texture, &pbr.metallic_roughness_texture, &material.emissive_texture];
+    let of = |info: &Info| {
+        let transform = info.extensions.as_ref().and_then(|e| e.texture_transform.as_ref());
+        let used = transform.and_then(|t| t.tex_coord).unwrap_or(info.tex_coord);
+        (used == set).then(|| transform.map_or(IDENTITY, rows))
+    };
+    textures.into_iter().flatten().find_map(of).unwrap_or(IDENTITY)
 }
 
 const IDENTITY: [[f32; 3]; 2] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];

@@ -2,7 +2,7 @@
 
 mod accessor;
 mod attributes;
-mod chart;
+mod copies;
 mod document;
 mod extension;
 mod filters;
@@ -42,8 +42,23 @@ pub fn read(path: &Path, options: &ReadOptions) -> Result<Scene> {
     let graph = nodes::walk(&document, options, &mut selection, &mut warnings)?;
     let mut parts = primitive::Parts::new(&document);
     let mut instances: Vec<Instance> = Vec::new();
+    let stand_ins = copies::stand_ins(&document);
+    let mut standing: Vec<(&nodes::Placed, usize)> = Vec::new();
     for placed in &graph.meshes {
-        let ids = parts.of_node(&document, &graph, placed, &mut warnings)?;
+        let mut ids = parts.of_node(&document, &graph, placed, &mut warnings)?;
+        // What stands in for a texel is not drawn itself.
+        ids.parts.retain(|&part| {
+            let material = parts.list.get(part).map_or(usize::MAX, |p| p.material);
+            let stands = stand_ins.get(material).copied().unwrap_or(false);
+            let again = |&(p, m): &(&nodes::Placed, usize)| std::ptr::eq(p, placed) && m == material;
+            if stands && !standing.last().is_some_and(again) {
+                standing.push((placed, material));
+            }
+            !stands
+        });
+        if ids.parts.is_empty() {
+            continue;
+        }
         let transforms = nodes::instances(&document, placed, ids.relative_to, &mut warnings)?;
         if transforms.len().saturating_mul(ids.parts.len()) > options.max_instances - instances.len() {
             return Err(Error::Limit {
@@ -58,13 +73,24 @@ pub fn read(path: &Path, options: &ReadOptions) -> Result<Scene> {
         }
     }
     selection.finish("node")?;
-    if instances.is_empty() {
+    if instances.is_empty() && standing.is_empty() {
         let why = warnings.as_reasons();
         return Err(Error::input(path, "", format!("nothing is drawn: no node of the scene shows a mesh{why}")));
     }
     let root = extension::root(&document, &mut warnings)?;
     let mut texels = extension::Texels::new(root.texels);
     let materials = material::read(&document, options, &mut parts.list, &mut texels, &mut warnings)?;
+    let mut sets = Vec::with_capacity(standing.len());
+    let mut left = options.max_instances - instances.len();
+    for (placed, material) in standing {
+        let set = copies::read(&document, placed, material, &mut texels, &mut warnings)?;
+        left = left.checked_sub(set.len()).ok_or_else(|| Error::Limit {
+            what: format!("{}: placing copies", path.display()),
+            needed: set.len() as u64,
+            allowed: left as u64,
+        })?;
+        sets.push(set);
+    }
     let model = Model {
         parts: parts.list,
         materials,
@@ -74,5 +100,5 @@ pub fn read(path: &Path, options: &ReadOptions) -> Result<Scene> {
         metres_per_unit: 1.0,
         warnings,
     };
-    Ok(Scene { model, texels: texels.all, environment: root.environment })
+    Ok(Scene { model, texels: texels.all, copies: sets, environment: root.environment })
 }

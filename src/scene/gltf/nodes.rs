@@ -204,6 +204,47 @@ fn tops(document: &Document) -> Vec<usize> {
     (0..is_child.len()).filter(|&i| !is_child[i]).collect()
 }
 
+/// Name of the extension by which one node shows its mesh many times.
+pub const INSTANCING: &str = "EXT_mesh_gpu_instancing";
+
+/// The EXT_mesh_gpu_instancing of a node.
+pub struct Instancing<'a> {
+    document: &'a Document,
+    name: &'a str,
+    json: &'a Value,
+}
+
+impl<'a> Instancing<'a> {
+    /// `None` where the node places its mesh once.
+    pub fn of(document: &'a Document, placed: &'a Placed) -> Option<Self> {
+        let extensions = placed.node.and_then(|n| document.root.nodes.get(n)).and_then(|n| n.extensions.as_ref());
+        let json = extensions.and_then(|e| e.others.get(INSTANCING))?;
+        Some(Instancing { document, name: &placed.name, json })
+    }
+
+    fn at(&self, name: &str) -> String {
+        format!("{} instancing {name}", self.name)
+    }
+
+    /// An error about the attribute `name`.
+    pub fn error(&self, name: &str, what: &str) -> Error {
+        self.document.error(self.at(name), what)
+    }
+
+    pub fn has(&self, name: &str) -> bool {
+        self.json.get("attributes").is_some_and(|a| a.get(name).is_some())
+    }
+
+    /// The attribute `name` of `N` numbers for each copy; three are filled up to four by 1.
+    pub fn floats<const N: usize>(&self, name: &str) -> Result<Option<Vec<[f32; N]>>> {
+        let Some(index) = self.json.get("attributes").and_then(|a| a.get(name)) else { return Ok(None) };
+        let accessor = index.as_u64().and_then(|v| usize::try_from(v).ok());
+        let accessor = accessor.ok_or_else(|| self.error(name, "is not an accessor's index"))?;
+        let least = if name == "_VTEX_TINT" { 3 } else { N };
+        self.document.read_floats::<N>(accessor, least, [1.0; N], &self.at(name)).map(Some)
+    }
+}
+
 /// Where a placed mesh stands: once, or as often as EXT_mesh_gpu_instancing says.
 /// `posed`: the transform of a skinned mesh, which stands where its joints are.
 pub fn instances(
@@ -213,36 +254,18 @@ pub fn instances(
     warnings: &mut Warnings,
 ) -> Result<Vec<DAffine3>> {
     let world = posed.unwrap_or(placed.world);
-    let extensions = placed.node.and_then(|n| document.root.nodes.get(n)).and_then(|n| n.extensions.as_ref());
-    let Some(instancing) = extensions.and_then(|e| e.others.get("EXT_mesh_gpu_instancing")) else {
-        return Ok(vec![world]);
-    };
-    let at = |name: &str| format!("{} instancing {name}", placed.name);
-    let accessor = |name: &str| match instancing.get("attributes").and_then(|a| a.get(name)) {
-        None => Ok(None),
-        Some(v) => match v.as_u64().and_then(|v| usize::try_from(v).ok()) {
-            Some(v) => Ok(Some(v)),
-            None => Err(document.error(at(name), "is not an accessor's index")),
-        },
-    };
-    let vec3 = |name: &str| match accessor(name)? {
-        Some(a) => document.read_floats::<3>(a, 3, [0.0; 3], &at(name)).map(Some),
-        None => Ok(None),
-    };
-    let (translations, scales) = (vec3("TRANSLATION")?, vec3("SCALE")?);
-    let rotations = match accessor("ROTATION")? {
-        Some(a) => Some(document.read_floats::<4>(a, 4, [0.0; 4], &at("ROTATION"))?),
-        None => None,
-    };
+    let Some(instancing) = Instancing::of(document, placed) else { return Ok(vec![world]) };
+    let (translations, scales) = (instancing.floats::<3>("TRANSLATION")?, instancing.floats::<3>("SCALE")?);
+    let rotations = instancing.floats::<4>("ROTATION")?;
     let lengths =
         [translations.as_ref().map(Vec::len), scales.as_ref().map(Vec::len), rotations.as_ref().map(Vec::len)];
     let Some(count) = lengths.iter().flatten().copied().next() else {
         return Ok(vec![world]);
     };
     if lengths.iter().flatten().any(|&n| n != count) {
-        return Err(document.error(at("attributes"), "have different numbers of elements"));
+        return Err(instancing.error("attributes", "have different numbers of elements"));
     }
-    document.charge((count as u64).saturating_mul(size_of::<DAffine3>() as u64), &at("attributes"))?;
+    document.charge((count as u64).saturating_mul(size_of::<DAffine3>() as u64), &instancing.at("attributes"))?;
     let wide = |v: [f32; 3]| DVec3::from(v.map(f64::from));
     let mut out = Vec::with_capacity(count);
     for i in 0..count {

@@ -79,21 +79,62 @@ impl Editor {
         Ok(())
     }
 
-    /// Add an accessor of three floats an element, with its bounds; its index.
-    pub fn add_vec3(&mut self, values: &[[f32; 3]]) -> Result<usize> {
-        let offset = self.added.len();
-        self.added.extend(values.iter().flatten().flat_map(|x| x.to_le_bytes()));
-        let length = self.added.len() - offset;
-        let view = json!({"buffer": 0, "byteOffset": offset, "byteLength": length, "target": 34962});
-        let view = self.push("bufferViews", view)?;
-        self.views.push(view);
+    /// Add an accessor of `N` floats per element, with its bounds; its index. `vertices`: for a primitive's attribute.
+    pub fn add_floats<const N: usize>(&mut self, values: &[[f32; N]], vertices: bool) -> Result<usize> {
+        let bytes: Vec<u8> = values.iter().flatten().flat_map(|x| x.to_le_bytes()).collect();
+        let view = self.add_view(&bytes, vertices.then_some(34962))?;
         let bound = |pick: fn(f32, f32) -> f32, start: f32| {
-            values.iter().fold([start; 3], |b, v| [pick(b[0], v[0]), pick(b[1], v[1]), pick(b[2], v[2])])
+            values.iter().fold([start; N], |b, v| std::array::from_fn(|k| pick(b[k], v[k]))).to_vec()
         };
         let (min, max) = (bound(f32::min, f32::INFINITY), bound(f32::max, f32::NEG_INFINITY));
-        let accessor = json!({"bufferView": view, "componentType": 5126, "count": values.len(), "type": "VEC3",
+        let kind = ["SCALAR", "VEC2", "VEC3", "VEC4"].get(N.wrapping_sub(1)).copied().unwrap_or("SCALAR");
+        let accessor = json!({"bufferView": view, "componentType": 5126, "count": values.len(), "type": kind,
             "min": min, "max": max});
         self.push("accessors", accessor)
+    }
+
+    /// Add an accessor of indices; its index.
+    pub fn add_indices(&mut self, values: &[u16]) -> Result<usize> {
+        let mut bytes: Vec<u8> = values.iter().flat_map(|x| x.to_le_bytes()).collect();
+        bytes.resize(bytes.len().next_multiple_of(4), 0);
+        let view = self.add_view(&bytes, Some(34963))?;
+        let accessor = json!({"bufferView": view, "componentType": 5123, "count": values.len(), "type": "SCALAR"});
+        self.push("accessors", accessor)
+    }
+
+    fn add_view(&mut self, bytes: &[u8], target: Option<u32>) -> Result<usize> {
+        let mut view = json!({"buffer": 0, "byteOffset": self.added.len(), "byteLength": bytes.len()});
+        if let Some(target) = target {
+            view["target"] = json!(target);
+        }
+        self.added.extend(bytes);
+        let view = self.push("bufferViews", view)?;
+        self.views.push(view);
+        Ok(view)
+    }
+
+    /// Show node `node` in the scene that is read by default.
+    pub fn show(&mut self, node: usize) {
+        let scene = self.json.get("scene").and_then(Value::as_u64).unwrap_or(0);
+        let Some(scene) = self.json.pointer_mut(&format!("/scenes/{scene}")).and_then(Value::as_object_mut) else {
+            // Without scenes all nodes are shown.
+            return;
+        };
+        if let Some(nodes) = scene.entry("nodes").or_insert_with(|| json!([])).as_array_mut() {
+            nodes.push(json!(node));
+        }
+    }
+
+    /// In a file without nodes, whose meshes are shown as they are, give each of the first `count` meshes a node.
+    pub fn place_loose_meshes(&mut self, count: usize) -> Result<()> {
+        if self.json.get("nodes").and_then(Value::as_array).is_some_and(|nodes| !nodes.is_empty()) {
+            return Ok(());
+        }
+        for mesh in 0..count {
+            let node = self.push("nodes", json!({"mesh": mesh}))?;
+            self.show(node);
+        }
+        Ok(())
     }
 
     /// Make the references that the file has resolve from where it will be saved; files outside that folder are copied

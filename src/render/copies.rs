@@ -1,0 +1,194 @@
+//! Rigid copies of texels, ready for rays: the texel's cube under one affine map each, worked out from the placement when a
+//! ray asks for it, so that a million copies take no more memory than their placements and a hierarchy over their bounds.
+
+use super::cells::Visit;
+use crate::geom::{Aabb, DAffine3, DMat3, DVec3, Ray, Vec3};
+use crate::scene::Scene;
+use crate::scene::copies::{CopySet, to_texel};
+use crate::volume::Info;
+use crate::{Error, Result};
+
+/// All copies of a scene, numbered through.
+#[derive(Default)]
+pub struct Copies<'a> {
+    sets: Vec<Placed<'a>>,
+    count: usize,
+}
+
+/// One set in the renderer's space.
+struct Placed<'a> {
+    set: &'a CopySet,
+    /// Number of the set's first copy.
+    first: usize,
+    /// The node's space → the renderer's.
+    place: DAffine3,
+    /// As the set's variants.
+    kinds: Vec<Kind>,
+}
+
+/// A variant.
+struct Kind {
+    texel: usize,
+    tint: Vec3,
+    /// A copy's own space → the texel's cube, and the content's box in the copy's own space.
+    to_texel: DAffine3,
+    content: Aabb,
+}
+
+/// One copy.
+#[derive(Debug, Clone, Copy)]
+pub struct Copy {
+    index: u32,
+    pub texel: usize,
+    pub tint: Vec3,
+    /// The renderer's space → the texel's cube.
+    pub to_texel: DAffine3,
+}
+
+/// The third coordinate of the cells that stand for copies in a [`Visit`]: no shell has a cell there.
+const CELL: i64 = i64::MIN;
+
+impl<'a> Copies<'a> {
+    /// `info(i)`: what the file of the scene's texel i says, if it is open; `place` takes world space to the renderer's.
+    ///
+    /// # Errors
+    /// [`Error::Options`] where a texel that is used is not open.
+    pub fn new<'i>(
+        scene: &'a Scene,
+        info: impl Fn(usize) -> Option<&'i Info>,
+        place: impl Fn(DAffine3) -> DAffine3,
+    ) -> Result<Copies<'a>> {
+        let mut copies = Copies::default();
+        for set in &scene.copies {
+            let kind = |v: &crate::scene::shell::Variant| {
+                let missing =
+                    || Error::Options(format!("the scene's copies use texel {}, which is not there", v.texel));
+                let info = info(v.texel).ok_or_else(missing)?;
+                let map = to_texel(info);
+                let content = info.content.transformed(map.inverse());
+                Ok(Kind { texel: v.texel, tint: Vec3::from_array(v.diffuse.map(|d| d as f32)), to_texel: map, content })
+            };
+            let kinds = set.variants.iter().map(kind).collect::<Result<Vec<_>>>()?;
+            copies.sets.push(Placed { set, first: copies.count, place: place(set.to_world), kinds });
+            copies.count += set.len();
+        }
+        Ok(copies)
+    }
+
+    /// Number of copies.
+    pub fn len(&self) -> usize {
+        self.count
+    }
+
+    /// The boxes of the copies' contents, in order.
+    pub fn bounds(&self) -> impl Iterator<Item = Aabb> {
+        self.sets.iter().flat_map(|placed| {
+            (0..placed.set.len()).map(|i| {
+                let map = placed.place * placed.set.local(i);
+                let content = placed.kinds.get(placed.set.choice(i)).map_or(Aabb::EMPTY, |k| k.content);
+                if content.is_empty() {
+                    return Aabb::new(map.translation, map.translation);
+                }
+                // The corners' box: the middle, and as far from it as the matrix's magnitudes take half the size.
+                let m = map.matrix3;
+                let reach = DMat3::from_cols(m.x_axis.abs(), m.y_axis.abs(), m.z_axis.abs()) * (0.5 * content.size());
+                let middle = map.transform_point3(content.centre());
+                Aabb::new(middle - reach, middle + reach)
+            })
+        })
+    }
+
+    /// The copy of that number; `None` where it is not there, or is flat.
+    pub fn get(&self, index: usize) -> Option<Copy> {
+        let after = self.sets.partition_point(|placed| placed.first <= index);
+        let placed = self.sets.get(after.checked_sub(1)?)?;
+        let i = index - placed.first;
+        let kind = placed.kinds.get(placed.set.choice(i)).filter(|_| i < placed.set.len())?;
+        let to_texel = kind.to_texel * (placed.place * placed.set.local(i)).inverse();
+        let tint = placed.set.tints.get(i).map_or(kind.tint, |t| kind.tint * Vec3::from_array(*t));
+        let found = Copy { index: index as u32, texel: kind.texel, tint, to_texel };
+        to_texel.is_finite().then_some(found)
+    }
+}
+
+impl Copy {
+    /// Where the ray is inside of the cube, in [0, t1].
+    pub fn span(&self, ray: &Ray, t1: f64) -> Option<(f64, f64)> {
+        let (origin, dir) = (self.to_texel.transform_point3(ray.origin), self.to_texel.matrix3 * ray.dir);
+        let (mut near, mut far) = (0.0_f64, t1);
+        for k in 0..3 {
+            if dir[k] == 0.0 {
+                if !(0.0..1.0).contains(&origin[k]) {
+                    return None;
+                }
+                continue;
+            }
+            let (a, b) = (-origin[k] / dir[k], (1.0 - origin[k]) / dir[k]);
+            near = near.max(a.min(b));
+            far = far.min(a.max(b));
+        }
+        (near < far).then_some((near, far))
+    }
+
+    /// The stretch of the ray from t0 to t1, which lies in [`Copy::span`].
+    pub fn visit(&self, ray: &Ray, t0: f64, t1: f64) -> Visit {
+        let origin = self.to_texel.transform_point3(ray.at(t0));
+        Visit {
+            texel: self.texel,
+            tint: self.tint,
+            cell: [i64::from(self.index), 0, CELL],
+            t0,
+            t1,
+            // A start on a face may lie outside by rounding.
+            origin: origin.clamp(DVec3::ZERO, DVec3::ONE),
+            dir: self.to_texel.matrix3 * ray.dir,
+            linear: DMat3::IDENTITY,
+            zoom: 1.0,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::shell::Variant;
+
+    #[test]
+    fn copies_are_found_by_their_numbers_and_lie_in_their_bounds() {
+        let variant = |texel: usize| Variant { texel, weight: 1.0, diffuse: [0.5, 1.0, 2.0] };
+        let set = |n: usize, texel: usize| CopySet {
+            node: String::new(),
+            to_world: DAffine3::from_scale(DVec3::new(2.0, 1.0, 1.0)),
+            variants: vec![variant(texel), variant(1 - texel)],
+            translations: (0..n).map(|i| [i as f32, 0.0, 1.0]).collect(),
+            rotations: (0..n).map(|i| [0.0, i as f32, 0.3, 1.0]).collect(),
+            scales: (0..n).map(|i| [1.0, 0.5, -1.0 - i as f32]).collect(),
+            choices: (0..n).map(|i| (i % 2) as u8).collect(),
+            tints: vec![[2.0, 1.0, 1.0]; n],
+        };
+        let scene = Scene { copies: vec![set(3, 0), set(0, 0), set(2, 1)], ..Scene::default() };
+        let info = Info {
+            bounds: Aabb::new(DVec3::new(-1.0, 0.0, -1.0), DVec3::new(1.0, 2.0, 1.0)),
+            content: Aabb::new(DVec3::new(0.2, 0.3, 0.0), DVec3::new(0.6, 0.9, 0.7)),
+            ..Info::default()
+        };
+        let copies = Copies::new(&scene, |_| Some(&info), |world| world).unwrap();
+        assert_eq!(copies.len(), 5);
+        let texels: Vec<usize> = (0..5).map(|i| copies.get(i).unwrap().texel).collect();
+        assert_eq!(texels, [0, 1, 0, 1, 0]);
+        assert!(copies.get(5).is_none());
+        for (i, bounds) in copies.bounds().enumerate() {
+            let copy = copies.get(i).unwrap();
+            assert_eq!(copy.tint, Vec3::new(1.0, 1.0, 2.0));
+            let own = info.content.transformed(copy.to_texel.inverse());
+            // The same box by its corners; a few roundings apart.
+            assert!((own.min - bounds.min).abs().max((own.max - bounds.max).abs()).max_element() < 1e-9, "{i}");
+            let through = Ray { origin: bounds.centre() - 9.0 * DVec3::X, dir: DVec3::X };
+            let (t0, t1) = copy.span(&through, f64::INFINITY).unwrap();
+            let visit = copy.visit(&through, t0, t1);
+            let end = visit.origin + (t1 - t0) * visit.dir;
+            assert!((end.clamp(DVec3::ZERO, DVec3::ONE) - end).abs().max_element() < 1e-9, "{i}: {end}");
+        }
+        assert!(Copies::new(&scene, |i| Some(&info).filter(|_| i == 0), |world| world).is_err());
+    }
+}

@@ -1,0 +1,112 @@
+//! Rigid copies of texels: upright, unsheared and whole, each placed by its own transform, beside the shells that bend theirs.
+
+use glam::DQuat;
+
+use super::shell::Variant;
+use crate::geom::{DAffine3, DMat3, DVec3};
+use crate::volume::Info;
+
+/// Copies that one node places. A list of properties that is shorter than `translations` gives the rest their defaults, so that
+/// a million copies that have none take 12 MB.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CopySet {
+    /// Name of the node, for messages.
+    pub node: String,
+    /// The node's space → world.
+    pub to_world: DAffine3,
+    /// Texels to choose from; at least one.
+    pub variants: Vec<Variant>,
+    /// Metres; the source's origin stands there. As many as there are copies.
+    pub translations: Vec<[f32; 3]>,
+    /// Quaternions x, y, z, w of any length above 0; identity where absent.
+    pub rotations: Vec<[f32; 4]>,
+    /// 1 where absent.
+    pub scales: Vec<[f32; 3]>,
+    /// Indices into `variants`; 0 where absent.
+    pub choices: Vec<u8>,
+    /// Factors of the albedo, linear; 1 where absent.
+    pub tints: Vec<[f32; 3]>,
+}
+
+impl CopySet {
+    /// Number of copies.
+    pub fn len(&self) -> usize {
+        self.translations.len()
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.translations.is_empty()
+    }
+
+    /// A copy's own space → the node's.
+    pub fn local(&self, copy: usize) -> DAffine3 {
+        let wide = |v: &[f32; 3]| DVec3::from(v.map(f64::from));
+        let turn = |q: &[f32; 4]| {
+            let q = DQuat::from_array(q.map(f64::from));
+            if q.length().is_normal() { q.normalize() } else { DQuat::IDENTITY }
+        };
+        DAffine3::from_scale_rotation_translation(
+            self.scales.get(copy).map_or(DVec3::ONE, wide),
+            self.rotations.get(copy).map_or(DQuat::IDENTITY, turn),
+            self.translations.get(copy).map_or(DVec3::ZERO, wide),
+        )
+    }
+
+    /// Which of `variants` a copy is; the first where its index is beyond them.
+    pub fn choice(&self, copy: usize) -> usize {
+        let choice = self.choices.get(copy).copied().map_or(0, usize::from);
+        if choice < self.variants.len() { choice } else { 0 }
+    }
+}
+
+/// A copy's own space (metres, +Y up, the source's origin at 0) → the texel's cube.
+pub fn to_texel(info: &Info) -> DAffine3 {
+    let metres = if info.metres_per_unit > 0.0 { info.metres_per_unit } else { 1.0 };
+    let (min, max) = (info.bounds.min * metres, info.bounds.max * metres);
+    let (low, high) = match info.up {
+        // (u, v, w) = (x, −z, y) of the source.
+        1 => (DVec3::new(min.x, -max.z, min.y), DVec3::new(max.x, -min.z, max.y)),
+        _ => (min, max),
+    };
+    let turn = DMat3::from_cols(DVec3::X, DVec3::Z, DVec3::NEG_Y);
+    let scale = 1.0 / (high - low);
+    DAffine3 { matrix3: DMat3::from_diagonal(scale) * turn, translation: -(scale * low) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geom::Aabb;
+
+    #[test]
+    fn the_origin_of_the_source_stands_on_the_placement() {
+        let bounds = Aabb::new(DVec3::new(-1.0, -0.5, -2.0), DVec3::new(3.0, 3.5, 2.0));
+        let info = Info { bounds, metres_per_unit: 0.5, ..Info::default() };
+        let map = to_texel(&info);
+        assert_eq!(map.transform_point3(DVec3::ZERO), DVec3::new(0.25, 0.5, 0.125));
+        // Up is w, and −z is v.
+        assert_eq!(map.transform_vector3(DVec3::Y), DVec3::new(0.0, 0.0, 0.5));
+        assert_eq!(map.transform_vector3(DVec3::NEG_Z), DVec3::new(0.0, 0.5, 0.0));
+        // Of a source with Z up, z is up in the scene.
+        let map = to_texel(&Info { up: 2, ..info });
+        assert_eq!(map.transform_vector3(DVec3::Y), DVec3::new(0.0, 0.0, 0.5));
+        assert_eq!(map.transform_point3(DVec3::ZERO), DVec3::new(0.25, 0.125, 0.5));
+    }
+
+    #[test]
+    fn what_is_absent_has_its_default() {
+        let variant = Variant { texel: 0, weight: 1.0, diffuse: [1.0; 3] };
+        let set = CopySet {
+            node: String::new(),
+            to_world: DAffine3::IDENTITY,
+            variants: vec![variant; 2],
+            translations: vec![[1.0, 2.0, 3.0]; 2],
+            rotations: vec![[0.0; 4]],
+            scales: vec![],
+            choices: vec![1, 7],
+            tints: vec![],
+        };
+        assert_eq!(set.local(0), DAffine3::from_translation(DVec3::new(1.0, 2.0, 3.0)));
+        assert_eq!((set.choice(0), set.choice(1), set.choice(2)), (1, 0, 0));
+    }
+}

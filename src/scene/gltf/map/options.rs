@@ -1,0 +1,209 @@
+//! What a caller chooses about a mapping, and what is said of it afterwards.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::PathBuf;
+
+use super::super::write::Saved;
+use crate::geom::DVec3;
+use crate::scene::shell::Orientations;
+use crate::volume::{Info, Style};
+use crate::{Error, Result};
+
+/// How a mesh is to be covered.
+#[derive(Debug, Clone)]
+pub struct MapOptions {
+    /// The texels, each with what its file says; a copy takes one of them at random. At least one.
+    pub texels: Vec<(PathBuf, Info)>,
+    /// The source mesh of each texel, a `.glb`, for the reference render; as many as `texels`, or none.
+    pub geometries: Vec<PathBuf>,
+    /// Names or indices of the materials; none: all of them.
+    pub materials: Vec<String>,
+    pub cells: Cells,
+    /// Bend copies with the ground, in a shell, also where the texels are isolated objects. Those are else placed as rigid
+    /// copies; texels that are cyclic fill shells always.
+    pub bend: bool,
+    /// Rigid copies per square metre of ground; by default their crowns touch, or each cell holds one.
+    pub density: Option<f64>,
+    /// Height of the tallest texel's content as a rigid copy, metres; the others keep their proportions. By default their
+    /// own size, or in proportion to the cell.
+    pub size: Option<f64>,
+    /// Metres that rigid copies are sunk by on a slope of 45 degrees, and in proportion to the slope elsewhere.
+    pub sink: f64,
+    /// Leave out rigid copies that would overhang the border of what is covered.
+    pub inset: bool,
+    /// Shift of the copies along u and v, in cells.
+    pub offset: [f64; 2],
+    /// Keep what the materials are covered with already, and add to it.
+    pub add: bool,
+    /// Write over `_VTEX_UVW`, `_VTEX_HEIGHT` and `_VTEX_DW` that the file brings; by default they are kept.
+    pub replace: bool,
+    /// The height vectors that the file brings were made with Z up: (x, y, z) is turned into (x, z, −y).
+    pub z_up: bool,
+    /// Height of the texel's content, metres; by default in proportion to the cell.
+    pub thickness: Option<f64>,
+    pub heights: Heights,
+    pub chart: Chart,
+    /// Write `_VTEX_UVW` and `_VTEX_HEIGHT` even where the material alone would do.
+    pub attributes: bool,
+    pub orientations: Orientations,
+    /// Uniform scale of a copy, [min, max]; of a shell within (0, 1].
+    pub scale: [f64; 2],
+    /// Largest displacement along u, v, w, in cells.
+    pub displace: [f64; 3],
+    /// Share of the cells that hold a copy.
+    pub presence: f64,
+    pub seed: u32,
+    /// What becomes of the texels' materials, by name.
+    pub palette: BTreeMap<String, Style>,
+    /// Whether the base face itself is drawn.
+    pub surface_visible: bool,
+}
+
+/// How wide a copy is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Cells {
+    /// As wide as the texel says it is in metres.
+    Texel,
+    /// Copies along u and v of the unit square of texture coordinates, or of the mesh's extent where it is planar.
+    Repeat([f64; 2]),
+    /// Metres.
+    Wide(f64),
+}
+
+/// Where the copies grow to.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Heights {
+    /// Straight up where the mesh mostly faces up, else along the normals.
+    Auto,
+    Normals,
+    Along(DVec3),
+}
+
+/// Where u and v come from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Chart {
+    /// Texture coordinates, or planar from above where there are none.
+    Auto,
+    /// A set of texture coordinates.
+    Uv(usize),
+    /// World coordinates seen along axis 0 x, 1 y or 2 z.
+    Planar(usize),
+}
+
+/// What was done.
+#[derive(Debug, Default)]
+pub struct Mapped {
+    /// One line each about choices that were made.
+    pub notes: Vec<String>,
+    pub covered: Vec<Covered>,
+    pub saved: Saved,
+}
+
+/// What one material was covered with.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Covered {
+    pub material: String,
+    /// The name of the texel, of rigid copies; `None` of a shell.
+    pub texel: Option<String>,
+    /// Width along u and v (of a rigid copy's content: along its x and z) and height of a copy, metres, at its full size.
+    pub cell: [f64; 2],
+    pub height: f64,
+    /// Number of copies.
+    pub copies: f64,
+}
+
+impl Default for MapOptions {
+    fn default() -> Self {
+        MapOptions {
+            texels: Vec::new(),
+            geometries: Vec::new(),
+            materials: Vec::new(),
+            cells: Cells::Texel,
+            bend: false,
+            density: None,
+            size: None,
+            sink: 0.0,
+            inset: false,
+            offset: [0.0; 2],
+            add: false,
+            replace: false,
+            z_up: false,
+            thickness: None,
+            heights: Heights::Auto,
+            chart: Chart::Auto,
+            attributes: false,
+            orientations: Orientations::W8,
+            scale: [0.8, 1.0],
+            displace: [0.1, 0.1, 0.0],
+            presence: 1.0,
+            seed: 0,
+            palette: BTreeMap::new(),
+            surface_visible: true,
+        }
+    }
+}
+
+/// Refuse what contradicts itself or is out of range; `rigid`: for rigid copies.
+///
+/// # Errors
+/// [`Error::Options`].
+pub fn check(options: &MapOptions, rigid: bool) -> Result<()> {
+    let wrong = |what: &str| Err(Error::Options(what.into()));
+    let [least, most] = options.scale;
+    if options.texels.is_empty() {
+        return wrong("at least one --texel is needed");
+    }
+    if !options.geometries.is_empty() && options.geometries.len() != options.texels.len() {
+        return wrong("--geometry is given once for each --texel, in the same order, or not at all");
+    }
+    if let Some(path) = options.geometries.iter().find(|p| p.extension().is_none_or(|e| !e.eq_ignore_ascii_case("glb")))
+    {
+        return wrong(&format!("--geometry {}: it must be one .glb file", path.display()));
+    }
+    if !(least > 0.0 && least <= most && most <= if rigid { 100.0 } else { 1.0 }) {
+        return wrong(if rigid {
+            "--scale must be MIN,MAX with 0 < MIN ≤ MAX ≤ 100"
+        } else {
+            "--scale must be MIN,MAX with 0 < MIN ≤ MAX ≤ 1"
+        });
+    }
+    if !rigid && (options.density.is_some() || options.size.is_some() || options.sink != 0.0 || options.inset) {
+        return wrong(
+            "--density, --size, --sink and --inset are for rigid copies, not for shells (cyclic texels, --bend)",
+        );
+    }
+    if !(0.0..=1.0).contains(&options.presence) {
+        return wrong("--presence must lie in [0, 1]");
+    }
+    if options.displace.iter().any(|d| !(0.0..=1.0).contains(d)) {
+        return wrong("--displace must lie in [0, 1], in cells");
+    }
+    if options.offset.iter().any(|d| !d.is_finite()) {
+        return wrong("--offset must be two numbers");
+    }
+    let known = |name: &String| options.texels.iter().any(|(_, info)| info.materials.iter().any(|m| m.name == *name));
+    if let Some(name) = options.palette.keys().find(|name| !known(name)) {
+        let all = options.texels.iter().flat_map(|(_, info)| &info.materials).map(|m| m.name.as_str());
+        let names: Vec<&str> = all.collect::<BTreeSet<_>>().into_iter().collect();
+        let names = if names.is_empty() { "none".into() } else { names.join(", ") };
+        return wrong(&format!("--palette {name}: no texel has a material of this name; there are: {names}"));
+    }
+    let positive = |x: f64| x > 0.0 && x.is_finite();
+    let cells = match options.cells {
+        Cells::Texel => true,
+        Cells::Repeat([u, v]) => positive(u) && positive(v),
+        Cells::Wide(metres) => positive(metres),
+    };
+    if !cells || options.thickness.is_some_and(|t| !positive(t)) {
+        return wrong("--repeat, --cell and --thickness must be above 0");
+    }
+    if [options.density, options.size].into_iter().flatten().any(|x| !positive(x)) || !options.sink.is_finite() {
+        return wrong("--density and --size must be above 0, and --sink a number");
+    }
+    if let Heights::Along(d) = options.heights
+        && !(d.is_finite() && d.length() > 0.0)
+    {
+        return wrong("--height-along must not be 0,0,0");
+    }
+    Ok(())
+}

@@ -1,0 +1,306 @@
+//! Every number of a mapping, decided: where copies grow to, which coordinates they are laid by, and how large they are on
+//! each primitive.
+
+use super::options::{Cells, Chart, Heights, MapOptions};
+use super::surface::{Coordinates, Surface, SurfaceStats};
+use crate::geom::DVec3;
+use crate::volume::Info;
+use crate::{Error, Result, Warnings};
+
+/// Above this share of facing up, heights are straight up by default; below its negative, the ground faces down.
+const FACES_UP: f64 = 0.7;
+/// A mesh must have room for so many copies along its shorter side, else they are made smaller to fit `FEW_FIT`.
+const FEW: f64 = 3.0;
+const FEW_FIT: f64 = 16.0;
+/// Charts whose metres per unit are within this factor have one density.
+const SAME_DENSITY: f64 = 1.1;
+/// Height vectors of the file lie flat where their mean cosine with the normals is below the first, and were made with Z up
+/// where it is above the second once they are turned.
+const LIES_FLAT: f64 = 0.3;
+const STANDS_UP: f64 = 0.7;
+
+/// The decisions.
+pub struct Plan {
+    /// Straight along a unit vector, or along the normals.
+    pub up: Option<DVec3>,
+    pub chart: Chart,
+    /// Where the planar chart starts.
+    pub origin: [f64; 2],
+    /// How much of the texel's cube a shell holds.
+    pub dw: f64,
+    /// As the surfaces.
+    pub surfaces: Vec<SurfacePlan>,
+}
+
+/// What is decided for one surface.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SurfacePlan {
+    pub coordinates: Coordinates,
+    /// Cells per unit of the chart; v runs against the texel's where it is negative.
+    pub scale: [f64; 2],
+    /// Metres that a cell covers along u and v.
+    pub cell: [f64; 2],
+    /// Height of the shell, metres.
+    pub thickness: f64,
+    /// Square metres, of all placements.
+    pub area: f64,
+    /// Whether the file's own `_VTEX_UVW` and `_VTEX_HEIGHT` stay.
+    pub keeps_uvw: bool,
+    pub keeps_heights: bool,
+}
+
+impl Plan {
+    /// `rigid`: for copies that need no texture coordinates.
+    pub fn new(
+        options: &MapOptions,
+        surfaces: &[Surface],
+        rigid: bool,
+        notes: &mut Vec<String>,
+        warnings: &mut Warnings,
+    ) -> Result<Plan> {
+        let up = up(options, surfaces, notes, warnings);
+        let kept =
+            |s: &Surface, name: &str| !rigid && !options.replace && (options.add || s.geometry.is_authored(name));
+        let keeps_uvw: Vec<bool> = surfaces.iter().map(|s| s.geometry.uvw.is_some() && kept(s, "_VTEX_UVW")).collect();
+        let keeps_heights: Vec<bool> =
+            surfaces.iter().map(|s| s.geometry.heights.is_some() && kept(s, "_VTEX_HEIGHT")).collect();
+        if options.z_up && !keeps_heights.iter().any(|k| *k) {
+            return Err(Error::Options("--heights z-up turns _VTEX_HEIGHT vectors of the file, which has none".into()));
+        }
+        let chart = chart(options, surfaces, &keeps_uvw, up, rigid, notes)?;
+        let planar = if let Chart::Planar(axis) = chart { Some(Coordinates::Planar(axis)) } else { None };
+        let coordinates: Vec<Coordinates> = keeps_uvw
+            .iter()
+            .map(|&own| if own { Coordinates::Own } else { planar.unwrap_or(Coordinates::Uv) })
+            .collect();
+        let groups = groups(surfaces, &coordinates, up);
+        // Rigid copies need coordinates where they are counted by them alone.
+        let counted = !rigid || matches!(options.cells, Cells::Repeat(_));
+        let unusable = |g: &Group| counted && !g.stats.usable() && !(g.coordinates == Coordinates::Own && !options.add);
+        if let Some(group) = groups.iter().find(|g| unusable(g)) {
+            let name = surfaces.get(group.members[0]).map_or(0, |s| s.mesh);
+            let what = match planar {
+                Some(_) => "is flat along u or v of this chart; use another --planar axis",
+                None => "has texture coordinates that cover no area; use --planar y",
+            };
+            return Err(Error::Options(format!("the mesh {what} (meshes[{name}])")));
+        }
+        let origin = groups
+            .iter()
+            .find(|g| Some(g.coordinates) == planar)
+            .map_or([0.0; 2], |g| [g.stats.span[0][0], g.stats.span[1][0]]);
+        let width = if rigid { 1.0 } else { width(options, &groups, notes, warnings) };
+        let top = options.texels.iter().map(|(_, info)| info.content.max.z).fold(0.0, f64::max);
+        let heights_kept = !options.add && keeps_heights.iter().any(|k| *k);
+        let dw = if options.displace[2] > 0.0 || top <= 0.0 || heights_kept { 1.0 } else { (top * 1.001).min(1.0) };
+        let mut planned = vec![None; surfaces.len()];
+        for group in &groups {
+            let (scale, cell) = match options.cells {
+                Cells::Wide(width) if rigid => ([1.0; 2], [width; 2]),
+                Cells::Texel if rigid => ([1.0; 2], [1.0; 2]),
+                _ => group.cells(options, width),
+            };
+            for &i in &group.members {
+                let Some(surface) = surfaces.get(i) else { continue };
+                let given = surface.height_facts().filter(|_| keeps_heights[i] && !options.add).map(|f| f[0]);
+                let natural = (cell[0] * cell[1]).sqrt() * dw;
+                planned[i] = Some(SurfacePlan {
+                    coordinates: group.coordinates,
+                    scale,
+                    cell,
+                    thickness: options.thickness.or(given.filter(|h| *h > 0.0)).unwrap_or(natural),
+                    area: SurfaceStats::of([surface], group.coordinates, up).area,
+                    keeps_uvw: keeps_uvw[i],
+                    keeps_heights: keeps_heights[i],
+                });
+            }
+        }
+        let surfaces = planned.into_iter().flatten().collect();
+        Ok(Plan { up, chart, origin, dw, surfaces })
+    }
+}
+
+/// Where copies grow to, and a word where the ground is not as it should be.
+fn up(options: &MapOptions, surfaces: &[Surface], notes: &mut Vec<String>, warnings: &mut Warnings) -> Option<DVec3> {
+    for surface in surfaces {
+        if options.replace || !surface.geometry.is_authored("_VTEX_HEIGHT") {
+            continue;
+        }
+        let Some([_, flat, turned]) = surface.height_facts() else { continue };
+        if !options.z_up && flat.abs() < LIES_FLAT && turned > STANDS_UP {
+            warnings.add(
+                "the file's _VTEX_HEIGHT vectors lie flat on the ground: they seem to have been made with Z up; \
+                 --heights z-up turns them up, --replace makes new ones",
+            );
+        }
+    }
+    let all = SurfaceStats::of(surfaces, Coordinates::Uv, None);
+    let facing = all.facing.y / all.area;
+    match options.heights {
+        Heights::Along(d) => d.try_normalize(),
+        Heights::Normals => {
+            if facing < -FACES_UP {
+                warnings.add(
+                    "the ground faces down (its triangles run clockwise from above), and copies hang below it along its \
+                     normals; --height-along 0,1,0 makes them grow up",
+                );
+            }
+            None
+        }
+        Heights::Auto if facing > FACES_UP => {
+            notes.push("heights: straight up, because the mesh mostly faces up".into());
+            Some(DVec3::Y)
+        }
+        Heights::Auto if facing < -FACES_UP => {
+            warnings.add(
+                "the ground faces down (its triangles run clockwise from above); copies grow straight up all the same \
+                 (--height-along normals lets them hang); turn its faces over in the program that made it",
+            );
+            Some(DVec3::Y)
+        }
+        Heights::Auto => None,
+    }
+}
+
+/// The chart that is taken where nothing of the file's own stays.
+fn chart(
+    options: &MapOptions,
+    surfaces: &[Surface],
+    keeps_uvw: &[bool],
+    up: Option<DVec3>,
+    rigid: bool,
+    notes: &mut Vec<String>,
+) -> Result<Chart> {
+    let has_uvs = surfaces
+        .iter()
+        .zip(keeps_uvw)
+        .all(|(s, &kept)| kept || (s.geometry.has_uvs() && SurfaceStats::of([s], Coordinates::Uv, up).usable()));
+    match options.chart {
+        Chart::Auto if has_uvs => Ok(Chart::Uv(0)),
+        Chart::Auto => {
+            if !rigid {
+                notes.push("no texture coordinates: planar coordinates seen from above are written".into());
+            }
+            Ok(Chart::Planar(1))
+        }
+        Chart::Uv(set) if !has_uvs => {
+            Err(Error::Options(format!("the mesh has no usable TEXCOORD_{set}; use --planar y")))
+        }
+        chart => Ok(chart),
+    }
+}
+
+/// Surfaces whose charts have one density, so that copies go on from one to the next.
+struct Group {
+    coordinates: Coordinates,
+    members: Vec<usize>,
+    stats: SurfaceStats,
+}
+
+fn groups(surfaces: &[Surface], coordinates: &[Coordinates], up: Option<DVec3>) -> Vec<Group> {
+    let mut groups: Vec<Group> = Vec::new();
+    for (i, (surface, &coordinates)) in surfaces.iter().zip(coordinates).enumerate() {
+        let stats = SurfaceStats::of([surface], coordinates, up);
+        let close = |g: &&mut Group| {
+            let planar = matches!(coordinates, Coordinates::Planar(_));
+            let near = |k: usize| {
+                let (a, b) = (g.stats.metres[k], stats.metres[k]);
+                a <= SAME_DENSITY * b && b <= SAME_DENSITY * a
+            };
+            g.coordinates == coordinates && (planar || (near(0) && near(1) && g.stats.mirrored == stats.mirrored))
+        };
+        match groups.iter_mut().find(close) {
+            Some(group) => group.members.push(i),
+            None => groups.push(Group { coordinates, members: vec![i], stats }),
+        }
+    }
+    for group in groups.iter_mut().filter(|g| g.members.len() > 1) {
+        group.stats = SurfaceStats::of(group.members.iter().filter_map(|&i| surfaces.get(i)), group.coordinates, up);
+    }
+    groups
+}
+
+impl Group {
+    /// Metres that one unit of the chart covers.
+    fn metres(&self) -> [f64; 2] {
+        if matches!(self.coordinates, Coordinates::Planar(_)) { [1.0; 2] } else { self.stats.metres }
+    }
+
+    /// Metres that the chart spans along its shorter axis.
+    fn shorter(&self) -> f64 {
+        let (metres, extent) = (self.metres(), self.stats.extent());
+        (metres[0] * extent[0]).min(metres[1] * extent[1])
+    }
+
+    /// Cells per unit of the chart, and their width in metres; `width` is what is aimed at.
+    fn cells(&self, options: &MapOptions, width: f64) -> ([f64; 2], [f64; 2]) {
+        let (metres, span) = (self.metres(), self.stats.extent());
+        let planar = matches!(self.coordinates, Coordinates::Planar(_));
+        if self.coordinates == Coordinates::Own && !options.add {
+            // The file's coordinates are counted in copies.
+            return ([1.0; 2], metres);
+        }
+        let own = self.coordinates == Coordinates::Own;
+        // Whole copies fit the mesh, or the unit square of texture coordinates where the mesh spans just that.
+        let whole = |k: usize| {
+            let n = metres[k] * span[k] / width;
+            let square = planar || (!own && (span[k] - 1.0).abs() < 0.1);
+            if square { n.round().max(1.0) / span[k] } else { n / span[k] }
+        };
+        let mut scale = match options.cells {
+            Cells::Repeat(n) if planar => [n[0] / span[0], n[1] / span[1]],
+            Cells::Repeat(n) => n,
+            Cells::Wide(_) | Cells::Texel => [whole(0), whole(1)],
+        };
+        let cell = [metres[0] / scale[0], metres[1] / scale[1]];
+        if self.coordinates == Coordinates::Uv && self.stats.mirrored {
+            scale[1] = -scale[1];
+        }
+        (scale, cell)
+    }
+}
+
+/// The width of a copy in a shell that is aimed at, metres.
+fn width(options: &MapOptions, groups: &[Group], notes: &mut Vec<String>, warnings: &mut Warnings) -> f64 {
+    if let Cells::Wide(width) = options.cells {
+        return width;
+    }
+    if let Cells::Repeat(_) = options.cells {
+        return 1.0;
+    }
+    let widths = widths(options, notes);
+    let widest = widths.iter().copied().fold(0.0, f64::max);
+    let narrowest = widths.iter().copied().fold(f64::INFINITY, f64::min);
+    if narrowest < 0.5 * widest {
+        warnings.add(format!(
+            "the texels are {narrowest:.3} to {widest:.3} m wide, and all are drawn as wide as the widest; map them one by one"
+        ));
+    }
+    let widest = if widest > 0.0 && widest.is_finite() { widest } else { 1.0 };
+    let room = groups.iter().map(Group::shorter).fold(0.0, f64::max);
+    let all_kept = groups.iter().all(|g| g.coordinates == Coordinates::Own) && !options.add;
+    if all_kept || room >= FEW * widest {
+        return widest;
+    }
+    let fit = room / FEW_FIT;
+    warnings.add(format!(
+        "the mesh is {room:.3} m across and the texel {widest:.3} m: copies are made {fit:.3} m wide (--cell sets it)"
+    ));
+    fit
+}
+
+/// The width of each texel's cube, metres.
+fn widths(options: &MapOptions, notes: &mut Vec<String>) -> Vec<f64> {
+    let width = |(path, info): &(std::path::PathBuf, Info)| {
+        if info.metres_per_unit <= 0.0 {
+            notes.push(format!("{}: the source's unit is unknown and taken as a metre", path.display()));
+        }
+        info.bounds.size().max_element() * metres_per_unit(info)
+    };
+    options.texels.iter().map(width).collect()
+}
+
+/// Metres in a unit of the texel's source.
+pub fn metres_per_unit(info: &Info) -> f64 {
+    if info.metres_per_unit > 0.0 { info.metres_per_unit } else { 1.0 }
+}

@@ -1,0 +1,228 @@
+//! Points on triangles, evenly and irregularly spread, and how far they are from the border.
+//!
+//! Based on: R. Cook, *Stochastic Sampling in Computer Graphics*, TOG 1986 (Poisson disks by dart throwing); D. Cline et al.,
+//! *Dart Throwing on Surfaces*, CGF 2009.
+
+use std::collections::HashMap;
+
+use crate::geom::DVec3;
+use crate::random::SplitMix64;
+
+/// A point on a triangle.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Point {
+    pub at: DVec3,
+    /// Unit normal of the front of its triangle.
+    pub normal: DVec3,
+    /// The caller's number of the triangle's surface.
+    pub surface: usize,
+}
+
+/// Triangles to throw darts at.
+#[derive(Default)]
+pub struct Target {
+    /// Corners and normal; area summed up to and with each.
+    triangles: Vec<([DVec3; 3], DVec3, usize)>,
+    areas: Vec<f64>,
+}
+
+impl Target {
+    /// `cross`: twice the area vector of the front.
+    pub fn push(&mut self, corners: [DVec3; 3], cross: DVec3, surface: usize) {
+        let area = 0.5 * cross.length();
+        if area > 0.0 && area.is_finite() {
+            self.triangles.push((corners, cross / (2.0 * area), surface));
+            self.areas.push(self.area() + area);
+        }
+    }
+
+    /// Square metres.
+    pub fn area(&self) -> f64 {
+        self.areas.last().copied().unwrap_or(0.0)
+    }
+
+    /// A point, by area; `None` where there is no triangle.
+    fn dart(&self, random: &mut SplitMix64) -> Option<Point> {
+        let aim = random.unit() * self.area();
+        let i = self.areas.partition_point(|&a| a <= aim).min(self.areas.len().checked_sub(1)?);
+        let &([a, b, c], normal, surface) = self.triangles.get(i)?;
+        let (mut s, mut t) = (random.unit(), random.unit());
+        if s + t > 1.0 {
+            (s, t) = (1.0 - s, 1.0 - t);
+        }
+        Some(Point { at: a + s * (b - a) + t * (c - a), normal, surface })
+    }
+
+    /// The edges that only one triangle has, by the positions of their ends.
+    pub fn border(&self) -> Vec<[DVec3; 2]> {
+        let key = |p: DVec3| (p + 0.0).to_array().map(|v| (v as f32).to_bits());
+        let ends = |a: DVec3, b: DVec3| {
+            let (ka, kb) = (key(a), key(b));
+            if ka <= kb { (ka, kb) } else { (kb, ka) }
+        };
+        let edges = || self.triangles.iter().flat_map(|&([a, b, c], ..)| [[a, b], [b, c], [c, a]]);
+        let mut counts: HashMap<_, u32> = HashMap::new();
+        edges().for_each(|[a, b]| *counts.entry(ends(a, b)).or_default() += 1);
+        edges().filter(|&[a, b]| counts.get(&ends(a, b)) == Some(&1)).collect()
+    }
+}
+
+/// Discs that keep a distance from each other, in a grid of cells as wide as the largest.
+pub struct Discs {
+    cell: f64,
+    cells: HashMap<[i64; 3], Vec<(DVec3, f64)>>,
+}
+
+/// Darts thrown per disc that is wanted before the ground counts as full. At the least distance that `copies` asks for, three
+/// are enough on average.
+const DARTS: usize = 40;
+
+impl Discs {
+    /// `largest`: the largest radius that will come, metres.
+    pub fn new(largest: f64) -> Discs {
+        let cell = if largest > 0.0 && largest.is_finite() { 2.0 * largest } else { 1.0 };
+        Discs { cell, cells: HashMap::new() }
+    }
+
+    fn cell_of(&self, p: DVec3) -> [i64; 3] {
+        (p / self.cell).floor().to_array().map(|v| v as i64)
+    }
+
+    pub fn insert(&mut self, p: DVec3, radius: f64) {
+        let cell = self.cell_of(p);
+        self.cells.entry(cell).or_default().push((p, radius));
+    }
+
+    /// Whether a disc there would keep the sum of the radii from all others.
+    fn is_free(&self, p: DVec3, radius: f64) -> bool {
+        let [x, y, z] = self.cell_of(p);
+        let near = |[a, b, c]: [i64; 3]| self.cells.get(&[a, b, c]).map_or(&[][..], Vec::as_slice);
+        (-1..=1).all(|i: i64| {
+            (-1..=1).all(|j: i64| {
+                (-1..=1).all(|k: i64| {
+                    let cell = [x.saturating_add(i), y.saturating_add(j), z.saturating_add(k)];
+                    near(cell).iter().all(|&(q, r)| p.distance_squared(q) >= (radius + r) * (radius + r))
+                })
+            })
+        })
+    }
+
+    /// Up to `count` more points of `target`, each `radius` and the other's from every other.
+    pub fn throw(&mut self, target: &Target, count: usize, radius: f64, random: &mut SplitMix64) -> Vec<Point> {
+        let mut points = Vec::with_capacity(count);
+        for _ in 0..count.saturating_mul(DARTS) {
+            if points.len() == count {
+                break;
+            }
+            let Some(point) = target.dart(random) else { break };
+            if self.is_free(point.at, radius) {
+                self.insert(point.at, radius);
+                points.push(point);
+            }
+        }
+        points
+    }
+}
+
+/// Whether points lie near a border, by a grid as coarse as the largest distance that is asked for.
+pub struct Border {
+    cell: f64,
+    cells: HashMap<[i64; 3], Vec<[DVec3; 2]>>,
+}
+
+/// An edge is entered into at most so many cells along each axis; longer ones are cut in pieces first.
+const MOST_CELLS: f64 = 4.0;
+
+impl Border {
+    /// `reach`: the largest distance that will be asked for.
+    pub fn new(edges: &[[DVec3; 2]], reach: f64) -> Border {
+        let mut border = Border { cell: reach.max(f64::MIN_POSITIVE), cells: HashMap::new() };
+        for &[a, b] in edges {
+            let pieces = ((b - a).abs().max_element() / (MOST_CELLS * border.cell)).ceil().clamp(1.0, 1e6);
+            for k in 0..pieces as u64 {
+                let at = |k: f64| a.lerp(b, k / pieces);
+                border.insert([at(k as f64), at(k as f64 + 1.0)]);
+            }
+        }
+        border
+    }
+
+    fn insert(&mut self, [a, b]: [DVec3; 2]) {
+        let low = ((a.min(b) - self.cell) / self.cell).floor().to_array().map(|v| v as i64);
+        let high = ((a.max(b) + self.cell) / self.cell).floor().to_array().map(|v| v as i64);
+        for x in low[0]..=high[0] {
+            for y in low[1]..=high[1] {
+                for z in low[2]..=high[2] {
+                    self.cells.entry([x, y, z]).or_default().push([a, b]);
+                }
+            }
+        }
+    }
+
+    /// Whether the border comes nearer to `p` than `distance`, at most the reach, seen along the unit vector `up`.
+    pub fn is_within(&self, p: DVec3, distance: f64, up: DVec3) -> bool {
+        let cell = (p / self.cell).floor().to_array().map(|v| v as i64);
+        self.cells.get(&cell).is_some_and(|edges| {
+            edges.iter().any(|&[a, b]| {
+                let flat = |v: DVec3| v - up * up.dot(v);
+                let (ab, ap) = (flat(b - a), flat(p - a));
+                let t = (ap.dot(ab) / ab.length_squared().max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
+                (ap - t * ab).length() < distance
+            })
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn square(size: f64) -> Target {
+        let p = |x: f64, z: f64| DVec3::new(x * size, 0.0, z * size);
+        let mut target = Target::default();
+        for t in [[p(0.0, 0.0), p(0.0, 1.0), p(1.0, 1.0)], [p(0.0, 0.0), p(1.0, 1.0), p(1.0, 0.0)]] {
+            target.push(t, (t[1] - t[0]).cross(t[2] - t[0]), 0);
+        }
+        target
+    }
+
+    #[test]
+    fn discs_are_as_many_as_wanted_apart_and_even() {
+        let (target, mut random) = (square(100.0), SplitMix64::new(5));
+        assert!((target.area() - 1e4).abs() < 1e-9);
+        let points = Discs::new(3.5).throw(&target, 100, 3.5, &mut random);
+        // One per 10 m square, .7 of its width apart: below what random darts fill the plane with (.83).
+        assert_eq!(points.len(), 100);
+        for (i, a) in points.iter().enumerate() {
+            assert!(a.at.y == 0.0 && (0.0..100.0).contains(&a.at.x) && (0.0..100.0).contains(&a.at.z));
+            assert!((a.normal - DVec3::Y).length() < 1e-12);
+            assert!(points[..i].iter().all(|b| b.at.distance(a.at) >= 7.0));
+        }
+        // Each quarter has near 25; discs that keep apart vary less than independent ones, whose deviation is 4.3.
+        let quarter = points.iter().filter(|p| p.at.x < 50.0 && p.at.z < 50.0).count();
+        assert!((17..=33).contains(&quarter), "{quarter}");
+        let again = Discs::new(3.5).throw(&target, 100, 3.5, &mut SplitMix64::new(5));
+        assert_eq!(points, again);
+    }
+
+    #[test]
+    fn a_full_ground_takes_no_more() {
+        let mut discs = Discs::new(10.0);
+        let points = discs.throw(&square(50.0), 1000, 10.0, &mut SplitMix64::new(1));
+        // Hexagonal packing, with centres up to the border, is the most there can be.
+        assert!((5..=13).contains(&points.len()), "{}", points.len());
+    }
+
+    #[test]
+    fn the_border_is_where_one_triangle_ends() {
+        let target = square(8.0);
+        let edges = target.border();
+        assert_eq!(edges.len(), 4, "the diagonal is shared");
+        let border = Border::new(&edges, 2.0);
+        let at = |x: f64, y: f64, z: f64| DVec3::new(x, y, z);
+        assert!(border.is_within(at(1.0, 0.0, 4.0), 1.5, DVec3::Y));
+        assert!(!border.is_within(at(2.0, 0.0, 4.0), 1.5, DVec3::Y));
+        assert!(border.is_within(at(6.9, 0.0, 6.9), 1.2, DVec3::Y));
+        assert!(!border.is_within(at(4.0, 0.0, 4.0), 2.0, DVec3::Y));
+    }
+}

@@ -1,0 +1,225 @@
+//! Shells: the extension object of a covered material, and the attributes of its primitives.
+
+use std::collections::BTreeMap;
+
+use serde_json::{Map, Value, json};
+
+use super::super::write::Editor;
+use super::options::{Chart, MapOptions};
+use super::plan::{Plan, SurfacePlan};
+use super::surface::{Coordinates, Surface, WRITTEN};
+use crate::scene::shell::Orientations;
+use crate::volume::Style;
+use crate::{Error, Result, Warnings};
+
+/// How the surfaces of one material are laid out.
+pub struct MaterialPlan {
+    /// Layer's scale and offset: texel coordinate = uvw · scale + offset.
+    scale: [f64; 2],
+    offset: [f64; 2],
+    pub thickness: f64,
+    write_uvw: bool,
+    write_heights: bool,
+}
+
+impl MaterialPlan {
+    /// `members`: the material's surfaces with what is planned for them; at least one.
+    pub fn new(options: &MapOptions, plan: &Plan, members: &[(&Surface, &SurfacePlan)]) -> Option<MaterialPlan> {
+        let (_, first) = members.first()?;
+        let raw: Vec<_> = members.iter().map(|(surface, planned)| in_raw_coordinates(surface, planned)).collect();
+        let near = |a: f64, b: f64| (a - b).abs() <= 1e-9 * a.abs().max(b.abs()).max(1.0);
+        let same = |a: &Raw, b: &Raw| (0..2).all(|k| near(a.scale[k], b.scale[k]) && near(a.offset[k], b.offset[k]));
+        // One layer can say it for all.
+        let one = raw[0].as_ref().filter(|first| raw.iter().all(|r| r.as_ref().is_some_and(|r| same(r, first))));
+        let planar = matches!(plan.chart, Chart::Planar(_));
+        let write_uvw = options.attributes || planar || one.is_none();
+        let Raw { scale, offset } =
+            one.filter(|_| !write_uvw).copied().unwrap_or(Raw { scale: [1.0; 2], offset: [0.0; 2] });
+        let thickness = first.thickness;
+        let uneven = members.iter().any(|(_, p)| (p.thickness - thickness).abs() > 1e-6 * thickness || p.keeps_heights);
+        let scaled = members.iter().any(|(s, _)| (s.world().matrix3.determinant().abs() - 1.0).abs() > 1e-3);
+        let bare = members.iter().any(|(s, _)| s.geometry.normals.is_none());
+        Some(MaterialPlan {
+            scale,
+            offset,
+            thickness,
+            write_uvw,
+            write_heights: options.attributes || plan.up.is_some() || scaled || bare || uneven,
+        })
+    }
+}
+
+/// Scale and offset of a layer for coordinates as the primitive has them.
+#[derive(Clone, Copy)]
+struct Raw {
+    scale: [f64; 2],
+    offset: [f64; 2],
+}
+
+/// What the plan's scale is for the primitive's own coordinates, before KHR_texture_transform; `None` where that turns them.
+fn in_raw_coordinates(surface: &Surface, planned: &SurfacePlan) -> Option<Raw> {
+    if planned.coordinates != Coordinates::Uv {
+        return Some(Raw { scale: planned.scale, offset: [0.0; 2] });
+    }
+    let [[a, b, x], [c, d, y]] = surface.geometry.uv_rows.map(|r| r.map(f64::from));
+    let [u, v] = planned.scale;
+    (b == 0.0 && c == 0.0).then_some(Raw { scale: [a * u, d * v], offset: [x * u, y * v] })
+}
+
+/// The extension object of a covered material; `texels` index the root's list.
+pub fn material(options: &MapOptions, plan: &Plan, own: &MaterialPlan, texels: &[usize]) -> Value {
+    let mut layer = Map::new();
+    layer.insert("texel".into(), json!(texels.first()));
+    if own.scale != [1.0; 2] {
+        layer.insert("scale".into(), json!([own.scale[0], own.scale[1], 1.0]));
+    }
+    let offset = [own.offset[0] + options.offset[0], own.offset[1] + options.offset[1]];
+    if offset != [0.0; 2] {
+        layer.insert("offset".into(), json!([offset[0], offset[1], 0.0]));
+    }
+    let mut discrete = Map::new();
+    discrete.insert("seed".into(), json!(options.seed));
+    let orientations = match options.orientations {
+        Orientations::Identity => "identity",
+        Orientations::W4 => "w4",
+        Orientations::W8 => "w8",
+    };
+    discrete.insert("orientations".into(), json!(orientations));
+    discrete.insert("scale".into(), json!(options.scale));
+    discrete.insert("displace".into(), json!(options.displace));
+    discrete.insert("presence".into(), json!(options.presence));
+    if texels.len() > 1 {
+        discrete.insert("variants".into(), texels.iter().map(|t| json!({"texel": t})).collect());
+    }
+    layer.insert("jitter".into(), json!({"discrete": discrete}));
+    if !options.palette.is_empty() {
+        layer.insert("palette".into(), palette(&options.palette));
+    }
+    let mut shell = Map::new();
+    if let Chart::Uv(set @ 1..) = plan.chart
+        && !own.write_uvw
+    {
+        shell.insert("texCoord".into(), json!(set));
+    }
+    shell.insert("dw".into(), json!(plan.dw));
+    shell.insert("thickness".into(), json!(own.thickness));
+    shell.insert("surface".into(), json!(if options.surface_visible { "visible" } else { "hidden" }));
+    shell.insert("layers".into(), json!([layer]));
+    Value::Object(shell)
+}
+
+/// The `palette` object.
+pub fn palette(palette: &BTreeMap<String, Style>) -> Value {
+    let phong = |s: &Style| match s.keep {
+        true => json!({"diffuseFactor": s.factor}),
+        false => json!({"diffuseFactor": s.factor, "useTexelAlbedo": false}),
+    };
+    let palette: Map<_, _> = palette.iter().map(|(name, s)| (name.clone(), phong(s))).collect();
+    palette.into()
+}
+
+/// Append the layer of `shell` to a shell that is there; its heights stay.
+///
+/// # Errors
+/// [`Error::Options`] where there is no shell, or where one layer cannot say it.
+pub fn add(
+    plan: &Plan,
+    own: &MaterialPlan,
+    shell: &Value,
+    to: &mut Value,
+    name: &str,
+    warnings: &mut Warnings,
+) -> Result<()> {
+    let number = |key: &str| to.get(key).and_then(Value::as_f64).unwrap_or(1.0);
+    // Metres that a unit of w is high: of the shell, and of this layer.
+    let (height, unit) = (number("thickness"), number("thickness") / number("dw"));
+    let natural = own.thickness / plan.dw;
+    let layers = to.get_mut("layers").and_then(Value::as_array_mut).filter(|_| unit > 0.0 && natural > 0.0);
+    let none = || Error::Options(format!("material {name} has no shell yet: map it without --add first"));
+    let layers = layers.ok_or_else(none)?;
+    if own.write_uvw {
+        let what = "--add takes u and v from what is there, in one scale for the whole material: give neither --planar nor \
+                    --attributes";
+        return Err(Error::Options(what.into()));
+    }
+    if own.thickness > height * 1.001 {
+        let high = own.thickness;
+        warnings.add(format!("{name}: the shell is {height:.3} m high and cuts the layer's {high:.3} m"));
+    }
+    for layer in shell.get("layers").and_then(Value::as_array).into_iter().flatten() {
+        let mut layer = layer.clone();
+        layer["scale"] = json!([own.scale[0], own.scale[1], unit / natural]);
+        layers.push(layer);
+    }
+    Ok(())
+}
+
+/// Give a primitive, found under `mesh`, its attributes and its material; those of an earlier mapping are taken away.
+pub fn attributes(
+    options: &MapOptions,
+    plan: &Plan,
+    own: &MaterialPlan,
+    (surface, planned): (&Surface, &SurfacePlan),
+    (mesh, material): (usize, usize),
+    editor: &mut Editor,
+) -> Result<()> {
+    let write_uvw = own.write_uvw && !planned.keeps_uvw;
+    let uvw = write_uvw.then(|| surface.uvw(planned.coordinates, planned.scale, plan.origin));
+    let heights = match (planned.keeps_heights, options.z_up, plan.up) {
+        (true, true, _) => surface.heights_turned(),
+        (true, false, _) => None,
+        (false, ..) if !own.write_heights => None,
+        (false, _, Some(up)) => Some(surface.heights_along(up * planned.thickness)),
+        (false, _, None) => Some(surface.heights_normal(planned.thickness)),
+    };
+    let keeps_dw = planned.keeps_uvw || planned.keeps_heights;
+    let uvw = uvw.map(|v| editor.add_floats(&v, true)).transpose()?;
+    let heights = heights.map(|v| editor.add_floats(&v, true)).transpose()?;
+    let all = [
+        ("_VTEX_UVW", uvw, planned.keeps_uvw),
+        ("_VTEX_HEIGHT", heights, planned.keeps_heights),
+        ("_VTEX_DW", None, keeps_dw),
+    ];
+    let at = format!("/meshes/{mesh}/primitives/{}", surface.primitive);
+    let Some(primitive) = editor.json.pointer_mut(&at).and_then(Value::as_object_mut) else { return Ok(()) };
+    primitive.insert("material".into(), json!(material));
+    let Some(attributes) = primitive.get_mut("attributes").and_then(Value::as_object_mut) else { return Ok(()) };
+    let mut written = Vec::new();
+    for (name, accessor, keeps) in all {
+        if let Some(accessor) = accessor {
+            attributes.insert(name.into(), json!(accessor));
+        } else if !keeps {
+            attributes.shift_remove(name);
+        }
+        // The next mapping may replace these, and must keep the file's own.
+        if accessor.is_some() && !keeps {
+            written.push(name);
+        }
+    }
+    mark(primitive, &written);
+    Ok(())
+}
+
+/// Take away the attributes that an earlier mapping wrote.
+pub fn strip(surface: &Surface, editor: &mut Editor) {
+    let at = format!("/meshes/{}/primitives/{}", surface.mesh, surface.primitive);
+    let Some(primitive) = editor.json.pointer_mut(&at).and_then(Value::as_object_mut) else { return };
+    if let Some(attributes) = primitive.get_mut("attributes").and_then(Value::as_object_mut) {
+        attributes.retain(|name, _| !name.starts_with("_VTEX_") || surface.geometry.is_authored(name));
+    }
+    mark(primitive, &[]);
+}
+
+/// Note under `extras` which attributes a mapping wrote.
+fn mark(primitive: &mut Map<String, Value>, written: &[&str]) {
+    if !written.is_empty() {
+        if let Some(extras) = primitive.entry("extras").or_insert_with(|| json!({})).as_object_mut() {
+            extras.insert(WRITTEN.into(), json!(written));
+        }
+    } else if let Some(extras) = primitive.get_mut("extras").and_then(Value::as_object_mut)
+        && extras.shift_remove(WRITTEN).is_some()
+        && extras.is_empty()
+    {
+        primitive.shift_remove("extras");
+    }
+}
