@@ -1,5 +1,7 @@
 //! What is rendered and baked: models read from files, as plain data with every default filled in.
 
+#[cfg(feature = "bake")]
+pub(crate) mod far;
 pub(crate) mod files;
 pub mod gltf;
 pub(crate) mod image;
@@ -8,6 +10,8 @@ pub mod model;
 pub mod obj;
 pub(crate) mod select;
 pub mod shell;
+#[cfg(feature = "bake")]
+pub(crate) mod text;
 pub mod texture;
 pub(crate) mod topology;
 #[cfg(feature = "bake")]
