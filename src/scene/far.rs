@@ -89,10 +89,10 @@ mod tests {
         let p = DVec3::new(x, y, 0.1);
         let offset = DVec3::new(448_262.0, 5_411_932.0, 0.0);
         let mut six = Decimals::new();
-        ["448261.474269", "-1", ".5", "1e3"].map(|word| six.see(word));
+        ["448261.474269", "-1", ".5", "1e3"].iter().for_each(|word| six.see(word));
         assert_eq!(six, Decimals(None), "exponents may hide digits");
         six = Decimals::new();
-        ["448261.474269", "-1", ".5"].map(|word| six.see(word));
+        ["448261.474269", "-1", ".5"].iter().for_each(|word| six.see(word));
         assert_ne!(p - offset, DVec3::new(-0.525731, 0.850651, 0.1), "double precision alone does not do it");
         assert_eq!(subtract(p, offset, six), DVec3::new(-0.525731, 0.850651, 0.1));
         assert_eq!(subtract(p, offset, Decimals::default()), p - offset);

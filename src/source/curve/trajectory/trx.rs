@@ -67,7 +67,7 @@ pub fn read(bytes: &[u8], max_bytes: u64) -> Result<Content, Fault> {
     }
     let values = positions.values("positions")?;
     let points: Vec<DVec3> = values.as_chunks::<3>().0.iter().map(|p| DVec3::from(*p)).collect();
-    if values.len() % 3 != 0 || points.len() as u64 != header.nb_vertices {
+    if !values.len().is_multiple_of(3) || points.len() as u64 != header.nb_vertices {
         let what = format!("has {} numbers, the header counts {} points", values.len(), header.nb_vertices);
         return Err(("positions".into(), what));
     }
@@ -112,7 +112,7 @@ impl Array {
         }
         let (bytes, width) = (&self.bytes[..], self.kind.trim_start_matches(|c: char| !c.is_ascii_digit()));
         let width = width.parse::<usize>().unwrap_or(8) / 8;
-        if width == 0 || bytes.len() % width != 0 {
+        if width == 0 || !bytes.len().is_multiple_of(width) {
             return Err((name.into(), format!("ends within a number of the type {}", self.kind)));
         }
         Ok(match self.kind.as_str() {
