@@ -2,9 +2,13 @@
 
 use std::path::{Path, PathBuf};
 
+use vtex::bake::{Options, bake};
 use vtex::geom::{Aabb, DVec3};
+use vtex::progress::Quiet;
 use vtex::scene::gltf::{ReadOptions, read};
 use vtex::scene::{Model, Scene};
+use vtex::source::OpenOptions;
+use vtex::volume::Volume;
 
 /// The folder of real files, where the machine has one.
 fn assets() -> Option<PathBuf> {
@@ -255,4 +259,130 @@ fn damage_never_panics() {
 /// Damaged copies of each file: a few in every run, more where asked for.
 fn rounds() -> usize {
     std::env::var("VTEX_DAMAGE_ROUNDS").ok().and_then(|v| v.parse().ok()).unwrap_or(60)
+}
+
+/// The source `name` of this text, baked; and what is said of it.
+fn baked(name: &str, text: &str, options: &OpenOptions) -> (Volume, Vec<String>) {
+    let dir = tempfile::tempdir().unwrap();
+    std::fs::write(dir.path().join(name), text).unwrap();
+    let source = vtex::source::open(&dir.path().join(name), options).unwrap();
+    let options = Options { resolution: 32, ..Options::default() };
+    let (volume, report) = bake(&*source, &options, &Quiet, &mut |_| ()).unwrap();
+    assert!(report.warnings.is_empty(), "{:?}", report.warnings);
+    (volume, source.notes().to_vec())
+}
+
+/// A ball of radius 1 around `at` with six digits after the point, of 24 × 12 facets.
+fn ball(at: DVec3) -> String {
+    let (across, up) = (24, 12);
+    let mut text = String::new();
+    for j in 0..=up {
+        for i in 0..across {
+            let (a, b) = (
+                f64::from(i) / f64::from(across) * std::f64::consts::TAU,
+                f64::from(j) / f64::from(up) * std::f64::consts::PI,
+            );
+            let d = DVec3::new(a.cos() * b.sin(), a.sin() * b.sin(), b.cos());
+            // Rounded before it is moved, so that both texts have the same digits.
+            let p = at + (d * 1e6).round() / 1e6;
+            text += &format!("v {:.6} {:.6} {:.6}\n", p.x, p.y, p.z);
+        }
+    }
+    let corner = |i: i32, j: i32| j * across + i % across + 1;
+    for j in 0..up {
+        for i in 0..across {
+            let quad = [corner(i, j), corner(i, j + 1), corner(i + 1, j + 1), corner(i + 1, j)];
+            // At the poles two corners are one: those facets are triangles.
+            let face: Vec<String> = match j {
+                0 => [quad[0], quad[1], quad[2]].map(|c| c.to_string()).to_vec(),
+                j if j == up - 1 => [quad[0], quad[1], quad[3]].map(|c| c.to_string()).to_vec(),
+                _ => quad.map(|c| c.to_string()).to_vec(),
+            };
+            text += &format!("f {}\n", face.join(" "));
+        }
+    }
+    text
+}
+
+#[test]
+fn coordinates_far_from_0_bake_to_the_same_voxels() {
+    let utm = DVec3::new(448_262.0, 5_411_932.0, 120.0);
+    let wide = |width| {
+        let mut options = OpenOptions::default();
+        options.trajectory.width = Some(width);
+        options
+    };
+    let strand = |at: DVec3| {
+        format!(
+            "x,y,z\n{:.3},{:.3},{:.3}\n{:.3},{:.3},{:.3}\n",
+            at.x - 0.123,
+            at.y - 0.4,
+            at.z,
+            at.x + 0.777,
+            at.y + 0.6,
+            at.z
+        )
+    };
+    let cases = [("ball.obj", ball as fn(DVec3) -> String, OpenOptions::default()), ("strand.csv", strand, wide(0.1))];
+    for (name, text, options) in cases {
+        let (near, quiet) = baked(name, &text(DVec3::ZERO), &options);
+        let (far, said) = baked(name, &text(utm), &options);
+        assert!(near.depths == far.depths, "{name}");
+        assert_eq!(near.info.facet_size, far.info.facet_size, "{name}");
+        // The place is a sum of the round number and the place around 0, rounded once.
+        let moved = far.info.bounds.min - near.info.bounds.min - utm;
+        assert!(moved.abs().max_element() < 1e-8, "{name}: {moved}");
+        assert!(quiet.is_empty() && said.len() == 1 && said[0].contains("(448262, 5411932, 120)"), "{name}: {said:?}");
+    }
+}
+
+#[test]
+fn a_recipe_draws_a_far_model_where_its_file_has_it() {
+    let dir = tempfile::tempdir().unwrap();
+    std::fs::write(dir.path().join("ball.obj"), ball(DVec3::new(448_262.0, 5_411_932.0, 120.0))).unwrap();
+    let recipe = "[[draw]]\nsource = { file = \"ball.obj\" }\ntranslate = [-448262, -5411932, -120]\n";
+    std::fs::write(dir.path().join("r.toml"), recipe).unwrap();
+    let source = vtex::source::open(&dir.path().join("r.toml"), &OpenOptions::default()).unwrap();
+    let (bounds, expected) = (source.bounds(), Aabb::new(DVec3::splat(-1.0), DVec3::splat(1.0)));
+    assert!((bounds.min - expected.min).length() < 1e-6 && (bounds.max - expected.max).length() < 1e-6, "{bounds:?}");
+}
+
+#[test]
+fn a_cutoff_above_all_alpha_is_named() {
+    let json = SQUARE
+        .replace("\"baseColorTexture\":{\"index\":0}", "\"baseColorFactor\":[1,1,1,0.75]")
+        .replace("\"materials\":[{", "\"materials\":[{\"name\":\"leaf\",\"alphaMode\":\"MASK\",\"alphaCutoff\":1.01,");
+    let dir = tempfile::tempdir().unwrap();
+    std::fs::write(dir.path().join("t.gltf"), json).unwrap();
+    let source = vtex::source::open(&dir.path().join("t.gltf"), &OpenOptions::default()).unwrap();
+    let said = source.warnings().as_reasons();
+    assert!(
+        said.contains("material leaf: nothing of it is there") && said.contains("1.01") && said.contains("0.75"),
+        "{said}"
+    );
+}
+
+#[test]
+fn emission_alone_and_unused_alpha_are_named() {
+    let dir = tempfile::tempdir().unwrap();
+    let said = |json: &str| {
+        std::fs::write(dir.path().join("t.gltf"), json).unwrap();
+        gltf(&dir.path().join("t.gltf")).unwrap().model.warnings.as_reasons()
+    };
+    let lamp = SQUARE
+        .replace("\"baseColorTexture\":{\"index\":0}", "\"baseColorFactor\":[0,0,0,1]")
+        .replace("\"materials\":[{", "\"materials\":[{\"name\":\"lamp\",\"emissiveFactor\":[1,1,1],");
+    assert!(said(&lamp).contains("material lamp only emits light"));
+    assert!(!said(&lamp.replace("[0,0,0,1]", "[0,1,0,1]")).contains("emits"));
+    let card = |clear: u32| {
+        let pixel = |x: u32, _| image::Rgba([10, 200, 10, if x < clear { 0 } else { 255 }]);
+        image::RgbaImage::from_fn(8, 8, pixel).save(dir.path().join("t.png")).unwrap();
+    };
+    card(4);
+    assert!(said(SQUARE).contains("has alpha, which is not used: an alphaMode of OPAQUE"));
+    assert!(
+        !said(&SQUARE.replace("\"materials\":[{", "\"materials\":[{\"alphaMode\":\"MASK\",")).contains("has alpha")
+    );
+    card(0);
+    assert!(!said(SQUARE).contains("has alpha"));
 }

@@ -100,6 +100,9 @@ pub(crate) fn measure_and_fit(
     progress: &dyn Progress,
     on_estimate: &mut dyn FnMut(&Estimate),
 ) -> Result<(Volume, Report)> {
+    let origin = source.origin();
+    let relative = |cube: Aabb| Aabb::new(cube.min - origin, cube.max - origin);
+    let options = &Options { cube: options.cube.map(relative), ..options.clone() };
     let place = plan(source.bounds(), options)?;
     let names = if options.materials { source.materials() } else { &[] };
     materials::check_count(names)?;
@@ -132,7 +135,7 @@ pub(crate) fn measure_and_fit(
             .collect(),
     };
     let info = Info {
-        bounds: place.bounds,
+        bounds: Aabb::new(place.bounds.min + origin, place.bounds.max + origin),
         metres_per_unit: source.metres_per_unit(),
         up: place.up,
         cyclic: options.cyclic,

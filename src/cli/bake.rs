@@ -207,7 +207,8 @@ fn bake_file(args: &Args, ui: &Ui) -> Result<()> {
     let (mut volume, report) = bake::bake(&*source, &args.options(source.up()), ui, &mut foresee)?;
     if volume.depths.is_empty() {
         let why = report.warnings.as_reasons();
-        return Err(Error::input(input, "", format!("there is nothing in it to bake: no facet has an area{why}")));
+        let why = if why.is_empty() { "; no facet has an area".to_owned() } else { why };
+        return Err(Error::input(input, "", format!("there is nothing in it to bake{why}")));
     }
     ui.warn(&report.warnings)?;
     let bake_time = start.elapsed() - read_time;

@@ -2,6 +2,8 @@
 
 pub mod alpha;
 pub mod copies;
+#[cfg(feature = "bake")]
+pub(crate) mod far;
 pub(crate) mod files;
 pub mod gltf;
 pub(crate) mod image;
@@ -10,6 +12,8 @@ pub mod model;
 pub mod obj;
 pub(crate) mod select;
 pub mod shell;
+#[cfg(feature = "bake")]
+pub(crate) mod text;
 pub mod texture;
 pub(crate) mod topology;
 #[cfg(feature = "bake")]

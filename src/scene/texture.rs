@@ -57,6 +57,12 @@ impl Texture {
         Texture { name: name.into(), width, height, texels, ..Texture::default() }
     }
 
+    /// Whether a hundredth or more of the image is rather transparent than not: it was drawn to be cut out.
+    pub fn has_cutouts(&self) -> bool {
+        let transparent = self.texels.iter().filter(|t| t[3] < 128).count();
+        transparent > 0 && 100 * transparent >= self.texels.len()
+    }
+
     /// The alpha of [`Texture::sample`].
     pub fn alpha(&self, uv: [f32; 2]) -> f32 {
         let alpha =

@@ -2,7 +2,7 @@
 
 use crate::geom::{DVec2, DVec3};
 
-/// Cuts polygons; keeps its working memory between them.
+/// Triangulator of polygons that keeps its working memory between them.
 pub struct Cutter {
     earcut: earcut::Earcut<f64>,
     flat: Vec<DVec2>,
@@ -45,7 +45,7 @@ impl Cutter {
         }
     }
 
-    /// Whether a polygon without right turns goes round once, and not like a star.
+    /// Test whether a polygon without right turns winds around once, unlike a star.
     fn winds_once(&self) -> bool {
         let edges = self.flat.iter().zip(self.flat.iter().cycle().skip(1)).map(|(a, b)| *b - *a);
         let upward: Vec<bool> =

@@ -14,12 +14,12 @@ use super::stack::StackSource;
 use super::texel::TexelSource;
 use super::traits::Source;
 use super::{group, recipe};
-use crate::geom::DAffine3;
-use crate::scene::{self, gltf};
+use crate::geom::{DAffine3, DVec3};
+use crate::scene::{self, gltf, text};
 use crate::{Error, Result, Warnings};
 
 /// Extensions that are known.
-const KNOWN: &str = ".gltf, .glb, .obj, .lsys, .ls, .csv, .tsv, .hair, .trk, .tck, .swc, .vtex, .toml and .json (recipes), .nii, .nii.gz, .hdr, .img, .nrrd, .nhdr, .mha, .mhd, .dcm, .tif, a folder of slices or of DICOM";
+const KNOWN: &str = ".gltf, .glb, .obj, .lsys, .ls, .csv, .tsv, .hair, .trk, .trx, .tck, .swc (these also as .gz), .vtex, .toml and .json (recipes), .nii, .nii.gz, .hdr, .img, .nrrd, .nhdr, .mha, .mhd, .dcm, .tif, a folder of slices or of DICOM";
 
 /// Open the source `path`.
 ///
@@ -31,7 +31,7 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Box<dyn Source>> {
         FileKind::Mesh => scene::read_model(path, &options.read)?,
         FileKind::LSystem => return lsystem::open(Some(path), &options.lsystem, &options.read, &options.mesh),
         FileKind::Texel => return Ok(Box::new(TexelSource::open(path, options.read.max_bytes)?)),
-        FileKind::Recipe => return recipe::open(path, options, open),
+        FileKind::Recipe => return recipe::open(path, options, open_settled),
         FileKind::Curves => {
             return Ok(Box::new(trajectory::read(path, options.read.max_bytes, &options.trajectory)?));
         }
@@ -61,6 +61,16 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Box<dyn Source>> {
     Ok(Box::new(GroupSource::new(vec![Box::new(mesh), Box::new(curves)], &[part(0), part(1)], units)))
 }
 
+/// Open a part of a recipe: with its coordinates as its file has them, wherever its [`Source::origin`] is.
+fn open_settled(path: &Path, options: &OpenOptions) -> Result<Box<dyn Source>> {
+    let source = open(path, options)?;
+    if source.origin() == DVec3::ZERO {
+        return Ok(source);
+    }
+    let (units, part) = (source.metres_per_unit(), group::Part { source: 0, transform: DAffine3::IDENTITY });
+    Ok(Box::new(GroupSource::new(vec![source], &[part], units)))
+}
+
 /// The file itself and, in order, the files beside it that it names and that are there.
 pub fn dependencies(path: &Path) -> Vec<PathBuf> {
     if stack::is_stack(path) {
@@ -72,7 +82,7 @@ pub fn dependencies(path: &Path) -> Vec<PathBuf> {
             found.push(file);
         }
     };
-    let text = || std::fs::read(path).map(|b| String::from_utf8_lossy(&b).into_owned()).unwrap_or_default();
+    let text = || std::fs::read(path).map(|b| text::decode(&b).into_owned()).unwrap_or_default();
     match extension(path).as_str() {
         "gltf" | "glb" => gltf::named_files(path).into_iter().for_each(&mut add),
         "obj" => crate::scene::obj::named_files(path).into_iter().for_each(&mut add),

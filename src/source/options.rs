@@ -40,7 +40,7 @@ pub fn file_kind(path: &Path) -> FileKind {
         "lsys" | "ls" => FileKind::LSystem,
         "vtex" => FileKind::Texel,
         "toml" | "json" => FileKind::Recipe,
-        known if trajectory::KNOWN.contains(&known) => FileKind::Curves,
+        _ if !trajectory::extension(path).is_empty() => FileKind::Curves,
         "bgeo" | "geo" | "pdb" => FileKind::Other,
         _ if stack::is_stack(path) => FileKind::Stack,
         _ => FileKind::Other,

@@ -124,6 +124,10 @@ impl Source for PaintedSource {
         self.inner.bounds()
     }
 
+    fn origin(&self) -> DVec3 {
+        self.inner.origin()
+    }
+
     fn bounds_in(&self, transform: DAffine3) -> Aabb {
         self.inner.bounds_in(transform)
     }

@@ -89,6 +89,10 @@ fn material(
         Some(info) => images.reference(&info, opaque, &at, warnings)?,
         None => None,
     };
+    let emissive = json.emissive_factor.0.iter().any(|v| *v > 0.0);
+    if emissive && texture.is_none() && base_color[..3] == [0.0; 3] {
+        warnings.add(format!("material {name} only emits light, which is not taken: it is black"));
+    }
     let shell = extensions.and_then(|e| e.others.get(extension::NAME)).filter(|json| !extension::places_copies(json));
     let shell = shell.map(|json| extension::material(document, json, &at, texels, warnings)).transpose()?;
     Ok(Material {
@@ -187,6 +191,11 @@ impl Images<'_> {
         let mut texture = Texture::clone(&decoded);
         texture.wrap = sampling.0.map(|w| [Wrap::Repeat, Wrap::Mirror, Wrap::Clamp][usize::from(w)]);
         texture.nearest = sampling.1;
+        if opaque && texture.has_cutouts() {
+            let name = &texture.name;
+            warnings
+                .add(format!("texture {name} has alpha, which is not used: an alphaMode of OPAQUE takes it for solid"));
+        }
         if opaque {
             // glTF has alpha ignored then, also by those who average colours weighted by it.
             texture.texels.iter_mut().for_each(|t| t[3] = 255);

@@ -1,26 +1,25 @@
 //! Wavefront OBJ files with their MTL materials → [`Model`].
 //!
-//! Read here and not by a crate, because points, polylines, concave polygons and vertex colours all have to arrive, and
-//! because a damaged file has to end in a line that says where.
+//! tobj reads the statements; the pass in [`statements`] hands them on and says what it cannot. Polygons are cut here, by ears,
+//! since tobj makes fans of all of them. What tobj gives is one mesh in double precision, from which parts are taken.
+
+mod mtl;
+mod statements;
 
 use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
 
-mod mtl;
-use super::select::Selection;
+use super::text::{decode, keyword, logical_lines, without_comment};
 use super::texture::srgb_to_linear;
 use super::triangulate::Cutter;
-use super::{Instance, Material, Model, Part, ReadOptions, files, topology};
-use crate::geom::{DAffine3, DVec3};
+use super::{Instance, Material, Model, Part, ReadOptions, far, files, topology};
+use crate::geom::{Aabb, DAffine3, DVec3};
 use crate::{Error, Result, Warnings};
-
-/// Corners of one face: beyond, cutting it takes too long.
-const MAX_CORNERS: usize = 1 << 16;
-/// Of a corner: no such index.
-const NONE: u32 = u32::MAX;
+use statements::{Kind, Statements};
 
 /// Read a file. `options.include` and `exclude` choose objects and groups by name; colours of vertices are taken as
-/// sRGB, `Kd` as linear; v of texture coordinates is turned to point down.
+/// sRGB, `Kd` as linear; v of texture coordinates is turned to point down. Where positions are far from 0, those of the parts
+/// are relative to a round number that the instances add again.
 ///
 /// # Errors
 /// [`Error::Io`], [`Error::Limit`], [`Error::Input`] with the line that is not understood, [`Error::Options`] where a
@@ -30,371 +29,167 @@ pub fn read(path: &Path, options: &ReadOptions) -> Result<Model> {
         return Err(Error::Options(format!("{} has no scenes; leave out the scene {scene}", path.display())));
     }
     let bytes = files::read(path, options.max_bytes)?;
-    let text = String::from_utf8_lossy(&bytes);
-    let mut reader = Reader::new(path, options);
-    for (number, line) in logical_lines(&text) {
-        reader.line(&line).map_err(|what| Error::input(path, format!("line {number}"), what))?;
-    }
-    reader.finish()
-}
-
-/// The text before a `#` that begins a word.
-pub(super) fn without_comment(line: &str) -> &str {
-    let begins = |(i, _): &(usize, &str)| line[..*i].chars().next_back().is_none_or(char::is_whitespace);
-    line.match_indices('#').find(begins).map_or(line, |(i, _)| &line[..i])
-}
-
-/// Lines, those that end in a backslash joined to the next, with the number of the first.
-fn logical_lines(text: &str) -> impl Iterator<Item = (usize, std::borrow::Cow<'_, str>)> {
-    let mut lines = text.lines().enumerate();
-    std::iter::from_fn(move || {
-        let (number, line) = lines.next()?;
-        let mut whole = std::borrow::Cow::Borrowed(line);
-        while let Some(open) = whole.trim_end().strip_suffix('\\').map(str::to_string) {
-            let next = lines.next().map_or("", |(_, l)| l);
-            whole = format!("{open} {next}").into();
+    let text = decode(&bytes);
+    let mut statements = Statements::new(path, &text, options);
+    // One index for all that a corner has: no two vertices of the mesh agree in position, texture coordinate and normal.
+    let load = tobj::LoadOptions { single_index: true, ..tobj::LoadOptions::default() };
+    let no_library = |_: &Path| Err(tobj::LoadError::OpenFileFailed);
+    let models = match tobj::load_obj_buf(&mut statements, &load, no_library) {
+        Ok((models, _)) => models,
+        Err(e) => return Err(statements.fault(e)),
+    };
+    statements.finish()?;
+    let mut warnings = std::mem::take(&mut statements.warnings);
+    // Names of objects and materials are not handed on, so that all geometry is one mesh.
+    let mesh = models.into_iter().next().map(|m| m.mesh).unwrap_or_default();
+    let geometry = Geometry::new(&mesh, statements.decimals);
+    let built = geometry.parts(&statements);
+    let mut model = Model::default();
+    let mut textures = mtl::Textures::default();
+    let mut places: BTreeMap<Option<usize>, usize> = BTreeMap::new();
+    for ((name, material), mut part) in statements.parts.iter().cloned().zip(built) {
+        topology::clean(&mut part, false, &mut warnings);
+        if part.triangles.is_empty() && part.lines.is_empty() && part.points.is_empty() {
+            continue;
         }
-        Some((number + 1, whole))
-    })
-}
-
-/// The material files that `rest` of a statement names in the file `path`: one name with spaces, or several; a space
-/// within a name may have a backslash before it. Names of files that are not there are errors.
-fn libraries(path: &Path, rest: &str) -> Vec<Result<PathBuf, String>> {
-    const SPACE: &str = "\u{1}";
-    let dir = path.parent().unwrap_or(Path::new(""));
-    if let Some(path) = files::find(dir, rest, true) {
-        return vec![Ok(path)];
+        part.material = *places.entry(material).or_insert_with(|| {
+            model.materials.push(match material.and_then(|m| statements.library.get(m)) {
+                Some(m) => textures.resolve(m, options, &mut warnings),
+                None => Material { double_sided: true, ..Material::default() },
+            });
+            model.materials.len() - 1
+        });
+        if part.uvs.is_empty() && model.materials[part.material].texture.is_some() {
+            warnings.add("texture coordinates that a material asks for are missing; they are read as 0");
+            part.uvs.push(vec![[0.0; 2]; part.positions.len()]);
+        }
+        part.name = name.clone();
+        let transform = DAffine3::from_translation(geometry.offset);
+        model.instances.push(Instance { part: model.parts.len(), transform, node: name });
+        model.parts.push(part);
     }
-    let escaped = rest.replace("\\ ", SPACE);
-    let names = escaped.split_whitespace().map(|name| name.replace(SPACE, " "));
-    names.map(|name| files::find(dir, &name, true).ok_or(name)).collect()
+    if model.instances.is_empty() {
+        let why = warnings.as_reasons();
+        return Err(Error::input(path, "", format!("nothing is drawn: no face, line or point{why}")));
+    }
+    model.warnings = warnings;
+    Ok(model)
 }
 
 /// The files that an OBJ names, as reading it would find them: material files, each with its textures.
 pub fn named_files(path: &Path) -> Vec<PathBuf> {
-    let text = std::fs::read(path).unwrap_or_default();
-    let text = String::from_utf8_lossy(&text);
+    let bytes = std::fs::read(path).unwrap_or_default();
     let mut out = Vec::new();
-    for (_, line) in logical_lines(&text) {
-        let Some(rest) = without_comment(&line).trim().strip_prefix("mtllib").filter(|r| r.starts_with([' ', '\t']))
-        else {
-            continue;
-        };
-        for library in libraries(path, rest.trim()).into_iter().flatten() {
-            let materials = std::fs::read(&library).unwrap_or_default();
-            let dir = library.parent().unwrap_or(Path::new("")).to_path_buf();
-            out.push(library);
-            let materials = mtl::parse(&String::from_utf8_lossy(&materials), &dir, &mut Warnings::default());
-            out.extend(materials.iter().flat_map(mtl::Source::files));
+    for (_, line) in logical_lines(&decode(&bytes)) {
+        let ("mtllib", rest) = keyword(without_comment(&line)) else { continue };
+        for found in mtl::libraries(path, rest).into_iter().flatten() {
+            let mut library = mtl::Library::default();
+            library.add(&found, &std::fs::read(&found).unwrap_or_default(), &mut Warnings::default());
+            out.push(found);
+            out.extend(library.materials().iter().flat_map(mtl::MtlMaterial::files));
         }
     }
     out
 }
 
-/// Where the text has led so far.
-struct Reader<'a> {
-    path: &'a Path,
-    options: &'a ReadOptions,
-    selection: Selection<'a>,
-    positions: Vec<[f32; 3]>,
-    /// As long as `positions` once the first vertex has a colour, else empty.
-    colors: Vec<[f32; 4]>,
-    uvs: Vec<[f32; 2]>,
-    normals: Vec<[f32; 3]>,
-    materials: Vec<mtl::Source>,
-    object: String,
-    group: String,
-    taken: bool,
-    material: Option<usize>,
-    /// By object and material.
-    parts: BTreeMap<(String, Option<usize>), Building>,
-    /// Order in which parts began.
-    order: Vec<(String, Option<usize>)>,
-    cutter: Cutter,
-    warnings: Warnings,
+/// A mesh as tobj gives it, relative to `offset`.
+struct Geometry<'a> {
+    mesh: &'a tobj::Mesh,
+    offset: DVec3,
+    decimals: far::Decimals,
+}
+
+impl<'a> Geometry<'a> {
+    fn new(mesh: &'a tobj::Mesh, decimals: far::Decimals) -> Geometry<'a> {
+        let positions = mesh.positions.as_chunks::<3>().0.iter().map(|p| DVec3::from(*p));
+        let offset = far::offset(Aabb::around(positions.filter(|p| p.is_finite())));
+        Geometry { mesh, offset, decimals }
+    }
+
+    /// The parts of all runs of elements, in the order of [`Statements::parts`].
+    fn parts(&self, statements: &Statements) -> Vec<Part> {
+        let mut parts: Vec<Building> = statements.parts.iter().map(|_| Building::default()).collect();
+        let mut cutter = Cutter::new();
+        let mut indices = &self.mesh.indices[..];
+        // tobj gives no counts of corners where every element has three.
+        let mut arities = self.mesh.face_arities.iter();
+        let mut ids = Vec::new();
+        for run in &statements.runs {
+            let Some(building) = parts.get_mut(run.part) else { continue };
+            for _ in 0..run.elements {
+                let arity = arities.next().map_or(3, |a| *a as usize);
+                let Some((corners, rest)) = indices.split_at_checked(arity) else { break };
+                indices = rest;
+                ids.clear();
+                ids.extend(corners.iter().map(|&c| building.vertex(c, self)));
+                let part = &mut building.part;
+                match run.kind {
+                    Kind::Points => part.points.extend(&ids),
+                    Kind::Polyline => part.lines.extend(topology::line_strip(&ids, false)),
+                    Kind::Face => {
+                        let wide = |&i: &u32| DVec3::from(part.positions[i as usize].map(f64::from));
+                        let polygon: Vec<DVec3> = ids.iter().map(wide).collect();
+                        cutter.cut(&polygon, |t| part.triangles.push(t.map(|i| ids[i])));
+                    }
+                }
+            }
+        }
+        parts.into_iter().map(Building::finish).collect()
+    }
 }
 
 /// A part that grows.
 #[derive(Default)]
 struct Building {
     part: Part,
-    /// Corner → vertex.
-    vertices: HashMap<[u32; 3], u32>,
+    /// Vertex of the mesh → vertex of the part.
+    vertices: HashMap<u32, u32>,
     has_uvs: bool,
     has_normals: bool,
 }
 
-impl<'a> Reader<'a> {
-    fn new(path: &'a Path, options: &'a ReadOptions) -> Self {
-        let selection = Selection::new(&options.include, &options.exclude);
-        Reader {
-            path,
-            options,
-            taken: selection.takes_all(),
-            selection,
-            positions: Vec::new(),
-            colors: Vec::new(),
-            uvs: Vec::new(),
-            normals: Vec::new(),
-            materials: Vec::new(),
-            object: String::new(),
-            group: String::new(),
-            material: None,
-            parts: BTreeMap::new(),
-            order: Vec::new(),
-            cutter: Cutter::new(),
-            warnings: Warnings::default(),
+impl Building {
+    /// The part's own number of a vertex of the mesh.
+    fn vertex(&mut self, vertex: u32, geometry: &Geometry) -> u32 {
+        let next = self.vertices.len() as u32;
+        let id = *self.vertices.entry(vertex).or_insert(next);
+        if id < next {
+            return id;
         }
+        let (mesh, at) = (geometry.mesh, vertex as usize);
+        let row = |list: &[f64]| list.as_chunks::<3>().0.get(at).copied();
+        let position = DVec3::from(row(&mesh.positions).unwrap_or([f64::NAN; 3]));
+        let part = &mut self.part;
+        part.positions.push(far::subtract(position, geometry.offset, geometry.decimals).as_vec3().to_array());
+        // NaN stands for what a corner has not, or has not as a number.
+        let uv = mesh.texcoords.as_chunks::<2>().0.get(at).copied().unwrap_or([f64::NAN; 2]);
+        self.has_uvs |= !uv[0].is_nan();
+        let [u, v] = uv.map(|c| c as f32);
+        let uv = if uv[0].is_nan() { [0.0; 2] } else { [u, 1.0 - v] };
+        part.uvs.resize_with(1, Vec::new);
+        part.uvs[0].push(uv.map(|c| if c.is_finite() { c } else { 0.0 }));
+        let normal = row(&mesh.normals).unwrap_or([f64::NAN; 3]);
+        self.has_normals |= !normal[0].is_nan();
+        let normal = normal.map(|c| if c.is_nan() { 0.0 } else { c as f32 });
+        part.normals.get_or_insert_default().push(normal);
+        if let Some(color) = row(&mesh.vertex_color) {
+            let linear = |c: f64| srgb_to_linear(((c as f32).clamp(0.0, 1.0) * 255.0 + 0.5) as u8);
+            let [r, g, b] = color.map(linear);
+            part.colors.get_or_insert_default().push([r, g, b, 1.0]);
+        }
+        id
     }
 
-    fn line(&mut self, line: &str) -> Result<(), String> {
-        let line = without_comment(line).trim();
-        let (key, rest) = line.split_once(char::is_whitespace).unwrap_or((line, ""));
-        let rest = rest.trim();
-        match key {
-            "v" => self.vertex(rest)?,
-            "vt" => {
-                let n = numbers(rest)?;
-                let u = *n.first().ok_or("a texture coordinate without numbers")?;
-                self.uvs.push([u, 1.0 - n.get(1).copied().unwrap_or(0.0)]);
-            }
-            "vn" => {
-                let n = numbers(rest)?;
-                let n = n.first_chunk::<3>().ok_or("a normal needs three numbers")?;
-                self.normals.push(*n);
-            }
-            "f" => self.element(rest, 3)?,
-            "l" => self.element(rest, 2)?,
-            "p" => self.element(rest, 1)?,
-            "o" => {
-                self.object = rest.into();
-                self.group.clear();
-                self.choose();
-            }
-            "g" => {
-                self.group = rest.into();
-                self.choose();
-            }
-            "usemtl" => self.use_material(rest),
-            "mtllib" => self.library(rest),
-            "curv" | "curv2" | "surf" => self.warnings.add("a free-form curve or surface is left out"),
-            _ => {}
+    fn finish(self) -> Part {
+        let mut part = self.part;
+        if !self.has_uvs {
+            part.uvs.clear();
         }
-        Ok(())
+        if !self.has_normals {
+            part.normals = None;
+        }
+        part
     }
-
-    /// x y z, x y z w, x y z r g b or x y z w r g b.
-    fn vertex(&mut self, rest: &str) -> Result<(), String> {
-        let n = numbers(rest)?;
-        let position = n.first_chunk::<3>().ok_or("a vertex needs three numbers")?;
-        let color = match n.len() {
-            6 => n.last_chunk::<3>(),
-            7.. => n[4..].first_chunk::<3>(),
-            _ => None,
-        };
-        if color.is_some() && self.colors.is_empty() {
-            self.colors = vec![[1.0; 4]; self.positions.len()];
-        }
-        self.positions.push(*position);
-        if !self.colors.is_empty() || color.is_some() {
-            let linear = |c: f32| srgb_to_linear((c.clamp(0.0, 1.0) * 255.0 + 0.5) as u8);
-            self.colors.push(color.map_or([1.0; 4], |c| [linear(c[0]), linear(c[1]), linear(c[2]), 1.0]));
-        }
-        if u32::try_from(self.positions.len()).is_err() {
-            return Err("more vertices than can be numbered".into());
-        }
-        Ok(())
-    }
-
-    /// Whether what follows is wanted.
-    fn choose(&mut self) {
-        let names = [&self.object, &self.group];
-        let mut included = self.selection.takes_all();
-        let mut excluded = false;
-        for name in names.into_iter().filter(|n| !n.is_empty()) {
-            included |= self.selection.includes(name);
-            excluded |= self.selection.excludes(name);
-        }
-        self.taken = included && !excluded;
-    }
-
-    fn use_material(&mut self, name: &str) {
-        self.material = self.materials.iter().position(|m| m.name == name);
-        if self.material.is_none() {
-            self.warnings.add(format!("material {name} is not in the material files; white is used"));
-        }
-    }
-
-    fn library(&mut self, rest: &str) {
-        for library in libraries(self.path, rest) {
-            match library {
-                Ok(path) => self.load(&path),
-                Err(name) => self.warnings.add(format!("material file {name} is missing; its colours are not known")),
-            }
-        }
-    }
-
-    fn load(&mut self, path: &Path) {
-        match files::read(path, self.options.max_bytes) {
-            Ok(bytes) => {
-                let dir = path.parent().unwrap_or(Path::new(""));
-                let text = String::from_utf8_lossy(&bytes);
-                self.materials.extend(mtl::parse(&text, dir, &mut self.warnings));
-            }
-            Err(e) => self.warnings.add(format!("a material file cannot be read ({e})")),
-        }
-    }
-
-    /// A face (`least` 3 corners), polyline (2) or points (1).
-    fn element(&mut self, rest: &str, least: usize) -> Result<(), String> {
-        let mut corners = Vec::new();
-        let mut outside = false;
-        for word in rest.split_whitespace() {
-            match self.corner(word)? {
-                Some(corner) => corners.push(corner),
-                None => outside = true,
-            }
-        }
-        if outside {
-            self.warnings.add("a face, line or point with an index beyond the vertices is left out");
-            return Ok(());
-        }
-        if corners.len() < least {
-            self.warnings.add("a face or line with too few corners is left out");
-            return Ok(());
-        }
-        if corners.len() > MAX_CORNERS {
-            return Err(format!("a face of {} corners; at most {MAX_CORNERS} are read", corners.len()));
-        }
-        if !self.taken {
-            return Ok(());
-        }
-        let name = if self.object.is_empty() { &self.group } else { &self.object };
-        let key = (name.clone(), self.material);
-        if !self.parts.contains_key(&key) {
-            self.order.push(key.clone());
-        }
-        let building = self.parts.entry(key).or_default();
-        let mut ids = Vec::with_capacity(corners.len());
-        for &corner in &corners {
-            let next = building.vertices.len() as u32;
-            let id = *building.vertices.entry(corner).or_insert(next);
-            if id == next {
-                let [v, t, n] = corner;
-                let part = &mut building.part;
-                part.positions.push(self.positions[v as usize]);
-                let uv = self.uvs.get(t as usize);
-                let normal = self.normals.get(n as usize);
-                building.has_uvs |= uv.is_some();
-                building.has_normals |= normal.is_some();
-                part.uvs.resize_with(1, Vec::new);
-                part.uvs[0].push(uv.copied().unwrap_or_default());
-                part.normals.get_or_insert_default().push(normal.copied().unwrap_or_default());
-                if let Some(color) = self.colors.get(v as usize) {
-                    // Vertices before the first that has a colour are white.
-                    let colors = part.colors.get_or_insert_default();
-                    colors.resize(next as usize, [1.0; 4]);
-                    colors.push(*color);
-                }
-            }
-            ids.push(id);
-        }
-        match least {
-            1 => building.part.points.extend(ids),
-            2 => building.part.lines.extend(topology::line_strip(&ids, false)),
-            _ => {
-                let wide = |c: &[u32; 3]| DVec3::from(self.positions[c[0] as usize].map(f64::from));
-                let polygon: Vec<DVec3> = corners.iter().map(wide).collect();
-                let triangles = &mut building.part.triangles;
-                self.cutter.cut(&polygon, |t| triangles.push(t.map(|i| ids[i])));
-            }
-        }
-        Ok(())
-    }
-
-    /// `v`, `v/vt`, `v//vn` or `v/vt/vn`: counted from 1, or from the end where negative. None where v does not exist.
-    fn corner(&mut self, word: &str) -> Result<Option<[u32; 3]>, String> {
-        let mut out = [NONE; 3];
-        let counts = [self.positions.len(), self.uvs.len(), self.normals.len()];
-        for (k, (field, count)) in word.splitn(3, '/').zip(counts).enumerate() {
-            if field.is_empty() {
-                continue;
-            }
-            let index: i64 = field.parse().map_err(|_| format!("{word} is not an index"))?;
-            let from_zero = if index < 0 { index.checked_add(count as i64) } else { index.checked_sub(1) };
-            match from_zero.and_then(|i| usize::try_from(i).ok()).filter(|&i| i < count) {
-                Some(i) => out[k] = i as u32,
-                None if k == 0 => return Ok(None),
-                None => self.warnings.add("an index of a texture coordinate or normal that does not exist is ignored"),
-            }
-        }
-        Ok((out[0] != NONE).then_some(out))
-    }
-
-    fn finish(mut self) -> Result<Model> {
-        self.selection.finish("object or group")?;
-        let mut model = Model::default();
-        let mut textures = mtl::Textures::default();
-        let mut places: BTreeMap<Option<usize>, usize> = BTreeMap::new();
-        for key in self.order {
-            let Some(Building { mut part, has_uvs, has_normals, .. }) = self.parts.remove(&key) else { continue };
-            let (name, source) = key;
-            if !has_uvs {
-                part.uvs.clear();
-            }
-            if !has_normals {
-                part.normals = None;
-            }
-            if let Some(colors) = &mut part.colors {
-                colors.resize(part.positions.len(), [1.0; 4]);
-            }
-            for uv in part.uvs.iter_mut().flatten().flatten().filter(|v| !v.is_finite()) {
-                *uv = 0.0;
-            }
-            topology::clean(&mut part, false, &mut self.warnings);
-            if part.triangles.is_empty() && part.lines.is_empty() && part.points.is_empty() {
-                continue;
-            }
-            part.material = match places.get(&source) {
-                Some(&place) => place,
-                None => {
-                    let source_material = source.and_then(|s| self.materials.get(s));
-                    model.materials.push(match source_material {
-                        Some(m) => textures.resolve(m, self.options, &mut self.warnings),
-                        None => Material { double_sided: true, ..Material::default() },
-                    });
-                    places.insert(source, model.materials.len() - 1);
-                    model.materials.len() - 1
-                }
-            };
-            if part.uvs.is_empty() && model.materials[part.material].texture.is_some() {
-                self.warnings.add("texture coordinates that a material asks for are missing; they are read as 0");
-                part.uvs.push(vec![[0.0; 2]; part.positions.len()]);
-            }
-            part.name = name.clone();
-            let part_index = model.parts.len();
-            model.instances.push(Instance { part: part_index, transform: DAffine3::IDENTITY, node: name });
-            model.parts.push(part);
-        }
-        if model.instances.is_empty() {
-            let why = self.warnings.as_reasons();
-            return Err(Error::input(self.path, "", format!("nothing is drawn: no face, line or point{why}")));
-        }
-        model.warnings = self.warnings;
-        Ok(model)
-    }
-}
-
-/// All words of a line as numbers; the forms that C runtimes print for NaN and infinity count as NaN.
-fn numbers(text: &str) -> Result<Vec<f32>, String> {
-    let one = |word: &str| {
-        word.parse().or_else(|_| {
-            let bare = word.trim_start_matches(['-', '+']).to_ascii_lowercase();
-            if bare.starts_with("1.#") || bare.starts_with("nan") { Ok(f32::NAN) } else { Err(()) }
-        })
-    };
-    text.split_whitespace().map(|w| one(w).map_err(|()| format!("{w} is not a number"))).collect()
 }
 
 #[cfg(test)]
@@ -432,9 +227,11 @@ mod tests {
 
     #[test]
     fn colours_of_vertices_are_srgb_and_default_to_white() {
-        let m = model("v 0 0 0\nv 1 0 0 1 0 .5\nv 0 1 0 1 1 1 1\nf 1 2 3").unwrap();
+        // Of seven numbers the last is alpha, which is not used.
+        let m = model("v 0 0 0\nv 1 0 0 1 0 .5\nv 0 1 0 1 0 0 .5\nf 1 2 3").unwrap();
         let colors = m.parts[0].colors.clone().unwrap();
-        assert_eq!(colors, [[1.0; 4], [1.0, 0.0, srgb_to_linear(128), 1.0], [1.0; 4]]);
+        assert_eq!(colors, [[1.0; 4], [1.0, 0.0, srgb_to_linear(128), 1.0], [1.0, 0.0, 0.0, 1.0]]);
+        assert!(model("v 0 0 0 1 x 0").unwrap_err().to_string().contains("line 1: x is not a number"));
     }
 
     #[test]
@@ -469,5 +266,54 @@ mod tests {
         assert_eq!(m.parts[0].triangles.len(), 1);
         assert_eq!(m.warnings.iter().map(|(_, n)| n).sum::<u64>(), 2 + 1 + 1 + 1);
         assert!(m.warnings.iter().any(|(text, _)| text.contains("material none")));
+    }
+
+    #[test]
+    fn corners_with_and_without_texture_coordinates_stand_side_by_side() {
+        let m = model(&format!("{SQUARE}vt .5 0\nvn 0 0 -1\nf 1/1/1 2 3//1\nf -4/-1 -2 -1/9\nl 1 2/1\np 3")).unwrap();
+        let part = &m.parts[0];
+        assert_eq!((part.triangles.len(), part.lines.len(), part.points.len()), (2, 1, 1));
+        let uvs: Vec<[f32; 2]> = part.triangles.iter().flatten().map(|&i| part.uvs[0][i as usize]).collect();
+        assert_eq!(uvs, [[0.5, 1.0], [0.0; 2], [0.0; 2], [0.5, 1.0], [0.0; 2], [0.0; 2]]);
+        // A corner without a normal gets that of the faces around it, as a normal without a direction does.
+        assert_eq!(part.normals.as_ref().unwrap()[..2], [[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]]);
+        assert!(m.warnings.iter().any(|(text, n)| text.contains("does not exist is ignored") && n == 1));
+    }
+
+    #[test]
+    fn marks_and_broken_lines_change_nothing() {
+        let plain = model(&format!("mtllib m.mtl\n{SQUARE}usemtl red\nf 1 2 3 4")).unwrap();
+        let text = format!("\u{feff}mtllib m.mtl\n{SQUARE}usemtl\tred\r\nf 1 2 \\ \r\n 3 4 # end");
+        let marked = model(&text).unwrap();
+        assert_eq!(marked.parts[0].positions, plain.parts[0].positions);
+        assert_eq!(marked.parts[0].triangles, plain.parts[0].triangles);
+        assert_eq!(marked.materials[0].base_color, [1.0, 0.0, 0.0, 1.0]);
+        let wide: Vec<u8> = text.encode_utf16().flat_map(u16::to_le_bytes).collect();
+        let dir = tempfile::tempdir().unwrap();
+        std::fs::write(dir.path().join("m.mtl"), "\u{feff}newmtl red\nKd \\\n1 \\\n0 0\n").unwrap();
+        std::fs::write(dir.path().join("t.obj"), wide).unwrap();
+        let m = read(&dir.path().join("t.obj"), &ReadOptions::default()).unwrap();
+        assert_eq!((m.materials[0].base_color, m.warnings.is_empty()), ([1.0, 0.0, 0.0, 1.0], true));
+        assert_eq!(named_files(&dir.path().join("t.obj")), [dir.path().join("m.mtl")]);
+    }
+
+    #[test]
+    fn far_from_0_positions_keep_their_digits() {
+        let text = |x: f64, y: f64| {
+            let corner = |a: f64, b: f64| format!("v {:.6} {:.6} 0.25\n", x + a, y + b);
+            [corner(-0.525731, 0.850651), corner(0.525731, 0.850651), corner(0.1, -0.850651), "f 1 2 3".into()].concat()
+        };
+        let (near, far) = (model(&text(0.0, 0.0)).unwrap(), model(&text(448_262.0, 5_411_932.0)).unwrap());
+        assert_eq!(far.parts[0].positions, near.parts[0].positions);
+        assert_eq!(far.instances[0].transform.translation, DVec3::new(448_262.0, 5_411_932.0, 0.0));
+        assert_eq!(near.instances[0].transform, DAffine3::IDENTITY);
+    }
+
+    #[test]
+    fn memory_is_checked_while_a_file_is_read() {
+        let options = ReadOptions { max_bytes: 2000, ..ReadOptions::default() };
+        assert!(model_with(&format!("{SQUARE}f 1 2 3"), &options).is_ok());
+        let many = format!("{SQUARE}{}", "f 1 2 3\n".repeat(20));
+        assert!(matches!(model_with(&many, &options), Err(Error::Limit { allowed: 2000, .. })));
     }
 }

@@ -1,30 +1,37 @@
 //! MTL files: the materials of Wavefront OBJ → [`Material`]s, textures decoded.
+//!
+//! tobj reads the statements that matter. The pass in front of it hands on no others and puts those right for which tobj 4.0
+//! gives up the whole file or panics: a grey `Kd` of one number, `d -halo`, a material without a name, lines that go on after
+//! a backslash. tobj leaves the options of a texture statement in its name: they are read here.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use crate::Warnings;
-use crate::scene::obj;
+use crate::scene::text::{decode, keyword, logical_lines, without_comment};
 use crate::scene::texture::{Texture, Wrap};
 use crate::scene::{Alpha, Material, ReadOptions, TextureRef, files, image};
 
 /// A material as the text has it.
 #[derive(Debug, Default)]
-pub struct Source {
-    pub name: String,
+pub struct MtlMaterial {
+    name: String,
     /// Folder of the MTL file, which paths start from.
-    dir: PathBuf,
+    folder: PathBuf,
     diffuse: Option<[f32; 3]>,
     opacity: Option<f32>,
     color_map: Option<Map>,
     alpha_map: Option<Map>,
+    /// True where it emits light.
+    emits: bool,
 }
 
-impl Source {
+impl MtlMaterial {
     /// Its textures that are there.
     pub fn files(&self) -> impl Iterator<Item = PathBuf> {
-        [&self.color_map, &self.alpha_map].into_iter().flatten().filter_map(|m| files::find(&self.dir, &m.file, true))
+        let maps = [&self.color_map, &self.alpha_map];
+        maps.into_iter().flatten().filter_map(|m| files::find(&self.folder, &m.file, true))
     }
 }
 
@@ -37,39 +44,103 @@ struct Map {
     scale: [f32; 2],
 }
 
-/// The materials of one file, in order. What is not understood is left out and counted.
-pub fn parse(text: &str, dir: &Path, warnings: &mut Warnings) -> Vec<Source> {
-    let mut out: Vec<Source> = Vec::new();
-    for line in text.lines() {
-        let line = obj::without_comment(line).trim();
-        let (key, rest) = line.split_once(char::is_whitespace).unwrap_or((line, ""));
-        let rest = rest.trim();
+/// The material files that `rest` of a `mtllib` statement names in the file `path`: one name with spaces, or several; a
+/// space within a name may have a backslash before it. Names of files that are not there are errors.
+pub fn libraries(path: &Path, rest: &str) -> Vec<Result<PathBuf, String>> {
+    const SPACE: &str = "\u{1}";
+    let folder = path.parent().unwrap_or(Path::new(""));
+    if let Some(path) = files::find(folder, rest, true) {
+        return vec![Ok(path)];
+    }
+    let escaped = rest.replace("\\ ", SPACE);
+    let names = escaped.split_whitespace().map(|name| name.replace(SPACE, " "));
+    names.map(|name| files::find(folder, &name, true).ok_or(name)).collect()
+}
+
+/// The materials of the files that were read, in order.
+#[derive(Debug, Default)]
+pub struct Library(Vec<MtlMaterial>);
+
+impl Library {
+    /// Index of the material `name`; the first of several.
+    pub fn position(&self, name: &str) -> Option<usize> {
+        self.0.iter().position(|m| m.name == name)
+    }
+
+    pub fn get(&self, index: usize) -> Option<&MtlMaterial> {
+        self.0.get(index)
+    }
+
+    pub fn materials(&self) -> &[MtlMaterial] {
+        &self.0
+    }
+
+    /// Add the materials of the file `path` that has these bytes. What is not understood is left out and counted.
+    pub fn add(&mut self, path: &Path, bytes: &[u8], warnings: &mut Warnings) {
+        let (text, names) = statements(&decode(bytes), warnings);
+        let folder = path.parent().unwrap_or(Path::new(""));
+        let materials = match tobj::load_mtl_buf(&mut text.as_bytes()) {
+            Ok((materials, _)) => materials,
+            Err(e) => {
+                warnings.add(format!("a material file cannot be read ({}: {e})", path.display()));
+                return;
+            }
+        };
+        self.0.extend(names.into_iter().zip(materials).map(|(name, material)| MtlMaterial {
+            name,
+            folder: folder.to_path_buf(),
+            diffuse: material.diffuse.map(|c| c.map(|v| v as f32)),
+            opacity: material.dissolve.map(|v| v as f32),
+            color_map: material.diffuse_texture.as_deref().and_then(map),
+            alpha_map: material.dissolve_texture.as_deref().and_then(map),
+            emits: material.emissive.is_some_and(|c| c.iter().any(|v| *v > 0.0))
+                || material.unknown_param.contains_key("map_Ke"),
+        }));
+    }
+}
+
+/// The statements of `text` that tobj is to read, and the names of the materials: tobj gets their numbers, since it does
+/// without a material that has no name.
+fn statements(text: &str, warnings: &mut Warnings) -> (String, Vec<String>) {
+    let (mut out, mut names) = (String::new(), Vec::new());
+    let mut has_opacity = false;
+    for (_, line) in logical_lines(text) {
+        let (key, rest) = keyword(without_comment(&line));
         if key == "newmtl" {
-            out.push(Source { name: rest.into(), dir: dir.to_path_buf(), ..Source::default() });
+            has_opacity = false;
+            out.push_str(&format!("newmtl {}\n", names.len()));
+            names.push(rest.to_owned());
             continue;
         }
-        let Some(material) = out.last_mut() else { continue };
-        match key {
-            "Kd" => {
+        if names.is_empty() {
+            continue;
+        }
+        let statement = match key {
+            "Kd" | "Ke" => {
                 let values: Option<Vec<f32>> = rest.split_whitespace().map(number).collect();
-                material.diffuse = match values.as_deref() {
-                    Some([grey]) => Some([*grey; 3]),
-                    Some([r, g, b, ..]) => Some([*r, *g, *b]),
+                match values.as_deref() {
+                    Some([grey]) => Some(format!("{key} {grey} {grey} {grey}")),
+                    Some([r, g, b, ..]) => Some(format!("{key} {r} {g} {b}")),
                     _ => {
                         warnings.add("a material colour that is not three numbers is ignored");
                         None
                     }
-                };
+                }
             }
             // `d -halo x` depends on the angle of view: its x is what is seen face on.
-            "d" => material.opacity = rest.split_whitespace().last().and_then(number),
-            "Tr" => material.opacity = material.opacity.or(number(rest).map(|t| 1.0 - t)),
-            "map_Kd" => material.color_map = map(rest),
-            "map_d" => material.alpha_map = map(rest),
-            _ => {}
+            "d" => rest.split_whitespace().last().and_then(number).map(|d| format!("d {d}")),
+            "Tr" if has_opacity => None,
+            "Tr" => number(rest).map(|t| format!("d {}", 1.0 - t)),
+            "map_Kd" | "map_d" | "map_Ke" if !rest.is_empty() => Some(format!("{key} {rest}")),
+            _ => None,
+        };
+        if let Some(statement) = statement {
+            has_opacity |= statement.starts_with("d ");
+            out.push_str(&statement);
+            out.push('\n');
         }
     }
-    out
+    (out, names)
 }
 
 fn number(text: &str) -> Option<f32> {
@@ -125,13 +196,22 @@ pub struct Textures(BTreeMap<PathBuf, Option<Arc<Texture>>>);
 
 impl Textures {
     /// A material with its textures; those that cannot be had are left out and counted.
-    pub fn resolve(&mut self, source: &Source, options: &ReadOptions, warnings: &mut Warnings) -> Material {
+    pub fn resolve(&mut self, source: &MtlMaterial, options: &ReadOptions, warnings: &mut Warnings) -> Material {
         let opacity = source.opacity.unwrap_or(1.0).clamp(0.0, 1.0);
         let mut load = |map: &Option<Map>| {
             let map = map.as_ref().filter(|_| options.textures)?;
-            self.load(&source.dir, &map.file, options, warnings)
+            self.load(&source.folder, &map.file, options, warnings)
         };
         let (color, alpha) = (load(&source.color_map), load(&source.alpha_map));
+        let name = &source.name;
+        if alpha.is_none()
+            && let Some(color) = color.as_ref().filter(|c| c.has_cutouts())
+        {
+            let file = &color.name;
+            warnings.add(format!(
+                "material {name}: its picture {file} has alpha, which an OBJ uses only where the material says map_d {file} too"
+            ));
+        }
         let same = source.color_map.as_ref().zip(source.alpha_map.as_ref()).is_some_and(|(c, a)| c.file == a.file);
         let texture = match (&color, &alpha) {
             (None, None) => None,
@@ -144,6 +224,9 @@ impl Textures {
         if textured && diffuse == [0.0; 3] {
             warnings.add("a black Kd under a texture is read as white");
             diffuse = [1.0; 3];
+        }
+        if source.emits && !textured && diffuse == [0.0; 3] {
+            warnings.add(format!("material {name} only emits light, which is not taken: it is black"));
         }
         let has_alpha = alpha.is_some();
         let alpha = match &texture {
@@ -192,7 +275,7 @@ impl Textures {
     }
 }
 
-/// How a texel says how much is there: by its alpha where the image has any, else by its brightness.
+/// Opacity of a texel of `map_d`: its alpha where the image has any, else its brightness.
 fn mask_of(alpha: &Texture) -> fn(&[u8; 4]) -> u8 {
     if alpha.texels.iter().any(|t| t[3] < 255) {
         |t| t[3]
@@ -224,7 +307,7 @@ fn merged(color: Option<&Texture>, alpha: &Texture) -> Texture {
     Texture::new(alpha.name.clone(), w, h, texels)
 }
 
-/// Whether alpha is nearly all or nothing, as on a card of leaves, rather than the transparency of glass.
+/// Test whether alpha is nearly 0 or 1 everywhere, as on a card of leaves, and not the transparency of glass.
 fn is_cut_out(texture: &Texture) -> bool {
     let between = texture.texels.iter().filter(|t| (26..230).contains(&t[3])).count();
     between * 4 <= texture.texels.len()
@@ -251,13 +334,45 @@ mod tests {
     fn statements_are_understood() {
         let mut warnings = Warnings::default();
         let text = "Kd 1 0 0\nnewmtl a b # c\nKd .5\nTr 0.25\nnewmtl\nKd x\n\td 0.5\nTr 0.9\nmap_Kd t.png";
-        let list = parse(text, Path::new("."), &mut warnings);
+        let mut library = Library::default();
+        library.add(Path::new("./m.mtl"), text.as_bytes(), &mut warnings);
+        let list = library.materials();
         assert_eq!((list[0].name.as_str(), list[0].diffuse, list[0].opacity), ("a b", Some([0.5; 3]), Some(0.75)));
         assert_eq!((list[1].name.as_str(), list[1].diffuse, list[1].opacity), ("", None, Some(0.5)));
         let material = Textures::default().resolve(&list[1], &ReadOptions::default(), &mut warnings);
         assert_eq!((material.alpha, material.base_color), (Alpha::Blend, [1.0, 1.0, 1.0, 0.5]));
         assert!(material.texture.is_none());
         assert_eq!(warnings.iter().count(), 2, "the colour and the missing texture");
+    }
+
+    #[test]
+    fn what_tobj_stumbles_over_is_read() {
+        let mut warnings = Warnings::default();
+        let text =
+            "\u{feff}newmtl a\nKa spectral x\nKd .25\nd -halo .5\nillum nine\nNs\nmap_Bump\nnewmtl\nKd 1 \\\n 2 3\nd";
+        let mut library = Library::default();
+        library.add(Path::new("m.mtl"), text.as_bytes(), &mut warnings);
+        let list = library.materials();
+        assert_eq!((list.len(), list[0].diffuse, list[0].opacity), (2, Some([0.25; 3]), Some(0.5)));
+        assert_eq!((list[1].diffuse, list[1].opacity), (Some([1.0, 2.0, 3.0]), None));
+        assert!(warnings.is_empty(), "{warnings:?}");
+    }
+
+    #[test]
+    fn alpha_that_is_not_used_and_light_that_is_not_taken_are_said() {
+        let dir = tempfile::tempdir().unwrap();
+        let card = ::image::RgbaImage::from_fn(8, 8, |x, _| ::image::Rgba([10, 200, 10, if x < 4 { 0 } else { 255 }]));
+        card.save(dir.path().join("leaf.png")).unwrap();
+        let said = |text: &str| {
+            let (mut library, mut warnings) = (Library::default(), Warnings::default());
+            library.add(&dir.path().join("m.mtl"), text.as_bytes(), &mut warnings);
+            Textures::default().resolve(&library.materials()[0], &ReadOptions::default(), &mut warnings);
+            warnings.as_reasons()
+        };
+        assert!(said("newmtl leaf\nmap_Kd leaf.png").contains("says map_d leaf.png too"));
+        assert_eq!(said("newmtl leaf\nmap_Kd leaf.png\nmap_d leaf.png"), "");
+        assert!(said("newmtl lamp\nKd 0 0 0\nKe 1 1 1").contains("material lamp only emits light"));
+        assert_eq!(said("newmtl lamp\nKd 1 0 0\nKe 1 1 1"), "");
     }
 
     #[test]

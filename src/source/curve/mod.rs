@@ -19,6 +19,7 @@ use super::placement::Placement;
 use super::traits::{Source, Staged};
 use crate::geom::{Aabb, DVec3};
 use crate::progress::Progress;
+use crate::scene::far;
 use crate::{Result, Warnings};
 
 /// A path with a width and a colour along it.
@@ -26,19 +27,19 @@ use crate::{Result, Warnings};
 pub struct Strand {
     /// In source units. A strand of one point, or of no length, is a ball.
     pub points: Vec<DVec3>,
-    /// Half the width, in source units, ≥ 0: one a point; what is missing at the end is as the last.
+    /// Half the width, in source units, ≥ 0: one per point; missing values at the end equal the last.
     pub radii: Vec<f32>,
-    /// Linear Rec. 709 and the share that is there, in [0, 1]: one a point; what is missing is as the last, and white where
-    /// there is none.
+    /// Linear Rec. 709 and the share that is there, in [0, 1]: one per point; missing values equal the last, or are white
+    /// where there is none.
     pub colours: Vec<[f32; 4]>,
     pub section: Section,
     /// Id of its material, where the source names some.
     pub material: u16,
-    /// Where the flat of a ribbon and the open side of a V face, in source space; by default up, as the bake has it.
+    /// Direction that the flat side of a ribbon and the open side of a V face, in source space; by default the bake's up axis.
     pub up: Option<DVec3>,
 }
 
-/// What is swept along a path.
+/// Cross-section that is swept along a path.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum Section {
     /// Truncated cones, closed at the ends.
@@ -51,7 +52,7 @@ pub enum Section {
     V { angle: f32 },
 }
 
-/// What runs from point to point.
+/// Interpolation between the points of a strand.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Interpolation {
     #[default]
@@ -60,11 +61,11 @@ pub enum Interpolation {
     CatmullRom,
 }
 
-/// How strands are taken.
+/// Options of curve sources.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct CurveOptions {
     pub interpolation: Interpolation,
-    /// What is within strands that are thicker than a voxel: nothing by [`Fill::Surface`], else opaque matter.
+    /// Inside of strands that are thicker than a voxel: empty with [`Fill::Surface`], else opaque matter.
     pub fill: Fill,
 }
 
@@ -73,17 +74,20 @@ pub struct CurveOptions {
 pub struct CurveSource {
     points: Vec<DVec3>,
     radii: Vec<f32>,
-    /// One a point, or none: all white.
+    /// Colour per point; empty where all are white.
     colours: Vec<[f32; 4]>,
     lines: Vec<Line>,
     /// Sections and materials, as lines use them.
     sections: Vec<(Section, u16)>,
     materials: Vec<String>,
     options: CurveOptions,
+    /// Offset that was subtracted from all points.
+    origin: DVec3,
     bounds: Aabb,
     facet_size: f64,
     metres_per_unit: f64,
     warnings: Warnings,
+    notes: Vec<String>,
 }
 
 /// One strand: points from `first` to the next line's.
@@ -112,14 +116,23 @@ impl CurveSource {
             sections: Vec::new(),
             materials: Vec::new(),
             options: *options,
+            origin: DVec3::ZERO,
             bounds: Aabb::EMPTY,
             facet_size: 0.0,
             metres_per_unit,
             warnings,
+            notes: Vec::new(),
         };
         strands.into_iter().for_each(|s| source.push(&s));
         source.measure();
         source
+    }
+
+    /// The same, said to have had `origin` subtracted from all points.
+    pub fn with_origin(mut self, origin: DVec3) -> CurveSource {
+        self.origin = origin;
+        self.notes.extend((origin != DVec3::ZERO).then(|| far::note(origin)));
+        self
     }
 
     /// The same with the names that its strands' materials have by id.
@@ -203,6 +216,14 @@ impl CurveSource {
 impl Source for CurveSource {
     fn bounds(&self) -> Aabb {
         self.bounds
+    }
+
+    fn origin(&self) -> DVec3 {
+        self.origin
+    }
+
+    fn notes(&self) -> &[String] {
+        &self.notes
     }
 
     fn metres_per_unit(&self) -> f64 {

@@ -23,12 +23,12 @@ pub struct Knot {
     pub radius: f32,
     /// Index into the sections.
     pub section: u32,
-    /// Of a round section.
+    /// Number of sides of a round section.
     pub sides: u16,
     pub join: Join,
 }
 
-/// How a knot joins what is before it to what is after it.
+/// Joint between the piece before a knot and the piece after it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Join {
     /// The path begins.
@@ -39,7 +39,7 @@ pub enum Join {
     Ball,
     /// The path ends: no piece begins here.
     End,
-    /// There is no path.
+    /// The strand is a single point: a ball.
     Alone,
 }
 

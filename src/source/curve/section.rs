@@ -15,7 +15,7 @@ pub fn sides(radius: f64) -> u16 {
     (least.ceil() as u16).max(3) | 1
 }
 
-/// How far a section reaches from its path, in half widths.
+/// Farthest distance of a section's outline from its path, in half widths.
 pub fn reach(section: Section) -> f64 {
     match section {
         Section::Round => 1.0,
@@ -24,7 +24,7 @@ pub fn reach(section: Section) -> f64 {
     }
 }
 
-/// Whether the section has an inside.
+/// Test whether the section encloses an area.
 pub fn closed(section: Section) -> bool {
     match section {
         Section::Round => true,

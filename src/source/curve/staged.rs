@@ -30,18 +30,18 @@ const PIECES: usize = 4096;
 pub struct StagedCurves<'a> {
     source: &'a CurveSource,
     knots: Vec<Knot>,
-    /// One a knot, or none: all white.
+    /// Colour per knot; empty where all are white.
     colours: Vec<[f32; 4]>,
     circles: Circles,
     to_grid: DAffine3,
     to_source: DAffine3,
-    /// Where copies lie, in voxels: more than one along cyclic axes.
+    /// Offsets of the copies, in voxels: more than one along cyclic axes.
     shifts: Vec<DVec3>,
-    /// Voxels in a source unit, where most.
+    /// Largest number of voxels per source unit in any direction.
     scale: f64,
     region_side: f64,
     regions: Vec<u64>,
-    /// Where each region's pieces start in `pieces`, and the end.
+    /// Start of each region's pieces in `pieces`, and one past the last.
     starts: Vec<usize>,
     pieces: Vec<u32>,
     /// The same, of thick pieces alone.
@@ -194,7 +194,7 @@ impl<'a> StagedCurves<'a> {
         }
     }
 
-    /// The direction from a knot to the next.
+    /// Unit vector from a knot to the next.
     fn way(&self, knot: usize) -> DVec3 {
         let next = self.knots.get(knot + 1).unwrap_or(&self.knots[knot]);
         (next.at - self.knots[knot].at).normalize_or_zero()
@@ -232,7 +232,7 @@ impl<'a> StagedCurves<'a> {
         }
     }
 
-    /// Whether the piece holds the point (source space): between its ends, and within its section.
+    /// Test whether the point (source space) is inside the piece: between its ends and within its section.
     fn holds(&self, facet: u32, p: DVec3) -> bool {
         let (from, to, _) = self.find(facet);
         let (a, b) = (&self.knots[from], &self.knots[to]);

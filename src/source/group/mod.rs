@@ -58,9 +58,7 @@ impl GroupSource {
     /// transform is singular or not finite, are left out with a warning.
     pub fn new(sources: Vec<Box<dyn Source>>, parts: &[Part], metres_per_unit: f64) -> GroupSource {
         let mut warnings = Warnings::default();
-        for source in &sources {
-            warnings.merge(source.warnings().clone());
-        }
+        sources.iter().for_each(|source| warnings.merge(source.warnings().clone()));
         let mut places = vec![Vec::new(); sources.len()];
         let mut bounds = Aabb::EMPTY;
         let mut sizes = Vec::with_capacity(parts.len());
@@ -70,21 +68,20 @@ impl GroupSource {
                 warnings.add("parts that are placed nowhere, or flattened to nothing, are left out");
                 continue;
             };
-            let loose = source.bounds().transformed(part.transform);
+            let transform = part.transform * DAffine3::from_translation(source.origin());
+            let loose = source.bounds().transformed(transform);
             if bounds.union(loose) != bounds {
-                bounds = bounds.union(source.bounds_in(part.transform));
+                bounds = bounds.union(source.bounds_in(transform));
             }
             sizes.push((libm::cbrt(volume) * source.facet_size(), 1.0));
-            places[part.source].push(part.transform);
+            places[part.source].push(transform);
         }
         sizes.retain(|s| s.0 > 0.0);
         let (materials, ids) = unite(sources.iter().map(|s| &**s));
         let facet_size = weighted_median(sizes);
         GroupSource { sources, places, materials, ids, bounds, facet_size, metres_per_unit, warnings }
     }
-}
 
-impl GroupSource {
     /// The same, taken to fill `bounds`.
     pub fn with_bounds(mut self, bounds: Aabb) -> GroupSource {
         self.bounds = bounds;

@@ -2,7 +2,7 @@
 //!
 //! Based on: P. Prusinkiewicz, A. Lindenmayer, *The Algorithmic Beauty of Plants*, 1990, sections 1.8 and 1.10.
 
-use super::derive::Budget;
+use super::budget::Budget;
 use super::grammar::{Considered, Pattern};
 use crate::Result;
 
@@ -10,7 +10,7 @@ use crate::Result;
 #[derive(Debug, Default)]
 pub struct Text {
     symbols: Vec<char>,
-    /// Where each symbol's parameters end in `values`.
+    /// End of each symbol's parameters in `values`.
     ends: Vec<usize>,
     values: Vec<f64>,
     /// Index of the other bracket of a pair; of an open bracket that is never closed, the text's length.
@@ -28,7 +28,7 @@ impl Text {
         self.symbols.len()
     }
 
-    /// Memory it takes, with its brackets paired.
+    /// Bytes of memory, with brackets paired.
     pub fn bytes(&self) -> usize {
         self.symbols.len() * (size_of::<char>() + 2 * size_of::<usize>()) + self.values.len() * size_of::<f64>()
     }
@@ -74,8 +74,8 @@ impl Text {
         fits
     }
 
-    /// Whether `pattern` is the path that leads to symbol `at`: branches on the way are left out, and so is what is not
-    /// considered. Parameters are added to `bound` in the order of the pattern.
+    /// Test whether `pattern` is the path that leads to symbol `at`; branches on the way and symbols that are not considered
+    /// are skipped. Parameters are added to `bound` in the order of the pattern.
     pub fn left(
         &self,
         at: usize,
@@ -112,7 +112,7 @@ impl Text {
         Ok(true)
     }
 
-    /// Whether `pattern` follows symbol `at`; branches that it does not name are left out. Parameters are added to `bound`.
+    /// Test whether `pattern` follows symbol `at`; branches that it does not name are skipped. Parameters are added to `bound`.
     pub fn right(
         &self,
         at: usize,
@@ -167,7 +167,7 @@ impl Text {
     }
 }
 
-/// Where the bracket that is open before `pattern` is closed in it.
+/// Index in `pattern` of the bracket that closes the one open before it.
 fn closing(pattern: &[Pattern]) -> usize {
     let mut depth = 0usize;
     for (i, p) in pattern.iter().enumerate() {

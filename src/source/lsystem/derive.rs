@@ -4,55 +4,11 @@
 //! Based on: P. Prusinkiewicz, A. Lindenmayer, *The Algorithmic Beauty of Plants*, 1990, ch. 1; A. Smith, *Plants, Fractals,
 //! and Formal Languages*, SIGGRAPH 1984.
 
+use super::budget::Budget;
 use super::context::Text;
 use super::grammar::{Considered, Grammar, Module, Production, Rules};
+use crate::Result;
 use crate::random::SplitMix64;
-use crate::{Error, Result};
-
-/// What a derivation may take.
-#[derive(Debug, Clone, Copy)]
-pub struct Budget {
-    max_symbols: u64,
-    max_bytes: u64,
-    symbols: u64,
-}
-
-impl Budget {
-    pub fn new(max_symbols: u64, max_bytes: u64) -> Budget {
-        Budget { max_symbols, max_bytes, symbols: 0 }
-    }
-
-    /// Count symbols that were written or looked at.
-    pub fn spend(&mut self, symbols: u64) -> Result<()> {
-        self.symbols = self.symbols.saturating_add(symbols);
-        if self.symbols <= self.max_symbols {
-            return Ok(());
-        }
-        Err(Error::Limit {
-            what:
-                "the L-system (take fewer --iterations or give more --max-symbols), in symbols rewritten or looked at,"
-                    .into(),
-            needed: self.symbols,
-            allowed: self.max_symbols,
-        })
-    }
-
-    /// Check memory before it is taken.
-    pub fn holds(&self, bytes: usize) -> Result<()> {
-        if bytes as u64 <= self.max_bytes {
-            return Ok(());
-        }
-        Err(Error::Limit {
-            what: "the L-system (take fewer --iterations or give more --memory), in bytes,".into(),
-            needed: bytes as u64,
-            allowed: self.max_bytes,
-        })
-    }
-
-    pub fn symbols(&self) -> u64 {
-        self.symbols
-    }
-}
 
 /// Takes a symbol of the last string and its parameters.
 pub type Each<'a> = dyn FnMut(char, &[f64], &mut Budget) -> Result<()> + 'a;
@@ -61,15 +17,15 @@ pub type Each<'a> = dyn FnMut(char, &[f64], &mut Budget) -> Result<()> + 'a;
 struct Frame<'g> {
     modules: &'g [Module],
     at: usize,
-    /// Where the parameters that its expressions use start; they go on to the next frame's.
+    /// Start of the parameters that its expressions use; they reach to those of the next frame.
     parameters: usize,
     stage: Stage,
 }
 
-/// What is still to be done with a symbol.
+/// Rewriting that a symbol still has to undergo.
 #[derive(Clone, Copy)]
 enum Stage {
-    /// So many derivation steps, then the homomorphism.
+    /// This many derivation steps, then the homomorphism.
     Steps(u64),
     /// Productions of the homomorphism from this one on.
     Homomorphism(usize),
@@ -201,7 +157,7 @@ struct Deriver<'g> {
     grammar: &'g Grammar,
     chooser: Chooser<'g>,
     frames: Vec<Frame<'g>>,
-    /// Of all frames.
+    /// Parameters of all frames, one after another.
     parameters: Vec<f64>,
     bound: Vec<f64>,
 }

@@ -3,8 +3,7 @@
 use super::expr;
 use super::expr::Names;
 use super::grammar::{Action, Considered, Giver, Grammar, Surface};
-use super::lexer::{Char, Cursor, Parsed};
-use super::parser::symbols;
+use super::lexer::{Char, Cursor, Parsed, symbols};
 use crate::geom::DVec3;
 use crate::random::SplitMix64;
 use crate::scene::texture::srgb_to_linear;
@@ -47,9 +46,9 @@ pub fn read(word: &str, hash: Char, cursor: &mut Cursor, grammar: &mut Grammar) 
         }
         "tropism" => {
             let [x, y, z, e] = values(cursor, grammar)?[..] else {
-                return Err(place.fault("#tropism is a direction and an elasticity: x, y, z, e"));
+                return Err(place.fault("#tropism is a vector and an elasticity: x, y, z, e"));
             };
-            grammar.tropism = e * DVec3::new(x, y, z).normalize_or_zero();
+            grammar.tropism = e * DVec3::new(x, y, z);
         }
         "unit" => {
             grammar.metres_per_unit = value(cursor, grammar)?;

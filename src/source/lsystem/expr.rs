@@ -103,7 +103,7 @@ const LEVELS: [&[(&str, Binary)]; 5] = [
     &[("*", Binary::Multiply), ("/", Binary::Divide), ("%", Binary::Remainder)],
 ];
 
-/// Operators, calls and parentheses of one expression: bounds how deep evaluating it goes.
+/// Largest number of operators, calls and parentheses per expression: it bounds the recursion of parsing and evaluation.
 const MOST_TERMS: usize = 256;
 
 /// Sine and cosine of an angle in degrees, exact at right angles.
@@ -133,7 +133,7 @@ impl Expr {
         }
     }
 
-    /// Whether its value is drawn by lot.
+    /// Test whether its value depends on random numbers.
     pub fn random(&self) -> bool {
         match self {
             Expr::Number(_) | Expr::Parameter(_) => false,
@@ -199,7 +199,7 @@ pub struct Names<'a> {
     pub parameters: &'a [String],
 }
 
-/// Whether `c` may begin a name; digits may follow.
+/// Test whether `c` may begin a name; digits may follow.
 pub fn begins_name(c: char) -> bool {
     c.is_alphabetic() || c == '_'
 }

@@ -1,4 +1,4 @@
-//! What a grammar file says, as plain data with every default filled in.
+//! Content of a grammar file, as plain data with every default filled in.
 //!
 //! Based on: P. Prusinkiewicz, A. Lindenmayer, *The Algorithmic Beauty of Plants*, Springer 1990.
 
@@ -14,7 +14,7 @@ pub struct Module {
     pub arguments: Vec<Expr>,
 }
 
-/// What a symbol with so many parameters matches.
+/// Pattern that matches a symbol with `count` parameters.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Pattern {
     pub symbol: char,
@@ -30,10 +30,10 @@ pub struct Production {
     pub right: Vec<Pattern>,
     /// Its parameters are those of left, predecessor and right, in this order; so for the weight and the successor.
     pub condition: Option<Expr>,
-    /// How likely it is among those that match and have one.
+    /// Relative probability among the productions that match and have a weight.
     pub weight: Option<Expr>,
     pub successor: Vec<Module>,
-    /// How many were given before it.
+    /// Number of productions given before it.
     pub number: usize,
 }
 
@@ -64,18 +64,18 @@ impl Rules {
         self.0.is_empty()
     }
 
-    /// Whether chance has a part in which productions match the symbol.
+    /// Test whether random numbers decide which productions match the symbol.
     pub fn random(&self, symbol: char) -> bool {
         self.of(symbol).iter().any(|p| [&p.condition, &p.weight].into_iter().flatten().any(Expr::random))
     }
 
-    /// Whether any production looks at a symbol's neighbours.
+    /// Test whether any production has a context.
     pub fn in_context(&self) -> bool {
         self.0.values().flatten().any(Production::in_context)
     }
 }
 
-/// What the turtle does at a symbol.
+/// Action of the turtle at a symbol.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Action {
     /// F: draw a segment; within a polygon its end is a corner.
@@ -86,7 +86,7 @@ pub enum Action {
     Move,
 }
 
-/// What `~` draws.
+/// Surface that `~` draws.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Surface {
     /// A polygon: x to the turtle's right, y ahead, z up; and its colour (linear), without one the turtle's.
@@ -95,7 +95,7 @@ pub enum Surface {
     Mesh { file: String, line: u32, column: u32 },
 }
 
-/// What is of which material. Ids count from 1; 0 is what has no name.
+/// Materials by symbol, surface and colour. Ids count from 1; 0 stands for no material.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Materials {
     names: Vec<String>,
@@ -104,14 +104,14 @@ pub struct Materials {
     surfaces: BTreeMap<char, u16>,
 }
 
-/// What a material is given to.
+/// Target that a material is assigned to.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Giver {
     /// Colours from this index to the next that is given one.
     Colour(i64),
-    /// What this symbol draws.
+    /// Geometry that this symbol draws.
     Symbol(char),
-    /// What `~` and this symbol draw.
+    /// Surface that `~` and this symbol draw.
     Surface(char),
 }
 
@@ -130,17 +130,17 @@ impl Materials {
         };
     }
 
-    /// Of what `symbol` draws in the colour `index`: by its symbol, else by its colour.
+    /// Id of the material of what `symbol` draws in the colour `index`: by its symbol, else by its colour.
     pub fn drawn(&self, symbol: char, index: f64) -> u16 {
         self.symbols.get(&symbol).copied().unwrap_or_else(|| self.coloured(index))
     }
 
-    /// Of what is drawn in the colour `index`.
+    /// Id of the material of the colour `index`.
     pub fn coloured(&self, index: f64) -> u16 {
         self.colours.iter().rev().find(|(i, _)| **i as f64 <= index).map_or(0, |(_, id)| *id)
     }
 
-    /// Of the surface `symbol`, where it is given one.
+    /// Id of the material of the surface `symbol`, if it has one.
     pub fn surface(&self, symbol: char) -> Option<u16> {
         self.surfaces.get(&symbol).copied()
     }
@@ -183,9 +183,9 @@ pub struct Grammar {
     pub step: f64,
     /// Width at the start; without one it follows from the drawing's size.
     pub width: Option<f64>,
-    /// What `!` without a parameter multiplies the width by.
+    /// Factor of the width at `!` without a parameter.
     pub taper: f64,
-    /// Direction times elasticity: how segments bend.
+    /// The vector T times the elasticity e: a segment of heading H bends by |H × eT| radians.
     pub tropism: DVec3,
     /// Linear Rec. 709 by index.
     pub colours: BTreeMap<i64, [f32; 3]>,

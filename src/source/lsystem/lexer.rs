@@ -1,5 +1,9 @@
-//! The text of a grammar as characters that know where they stand, cut into statements.
+//! The text of a grammar as characters that know where they stand, and a cursor that walks over them.
 
+use std::collections::BTreeSet;
+
+/// Signs that are symbols besides letters and digits.
+const SIGNS: &str = "+-&^\\/|[]{}.!'$%~_";
 /// A character and its place; both count from 1.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Char {
@@ -8,7 +12,7 @@ pub struct Char {
     pub column: u32,
 }
 
-/// What is wrong, and where.
+/// Syntax error: its place and cause.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Fault {
     pub line: u32,
@@ -25,7 +29,7 @@ impl Char {
     }
 }
 
-/// How a character is shown in a message.
+/// A character as messages show it.
 pub fn shown(c: char) -> String {
     if c.is_control() || (c.is_whitespace() && c != ' ') || c == char::REPLACEMENT_CHARACTER {
         format!("the character U+{:04X}", u32::from(c))
@@ -88,7 +92,7 @@ fn plain(c: char) -> char {
 pub struct Cursor<'a> {
     chars: &'a [Char],
     at: usize,
-    /// Where the run ends, for messages.
+    /// Place after the last character, for messages.
     end: Char,
 }
 
@@ -133,7 +137,7 @@ impl<'a> Cursor<'a> {
         there
     }
 
-    /// Whether nothing but spaces is left.
+    /// Skip spaces, and test whether nothing is left.
     pub fn at_end(&mut self) -> bool {
         self.skip_space();
         self.at == self.chars.len()
@@ -147,16 +151,34 @@ impl<'a> Cursor<'a> {
         rest[..n].iter().map(|c| c.c).collect()
     }
 
-    /// What is left, as it is.
+    /// Remaining characters.
     pub fn rest(&self) -> &'a [Char] {
         self.chars.get(self.at..).unwrap_or_default()
     }
 
-    /// What is wrong at the next character: `wanted` says what should stand there.
+    /// Syntax error at the next character: `wanted` says what should stand there.
     pub fn unexpected(&self, wanted: &str) -> Fault {
         let found = self.peek().map_or("the end".to_owned(), shown);
         self.place().fault(format!("{found} where {wanted} should be"))
     }
+}
+
+/// Test whether a character may be a symbol of an L-system.
+pub fn is_symbol(c: char) -> bool {
+    c.is_alphanumeric() || SIGNS.contains(c)
+}
+
+/// Symbols alone, to the end.
+pub fn symbols(cursor: &mut Cursor) -> Parsed<BTreeSet<char>> {
+    let mut out = BTreeSet::new();
+    while !cursor.at_end() {
+        let place = cursor.place();
+        match cursor.next() {
+            Some(c) if is_symbol(c.c) => out.insert(c.c),
+            _ => return Err(place.fault(format!("{} is not a symbol", shown(place.c)))),
+        };
+    }
+    Ok(out)
 }
 
 #[cfg(test)]

@@ -5,8 +5,8 @@ use std::collections::BTreeMap;
 use super::expr;
 use super::expr::Names;
 use super::grammar::{Action, Considered, Grammar};
-use super::lexer::{Char, Cursor, Parsed, characters};
-use super::parser::{Reader, START_OF_FILE, arrow, symbols};
+use super::lexer::{Char, Cursor, Parsed, characters, symbols};
+use super::parser::{Reader, START_OF_FILE, arrow};
 use crate::random::SplitMix64;
 
 /// Parse a file. It does not say how often its productions are applied.

@@ -3,6 +3,7 @@
 //!
 //! Based on: P. Prusinkiewicz, A. Lindenmayer, *The Algorithmic Beauty of Plants*, Springer 1990.
 
+mod budget;
 mod context;
 mod derive;
 mod directive;
@@ -24,17 +25,17 @@ use super::paint::{Paint, PaintedSource};
 use super::traits::Source;
 use crate::geom::DAffine3;
 use crate::scene::model::{Instance, Material, Part};
-use crate::scene::{self, Model, ReadOptions, files};
+use crate::scene::{self, Model, ReadOptions, files, text};
 use crate::source::materials::UNNAMED;
 use crate::{Error, Result};
-use derive::Budget;
+use budget::Budget;
 use grammar::{Grammar, Materials, Surface};
 use lexer::Fault;
 use turtle::{Plant, Turtle};
 
 pub use turtle::Counts;
 
-/// How an L-system is taken.
+/// Options of an L-system; they take precedence over the grammar file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LSystemOptions {
     /// Derivation steps, instead of the grammar's.
@@ -55,8 +56,8 @@ impl Default for LSystemOptions {
     }
 }
 
-/// Bytes that a character of a grammar takes while it is read, about.
-const BYTES_A_CHARACTER: u64 = 64;
+/// Approximate number of bytes per character of a grammar while it is read.
+const BYTES_PER_CHARACTER: u64 = 64;
 
 /// Open the grammar `path`, or draw `options.string` alone where there is none.
 ///
@@ -133,7 +134,7 @@ fn limb_materials(limbs: &mut [Strand], materials: &Materials) -> Vec<String> {
     ids.into_iter().map(name).collect()
 }
 
-/// How much the L-system draws, and how many symbols were rewritten or looked at.
+/// Count what the L-system draws, and the symbols that are rewritten or looked at.
 ///
 /// # Errors
 /// As [`open`].
@@ -157,9 +158,8 @@ fn find(path: &Path, file: &str) -> Option<PathBuf> {
 }
 
 fn read_grammar(path: &Path, max_bytes: u64) -> Result<Grammar> {
-    let bytes = files::read(path, max_bytes / BYTES_A_CHARACTER)?;
-    let text = String::from_utf8_lossy(&bytes);
-    parse(path, &text).map_err(|f| Error::input(path, place(&f), f.what))
+    let bytes = files::read(path, max_bytes / BYTES_PER_CHARACTER)?;
+    parse(path, &text::decode(&bytes)).map_err(|f| Error::input(path, place(&f), f.what))
 }
 
 fn parse(path: &Path, text: &str) -> Result<Grammar, Fault> {

@@ -1,19 +1,15 @@
 //! Grammar files in the notation of the field → [`Grammar`]. docs/lsystems.md describes what is read.
 
-use std::collections::BTreeSet;
-
 use super::directive;
 use super::expr;
 use super::expr::{Expr, Names};
 use super::grammar::{Grammar, Module, Pattern, Production};
-use super::lexer::{Char, Cursor, Parsed, characters, shown};
+use super::lexer::{Char, Cursor, Parsed, characters, is_symbol, shown};
 
-/// Signs that are symbols besides letters and digits.
-const SIGNS: &str = "+-&^\\/|[]{}.!'$%~_";
 /// Brackets within brackets in a right context.
 const MOST_NESTED: usize = 64;
 
-/// What a run of lines is.
+/// Kind of a statement.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Kind {
     Directive,
@@ -23,7 +19,7 @@ enum Kind {
 
 /// Parse a grammar, or a derived string alone.
 pub fn grammar(text: &str) -> Parsed<Grammar> {
-    let chars = characters(text)?;
+    let chars = join_broken_lines(&characters(text)?);
     let mut reader = Reader::new(Grammar::default());
     for (kind, chars) in statements(&chars) {
         reader.statement(kind, chars)?;
@@ -45,7 +41,7 @@ pub fn string(text: &str, grammar: &Grammar) -> Parsed<Vec<Module>> {
     Ok(modules)
 }
 
-/// Where a text begins.
+/// Place before the first character of a text.
 const START: Char = Char { c: ' ', line: 1, column: 0 };
 
 /// Runs of lines that belong together: a line that begins nothing new goes on with what stands above it.
@@ -57,18 +53,10 @@ fn statements(chars: &[Char]) -> Vec<(Kind, &[Char])> {
         start = range.1;
         let text = line.iter().position(|c| !c.c.is_whitespace()).map(|i| &line[i..]).unwrap_or_default();
         let open = braces;
-        let begins = |word: &str| {
-            let n = word.chars().count();
-            text.len() > n && word.chars().zip(text).all(|(w, c)| w == c.c)
-        };
         let kind = if text.is_empty() || open {
             None
-        } else if text[0].c == '#' {
-            Some(Kind::Directive)
-        } else if ["axiom:", "axiom :", "ω:", "ω :"].iter().any(|w| begins(w)) {
-            Some(Kind::Axiom)
-        } else if arrow(text).is_some() {
-            Some(Kind::Production)
+        } else if let Some(kind) = begun(text) {
+            Some(kind)
         } else if out.last().is_none_or(|s| s.0 == Kind::Directive) {
             Some(Kind::Axiom)
         } else {
@@ -90,7 +78,42 @@ fn statements(chars: &[Char]) -> Vec<(Kind, &[Char])> {
     out.into_iter().map(|(kind, a, b)| (kind, &chars[a..end(a, b)])).collect()
 }
 
-/// Where an arrow stands, and how long it is.
+/// Kind of the statement that a line begins, if any; leading spaces are cut off.
+fn begun(line: &[Char]) -> Option<Kind> {
+    let begins = |word: &str| {
+        let n = word.chars().count();
+        line.len() > n && word.chars().zip(line).all(|(w, c)| w == c.c)
+    };
+    if line.first()?.c == '#' {
+        Some(Kind::Directive)
+    } else if ["axiom:", "axiom :", "ω:", "ω :"].iter().any(|w| begins(w)) {
+        Some(Kind::Axiom)
+    } else {
+        arrow(line).map(|_| Kind::Production)
+    }
+}
+
+/// Lines that end in a backslash, joined to the next. The backslash is a symbol as well: it is one where there is no next
+/// line, and where that begins something new.
+fn join_broken_lines(chars: &[Char]) -> Vec<Char> {
+    let lines: Vec<&[Char]> = chars.split_inclusive(|c| c.c == '\n').collect();
+    let mut out = Vec::with_capacity(chars.len());
+    for (i, &line) in lines.iter().enumerate() {
+        let next = lines.get(i + 1).copied().unwrap_or_default();
+        let start = next.iter().position(|c| !c.c.is_whitespace());
+        let goes_on = start.is_some_and(|start| begun(&next[start..]).is_none());
+        match line.iter().rposition(|c| !c.c.is_whitespace()).filter(|&last| line[last].c == '\\' && goes_on) {
+            Some(last) => {
+                out.extend(&line[..last]);
+                out.push(Char { c: ' ', ..line[last] });
+            }
+            None => out.extend(line),
+        }
+    }
+    out
+}
+
+/// Index and length of the first arrow, `→`, `->` or `-->`.
 pub fn arrow(chars: &[Char]) -> Option<(usize, usize)> {
     let at = |i: usize| chars.get(i).map(|c| c.c);
     let i = (0..chars.len()).find(|&i| at(i) == Some('→') || (at(i) == Some('-') && at(i + 1) == Some('>')))?;
@@ -260,7 +283,7 @@ fn check_surfaces(named: &[Char], grammar: &Grammar) -> Parsed<()> {
     }
 }
 
-/// Whether `chars` is the name of a production, such as p1: a word of more than one letter.
+/// Test whether `chars` is the label of a production, such as p1: a word of more than one letter.
 fn is_label(chars: &[Char]) -> bool {
     let text: String = chars.iter().map(|c| c.c).collect();
     let text = text.trim();
@@ -271,10 +294,6 @@ fn is_label(chars: &[Char]) -> bool {
 fn condition(cursor: &mut Cursor, names: &Names) -> Parsed<Option<Expr>> {
     let condition = if cursor.take('*') { None } else { Some(expr::parse(cursor, names)?) };
     if cursor.at_end() { Ok(condition) } else { Err(cursor.unexpected("'→', '->' or an operator")) }
-}
-
-pub fn is_symbol(c: char) -> bool {
-    c.is_alphanumeric() || SIGNS.contains(c)
 }
 
 /// Symbols with parameters, until something that is none. Brackets have to match; symbols after `~` are added to `named`.
@@ -367,17 +386,4 @@ fn patterns(cursor: &mut Cursor, parameters: &mut Vec<String>, grammar: &Grammar
         Some(bracket) => Err(bracket.fault("'[' is never closed")),
         None => Ok(out),
     }
-}
-
-/// Symbols alone, to the end.
-pub fn symbols(cursor: &mut Cursor) -> Parsed<BTreeSet<char>> {
-    let mut out = BTreeSet::new();
-    while !cursor.at_end() {
-        let place = cursor.place();
-        match cursor.next() {
-            Some(c) if is_symbol(c.c) => out.insert(c.c),
-            _ => return Err(place.fault(format!("{} is not a symbol", shown(place.c)))),
-        };
-    }
-    Ok(out)
 }

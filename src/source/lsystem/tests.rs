@@ -1,6 +1,7 @@
 //! Derivations and drawings with known answers; grammars that are broken or without end.
 
-use super::derive::{Budget, derive};
+use super::budget::Budget;
+use super::derive::derive;
 use super::grammar::Grammar;
 use super::turtle::{Plant, Turtle};
 use super::*;
@@ -282,10 +283,19 @@ fn area(plant: &Plant, t: &[u32; 3]) -> f64 {
 
 #[test]
 fn tropism_bends_by_the_torque() {
-    // One horizontal segment, then bent down by e · |H × T| = .1.
+    // One horizontal segment, then bent down by e · |H × T| = .1 · 2: the length of T counts.
     let (_, points) = drawn("#tropism 0, -2, 0, .1\naxiom: +(90)F(1)F(1)", 0);
     let way = points[2] - points[1];
-    assert!((way - DVec3::new(-(0.1f64.cos()), -(0.1f64.sin()), 0.0)).length() < 1e-12, "{way}");
+    assert!((way - DVec3::new(-(0.2f64.cos()), -(0.2f64.sin()), 0.0)).length() < 1e-12, "{way}");
+    // Four segments that turn from 45° off the vertical towards T = (0, −2, 0): the angle grows by .44 · sin after each.
+    let (_, points) = drawn("#tropism 0,-2,0,.22\naxiom: +(45)FFFF", 0);
+    let mut angle = std::f64::consts::FRAC_PI_4;
+    let mut end = DVec3::ZERO;
+    for _ in 0..4 {
+        end += DVec3::new(-angle.sin(), angle.cos(), 0.0);
+        angle += 0.44 * angle.sin();
+    }
+    assert!((points[4] - end).length() < 1e-12, "{} {end}", points[4]);
 }
 
 #[test]
@@ -493,4 +503,16 @@ fn trees_that_fork() {
     assert!((length(&plant) / want - 1.0).abs() < 1e-9, "{}", length(&plant));
     let widest = plant.limbs.iter().flat_map(|l| &l.radii).fold(0f32, |a, b| a.max(*b));
     assert!((2.0 * f64::from(widest) / 1.732f64.powi(n) - 1.0).abs() < 1e-6, "{widest}");
+}
+
+#[test]
+fn a_backslash_breaks_a_line_and_is_a_symbol_elsewhere() {
+    let whole = drawn("#define a 30\n#iterations 1\naxiom: X\nX -> F(1)+(a)F(1)", 1).1;
+    let text = "\u{feff}#define a 10 + \\\r\n  20\n#iterations 1\naxiom: X\nX -> F(1) \\ \n  +(a)F(1)";
+    assert_eq!(drawn(text, 1).1, whole);
+    // At the end of a production it rolls: what turns up without it turns left.
+    let rolled = drawn("axiom: XF(1)\nX -> \\\nF(x) -> +(90)F(x)", 1).1;
+    let before = drawn("axiom: XF(1)\nX -> \\ \nF(x) -> +(90)F(x)", 1).1;
+    assert_eq!(rolled, before);
+    assert!((rolled[1] - rolled[0] - DVec3::Z).length() < 1e-9 || (rolled[1] - rolled[0] + DVec3::Z).length() < 1e-9);
 }

@@ -1,14 +1,14 @@
-//! What is within closed surfaces: winding numbers along the vertical lines through the middles of the finest voxels.
+//! Point-in-solid test by winding numbers along the vertical lines through the centres of the finest voxels.
 //!
 //! Based on: E. Haines, *Point in Polygon Strategies*, Graphics Gems IV, 1994 (half-open crossing rules), a dimension up.
 
 use crate::geom::DVec3;
 use crate::par;
 
-/// Where vertical lines cross closed surfaces.
+/// Crossings of vertical lines with closed surfaces.
 pub struct Interior {
     side: u32,
-    /// Where each line's crossings start in `crossings`, and the end; lines are x + side · y.
+    /// Start of each line's crossings in `crossings`, and one past the last; the line of (x, y) is x + side · y.
     starts: Vec<u32>,
     /// Height, and +1 where the line goes out.
     crossings: Vec<(f32, i8)>,
@@ -43,7 +43,7 @@ impl Interior {
         Interior { side, starts, crossings: all.into_iter().map(|(_, z, way)| (z, way)).collect() }
     }
 
-    /// Whether the voxel column of `p` is within at the height of `p`.
+    /// Test whether `p` is inside: the winding number of its voxel's vertical line at the height of `p` is positive.
     pub fn holds(&self, p: DVec3) -> bool {
         let last = f64::from(self.side - 1);
         if !(p.x >= 0.0 && p.y >= 0.0 && p.x <= last + 1.0 && p.y <= last + 1.0) {

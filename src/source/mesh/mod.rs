@@ -3,6 +3,8 @@
 mod interior;
 pub mod patch;
 
+use std::collections::BTreeSet;
+
 use self::interior::Interior;
 use self::patch::Face;
 use super::placement::Placement;
@@ -11,18 +13,19 @@ use crate::geom::polygon::Polygon;
 use crate::geom::{Aabb, DAffine3, DVec3};
 use crate::progress::Progress;
 use crate::scene::alpha::{AlphaClass, AlphaSums};
+use crate::scene::far;
 use crate::scene::model::{Alpha, Material, Model, Part};
 use crate::scene::texture::Texture;
 use crate::source::materials::of_model;
 use crate::{Error, Result, Warnings, morton, par};
 
-/// How a mesh is taken.
+/// Options of a mesh source.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct MeshOptions {
     pub fill: Fill,
 }
 
-/// What is within closed surfaces.
+/// Treatment of the inside of closed surfaces.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Fill {
     /// Nothing: facets alone.
@@ -37,12 +40,15 @@ pub enum Fill {
 /// A model's triangles.
 pub struct MeshSource {
     model: Model,
+    /// Offset that was subtracted from the positions of all instances.
+    origin: DVec3,
     bounds: Aabb,
     facet_size: f64,
     warnings: Warnings,
-    /// A list a part: how its triangles bound matter.
+    notes: Vec<String>,
+    /// Role of each triangle as a boundary of matter, one list per part.
     faces: Vec<Vec<Face>>,
-    /// One a material: what there is of the texture, where it cuts.
+    /// Summed-area table of the alpha of each material that is cut out or blended.
     alphas: Vec<Option<AlphaSums>>,
     fill: Fill,
     names: Vec<String>,
@@ -60,13 +66,14 @@ impl MeshSource {
         let skipped = skipped.sum::<usize>() as u64;
         warnings.add_many("lines and points are left out: give them a width with --line-width", skipped);
         let patches = par::map(model.parts.len(), |i| patch::analyse(&model.parts[i]));
-        let mut bounds = Aabb::EMPTY;
+        let origin = far::offset(bounds_of(&model, DAffine3::IDENTITY));
+        if origin != DVec3::ZERO {
+            model.instances.iter_mut().for_each(|i| i.transform.translation -= origin);
+        }
+        let bounds = bounds_of(&model, DAffine3::IDENTITY);
         let mut sizes = Vec::new();
         for instance in &model.instances {
             let part = &model.parts[instance.part];
-            for &i in part.triangles.iter().flatten() {
-                bounds = bounds.grow(world(part, i, instance.transform));
-            }
             let scale = libm::cbrt(instance.transform.matrix3.determinant().abs());
             let there = opaque_share(&model.materials[part.material]);
             let list = &patches[instance.part].patches;
@@ -79,11 +86,18 @@ impl MeshSource {
             let open = faces.iter().flatten().filter(|f| **f == Face::Sheet).count();
             warnings.add_many("triangles of surfaces that do not close are left hollow by --fill solid", open as u64);
         }
+        for material in used_materials(&model) {
+            if let Some(why) = invisible(material) {
+                warnings.add(why);
+            }
+        }
         let alphas = par::map(model.materials.len(), |i| AlphaSums::of(&model.materials[i]));
         let (names, ids) = of_model(&model, |part| !part.triangles.is_empty());
         MeshSource {
             names,
             ids,
+            origin,
+            notes: if origin == DVec3::ZERO { Vec::new() } else { vec![far::note(origin)] },
             bounds,
             facet_size: patch::weighted_median(sizes),
             warnings,
@@ -100,7 +114,36 @@ impl MeshSource {
     }
 }
 
-/// The mean alpha of a material's texture, where it cuts something out.
+/// The box of all triangles, placed by `transform`.
+fn bounds_of(model: &Model, transform: DAffine3) -> Aabb {
+    Aabb::around(model.instances.iter().flat_map(|instance| {
+        let part = &model.parts[instance.part];
+        let map = transform * instance.transform;
+        part.triangles.iter().flatten().map(move |&i| world(part, i, map))
+    }))
+}
+
+/// The materials of parts that are placed, each once.
+fn used_materials(model: &Model) -> impl Iterator<Item = &Material> {
+    let used: BTreeSet<usize> = model.instances.iter().map(|i| model.parts[i.part].material).collect();
+    used.into_iter().filter_map(|m| model.materials.get(m))
+}
+
+/// Warning about a material that is transparent everywhere, whatever the mesh.
+fn invisible(material: &Material) -> Option<String> {
+    let texels = material.texture.as_ref().map(|t| t.texture.texels.iter().map(|t| t[3]).max().unwrap_or(0));
+    let most = material.base_color[3] * texels.map_or(1.0, |code| f32::from(code) / 255.0);
+    let name = &material.name;
+    match material.alpha {
+        Alpha::Mask(cutoff) if most < cutoff => Some(format!(
+            "material {name}: nothing of it is there, since its alpha cutoff of {cutoff} is above all of its alpha (at most {most})"
+        )),
+        Alpha::Blend if most <= 0.0 => Some(format!("material {name}: nothing of it is there, since its alpha is 0")),
+        _ => None,
+    }
+}
+
+/// Mean alpha of the material's texture, in [0.01, 1]; 1 for opaque materials.
 fn opaque_share(material: &Material) -> f64 {
     match (&material.texture, material.alpha) {
         (Some(t), Alpha::Mask(_) | Alpha::Blend) => {
@@ -121,13 +164,16 @@ impl Source for MeshSource {
         self.bounds
     }
 
+    fn origin(&self) -> DVec3 {
+        self.origin
+    }
+
+    fn notes(&self) -> &[String] {
+        &self.notes
+    }
+
     fn bounds_in(&self, transform: DAffine3) -> Aabb {
-        let corners = self.model.instances.iter().flat_map(|instance| {
-            let part = &self.model.parts[instance.part];
-            let map = transform * instance.transform;
-            part.triangles.iter().flatten().map(move |&i| world(part, i, map))
-        });
-        Aabb::around(corners)
+        bounds_of(&self.model, transform)
     }
 
     fn metres_per_unit(&self) -> f64 {
@@ -191,11 +237,11 @@ impl Source for MeshSource {
     }
 }
 
-/// One instance in the grid.
+/// One instance of a part, transformed into the grid.
 struct Piece<'a> {
     part: &'a Part,
     material: &'a Material,
-    /// Of the material's name.
+    /// Id of the material's name.
     id: u16,
     sums: Option<&'a AlphaSums>,
     corners: Vec<DVec3>,
@@ -215,14 +261,14 @@ impl Piece<'_> {
 struct StagedMesh<'a> {
     pieces: Vec<Piece<'a>>,
     regions: Vec<u64>,
-    /// Where each region's facets start in `facets`, and the end.
+    /// Start of each region's facets in `facets`, and one past the last.
     starts: Vec<usize>,
     facets: Vec<u32>,
     interior: Option<Interior>,
 }
 
 impl StagedMesh<'_> {
-    /// The piece of a facet and its triangle in it.
+    /// Piece that a facet belongs to, and the index of its triangle in it.
     fn find(&self, facet: u32) -> (&Piece<'_>, usize) {
         let at = self.pieces.partition_point(|p| p.first <= facet) - 1;
         // Pieces without triangles share their first number with the next, which is found first.
@@ -230,7 +276,7 @@ impl StagedMesh<'_> {
         (piece, (facet - piece.first) as usize)
     }
 
-    /// Find what is within closed components, and the regions that only they reach.
+    /// Build the winding numbers of closed components, and add the regions that lie wholly inside them.
     fn fill(&mut self, count: usize, place: &Placement) {
         if self.pieces.iter().all(|p| p.faces.iter().all(|f| *f == Face::Sheet)) {
             return;
@@ -454,7 +500,7 @@ impl AlphaSampler for FacetAlpha<'_> {
     }
 }
 
-/// Texels that a voxel edge covers on a triangle: the root of the ratio of both areas.
+/// Number of texels per voxel edge on a triangle: the square root of its area in texels over its area in voxel faces.
 fn texels_per_voxel(t: [DVec3; 3], uvs: [[f32; 2]; 3], texture: &Texture) -> f64 {
     let area = (t[1] - t[0]).cross(t[2] - t[0]).length();
     let d = |i: usize| [0, 1].map(|k| f64::from(uvs[i][k] - uvs[0][k]));

@@ -1,23 +1,23 @@
-//! What a mesh's triangles form together: which are faces of closed things, and how large its flat patches (leaves) are.
+//! Connectivity of a mesh: which triangles bound closed components, and how large its flat patches (leaves) are.
 
 use crate::geom::DVec3;
 use crate::scene::model::Part;
 
-/// How a triangle bounds matter.
+/// Role of a triangle as a boundary of matter.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Face {
     /// A sheet, seen from both sides.
     Sheet,
-    /// Of a closed component; its normal points outward.
+    /// Face of a closed component; its normal points outward.
     Outward,
-    /// Of a closed component that is inside out.
+    /// Face of a closed component that is inside out: its normal points inward.
     Inward,
 }
 
-/// Of one part, in its own space.
+/// Result of the analysis of one part, in the part's own space.
 pub struct Patches {
     pub faces: Vec<Face>,
-    /// Flat patches: width 4 · area / perimeter, and area.
+    /// Width (4 · area / perimeter) and area of each flat patch.
     pub patches: Vec<(f64, f64)>,
 }
 

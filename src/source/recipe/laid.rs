@@ -7,7 +7,7 @@ use serde::Deserialize;
 
 use super::model::{Albedo, Either, Noise, Projection, Varied};
 use crate::geom::{Aabb, DVec3};
-use crate::scene::{ReadOptions, files, image};
+use crate::scene::{ReadOptions, files, image, text};
 use crate::source::noise;
 use crate::source::paint;
 use crate::source::paint::{Colouring, Paint, PaintedSource};
@@ -96,7 +96,7 @@ impl Spec {
             table.insert("image".into(), text.into());
             return Ok(Spec { table, ..here });
         }
-        let text = String::from_utf8_lossy(&files::read(path, super::MAX_BYTES)?).into_owned();
+        let text = text::decode(&files::read(path, super::MAX_BYTES)?).into_owned();
         let bad = |at: String, what: &str| Error::input(path, at, super::one_line(what));
         let table = match extension.as_str() {
             "json" => serde_json::from_str(&text).map_err(|e| bad(String::new(), &e.to_string()))?,

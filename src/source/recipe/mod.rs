@@ -16,7 +16,7 @@ use std::path::{Path, PathBuf};
 
 use super::options::OpenOptions;
 use super::traits::Source;
-use crate::scene::files;
+use crate::scene::{files, text};
 use crate::{Error, Result};
 pub use laid::{Laid, files as laid_files, lay};
 use model::{Either, Node, Recipe, Shape};
@@ -116,7 +116,7 @@ fn enter(path: &Path, within: &[PathBuf]) -> Result<Vec<PathBuf>> {
 
 /// The recipe and its text.
 fn read(path: &Path) -> Result<(Recipe, String)> {
-    let bytes = files::read(path, MAX_BYTES)?;
+    let bytes = text::utf8(&files::read(path, MAX_BYTES)?).into_owned();
     let text = String::from_utf8(bytes).map_err(|e| {
         let line = e.as_bytes()[..e.utf8_error().valid_up_to()].iter().filter(|&&b| b == b'\n').count() + 1;
         Error::input(path, format!("line {line}"), "is not UTF-8 text")

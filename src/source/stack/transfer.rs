@@ -79,7 +79,7 @@ impl TransferSpec {
     /// [`Error::Io`] where the file is not there, [`Error::Input`] with line and column where it is not one.
     pub fn read(path: &Path) -> Result<TransferSpec> {
         let bytes = crate::scene::files::read(path, MAX_TABLE)?;
-        serde_json::from_slice(&bytes).map_err(|e| {
+        serde_json::from_slice(&crate::scene::text::utf8(&bytes)).map_err(|e| {
             let text = e.to_string();
             let what = text.split(" at line").next().unwrap_or_default();
             Error::input(path, format!("line {}, column {}", e.line(), e.column()), what)

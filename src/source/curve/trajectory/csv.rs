@@ -1,12 +1,15 @@
 //! Tables of points (`.csv`, `.tsv`): id, t, x, y, z [, radius, r, g, b, a], by the names of a first line, in any order.
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 
 use super::{Content, Fault};
 use crate::geom::DVec3;
+use crate::scene::far::Decimals;
+use crate::scene::text::logical_lines;
 use crate::source::curve::Strand;
 
-/// What a column holds.
+/// Meaning of a column.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Column {
     Id,
@@ -35,11 +38,12 @@ struct Row {
     colour: [f32; 4],
 }
 
-/// Rows of one id are a strand, by ascending t (else in the file's order); strands in the order of their first rows.
+/// Read a table. Rows of one id form a strand, sorted by t where there is one; strands come in the order of their first rows.
 pub fn read(text: &str) -> Result<Content, Fault> {
-    let text = text.strip_prefix('\u{feff}').unwrap_or(text);
-    let mut lines = text.lines().enumerate().filter(|(_, l)| !l.trim().is_empty() && !l.trim_start().starts_with('#'));
-    let mut content = Content::default();
+    let all: Vec<(usize, Cow<str>)> = logical_lines(text).collect();
+    let lines = all.iter().map(|(number, line)| (*number, &**line));
+    let mut lines = lines.filter(|(_, l)| !l.trim().is_empty() && !l.trim_start().starts_with('#'));
+    let mut content = Content { decimals: Decimals::new(), ..Content::default() };
     let Some((number, first)) = lines.clone().next() else { return Ok(content) };
     let separator = [',', '\t', ';'].into_iter().find(|s| first.contains(*s)).unwrap_or(' ');
     let names: Vec<&str> = fields(first, separator).map(|f| f.1).collect();
@@ -47,12 +51,12 @@ pub fn read(text: &str) -> Result<Content, Fault> {
         let known = UNNAMED.iter().find(|u| u.0 == names.len());
         let columns = known.ok_or_else(|| {
             let what = "columns without names are read as id,t,x,y,z[,radius][,r,g,b]; name these in a first line";
-            (format!("line {}", number + 1), format!("{} {what}", names.len()))
+            (format!("line {number}"), format!("{} {what}", names.len()))
         })?;
         columns.1.iter().map(|c| Some(*c)).collect()
     } else {
         lines.next();
-        named(&names).map_err(|what| (format!("line {}", number + 1), what))?
+        named(&names).map_err(|what| (format!("line {number}"), what))?
     };
     let ignored = columns.iter().filter(|c| c.is_none()).count();
     content.warnings.add_many("columns of other names are ignored", ignored as u64);
@@ -74,12 +78,15 @@ pub fn read(text: &str) -> Result<Content, Fault> {
             let value = value.map_err(|_| {
                 let column_name =
                     names.get(count - 1).filter(|n| n.parse::<f64>().is_err()).copied().unwrap_or("value");
-                (format!("line {}, column {at}", number + 1), format!("{column_name} is `{field}` and not a number"))
+                (format!("line {number}, column {at}"), format!("{column_name} is `{field}` and not a number"))
             })?;
             match *column {
                 Id => {}
                 Time => row.time = value,
-                Place(axis) => row.at[axis] = value,
+                Place(axis) => {
+                    row.at[axis] = value;
+                    content.decimals.see(field);
+                }
                 Radius => row.radius = value as f32,
                 Width => row.radius = 0.5 * value as f32,
                 Colour(part) => row.colour[part] = value as f32,
@@ -87,7 +94,7 @@ pub fn read(text: &str) -> Result<Content, Fault> {
         }
         if count < columns.len() {
             let what = format!("{count} values where there are {} columns", columns.len());
-            return Err((format!("line {}, column {}", number + 1, line.chars().count() + 1), what));
+            return Err((format!("line {number}, column {}", line.chars().count() + 1), what));
         }
         if row.at.is_nan() || row.time.is_nan() {
             content.warnings.add("rows without a place or a time are left out");
@@ -140,7 +147,7 @@ fn fields(line: &str, separator: char) -> impl Iterator<Item = (usize, &str)> {
     })
 }
 
-/// What columns hold, by their names; `None`: something else.
+/// Meaning of each column by its name; `None` for an unknown name.
 fn named(names: &[&str]) -> Result<Vec<Option<Column>>, String> {
     let lower: Vec<String> = names.iter().map(|n| n.trim().to_ascii_lowercase()).collect();
     // `r` is red beside g and b.

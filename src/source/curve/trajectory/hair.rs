@@ -13,7 +13,7 @@ const HEADER: usize = 128;
 
 /// Thickness is the width; transparency is the share that is not there.
 pub fn read(bytes: &[u8]) -> Result<Content, Fault> {
-    let mut file = Cursor { bytes, at: 0, big_endian: false };
+    let mut file = Cursor::new(bytes);
     if file.take(4).ok() != Some(b"HAIR") {
         return Err(at_byte(0, "a hair file begins with HAIR"));
     }
@@ -31,8 +31,7 @@ pub fn read(bytes: &[u8]) -> Result<Content, Fault> {
         return Err(at_byte(4, what));
     }
     let segments: Vec<usize> = if flags & SEGMENTS != 0 {
-        let all = file.take(strands.saturating_mul(2))?;
-        all.as_chunks::<2>().0.iter().map(|b| usize::from(u16::from_le_bytes(*b))).collect()
+        file.u16s(strands)?.into_iter().map(usize::from).collect()
     } else {
         if strands.saturating_mul(default_segments as usize + 1) != points {
             let what = format!("{strands} strands of {default_segments} segments are not {points} points");
@@ -44,9 +43,9 @@ pub fn read(bytes: &[u8]) -> Result<Content, Fault> {
     if sum != points {
         return Err(at_byte(HEADER, format!("the strands have {sum} points, the header says {points}")));
     }
-    let places = file.floats(points.saturating_mul(3))?;
+    let places = file.f32s(points.saturating_mul(3))?;
     let mut optional = |flag: u32, each: usize| {
-        if flags & flag == 0 { Ok(None) } else { file.floats(points.saturating_mul(each)).map(Some) }
+        if flags & flag == 0 { Ok(None) } else { file.f32s(points.saturating_mul(each)).map(Some) }
     };
     let widths = optional(THICKNESS, 1)?;
     let clear = optional(TRANSPARENCY, 1)?;

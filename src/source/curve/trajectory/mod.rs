@@ -1,28 +1,35 @@
 //! Files of trajectories, hair, tracts and neurons → strands.
 
 mod csv;
+mod cursor;
 mod hair;
 mod swc;
 mod tck;
 #[cfg(test)]
 mod tests;
 mod trk;
+mod trx;
 
-use std::path::Path;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+use cursor::{Cursor, Fault, at_byte, point};
 
 use super::{CurveOptions, CurveSource, Section, Strand};
 use crate::geom::{Aabb, DVec3};
-use crate::scene::files;
+use crate::scene::far::Decimals;
+use crate::scene::text::decode;
 use crate::scene::texture::srgb_to_linear;
+use crate::scene::{far, files};
 use crate::{Error, Result, Warnings};
 
-/// Extensions that are read here.
-pub const KNOWN: [&str; 6] = ["csv", "tsv", "hair", "trk", "tck", "swc"];
+/// Extensions that are read here; each may have `.gz` after it.
+pub const KNOWN: [&str; 7] = ["csv", "tsv", "hair", "trk", "trx", "tck", "swc"];
 
-/// What a point takes of memory while it is read and as a part of a source.
+/// Bytes per point while it is read and as a part of a source.
 const POINT_BYTES: usize = 96;
 
-/// How trajectories, and the lines and points of meshes, are taken.
+/// Options of trajectories, and of the lines and points of meshes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TrajectoryOptions {
     pub section: Section,
@@ -32,7 +39,7 @@ pub struct TrajectoryOptions {
     pub width: Option<f64>,
     /// Factor of all widths.
     pub width_scale: f64,
-    /// Whether colours are linear; else they are sRGB.
+    /// True where colours are linear; else they are sRGB.
     pub linear_colour: bool,
 }
 
@@ -48,13 +55,40 @@ impl Default for TrajectoryOptions {
     }
 }
 
-/// What a file holds. A radius that is missing is NaN.
+/// Content of a file. A radius that is missing is NaN.
 #[derive(Debug, Default)]
 struct Content {
     strands: Vec<Strand>,
     /// Metres in a unit; 0 where the format does not say.
     metres_per_unit: f64,
+    /// Decimal places of the points, where they are text.
+    decimals: Decimals,
     warnings: Warnings,
+}
+
+/// The known extension of a file, in lower case and without `.gz`; empty where it is not known.
+pub fn extension(path: &Path) -> &'static str {
+    let is_packed = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("gz"));
+    let inner = if is_packed { path.with_extension("") } else { PathBuf::from(path) };
+    let own = inner.extension().and_then(|e| e.to_str()).unwrap_or_default();
+    KNOWN.into_iter().find(|known| own.eq_ignore_ascii_case(known)).unwrap_or_default()
+}
+
+/// The bytes of a file, unpacked where it is compressed by gzip; at most `max_bytes`.
+fn bytes_of(path: &Path, max_bytes: u64) -> Result<Vec<u8>> {
+    let bytes = files::read(path, max_bytes)?;
+    if !bytes.starts_with(&[0x1f, 0x8b]) {
+        return Ok(bytes);
+    }
+    let mut out = Vec::new();
+    let unpacked =
+        flate2::read::MultiGzDecoder::new(&bytes[..]).take(max_bytes.saturating_add(1)).read_to_end(&mut out);
+    unpacked.map_err(|e| Error::input(path, "", format!("is not whole as gzip has it ({e})")))?;
+    if out.len() as u64 > max_bytes {
+        let what = format!("unpacking {}, in bytes,", path.display());
+        return Err(Error::Limit { what, needed: out.len() as u64, allowed: max_bytes });
+    }
+    Ok(out)
 }
 
 /// Read the file `path`, of at most `max_bytes`, by its extension.
@@ -62,11 +96,13 @@ struct Content {
 /// # Errors
 /// [`Error::Io`], [`Error::Limit`], and [`Error::Input`] with the place in the file.
 pub fn read(path: &Path, max_bytes: u64, options: &TrajectoryOptions) -> Result<CurveSource> {
-    let bytes = files::read(path, max_bytes)?;
-    let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
-    // What strands take of memory: a point a line of text, or of 12 bytes.
-    let points = match extension.as_str() {
+    let bytes = bytes_of(path, max_bytes)?;
+    let extension = extension(path);
+    // The memory that strands take is estimated with one point per line of text or per 12 bytes.
+    let points = match extension {
         "hair" | "trk" | "tck" => bytes.len() / 12,
+        // It is checked as its arrays are unpacked.
+        "trx" => 0,
         _ => bytes.iter().filter(|b| **b == b'\n').count(),
     };
     let needed = (bytes.len() + points * POINT_BYTES) as u64;
@@ -77,28 +113,43 @@ pub fn read(path: &Path, max_bytes: u64, options: &TrajectoryOptions) -> Result<
             allowed: max_bytes,
         });
     }
-    let content = match extension.as_str() {
+    let content = match extension {
         "hair" => hair::read(&bytes),
         "trk" => trk::read(&bytes),
+        "trx" => trx::read(&bytes, max_bytes),
         "tck" => tck::read(&bytes),
-        "swc" => swc::read(&String::from_utf8_lossy(&bytes)),
-        _ => csv::read(&String::from_utf8_lossy(&bytes)),
+        "swc" => swc::read(&decode(&bytes)),
+        _ => csv::read(&decode(&bytes)),
     };
     let mut content = content.map_err(|(at, what)| Error::input(path, at, what))?;
     if content.strands.is_empty() {
         return Err(Error::input(path, "", format!("there is no point in it{}", content.warnings.as_reasons())));
     }
     finish(&mut content, options);
-    Ok(CurveSource::new(content.strands, &options.curve, content.metres_per_unit, content.warnings))
+    let origin = far::offset(bounds(&content.strands));
+    if origin != DVec3::ZERO {
+        let points = content.strands.iter_mut().flat_map(|s| &mut s.points);
+        points.for_each(|p| *p = far::subtract(*p, origin, content.decimals));
+    }
+    let source = CurveSource::new(content.strands, &options.curve, content.metres_per_unit, content.warnings);
+    Ok(source.with_origin(origin))
+}
+
+/// The box of all points.
+fn bounds(strands: &[Strand]) -> Aabb {
+    Aabb::around(strands.iter().flat_map(|s| &s.points).copied().filter(|p| p.is_finite()))
 }
 
 /// Fill in widths, and take colours to linear.
 fn finish(content: &mut Content, options: &TrajectoryOptions) {
+    // Widths that are all 0 are none: they were never measured, and nothing would be drawn.
+    if !content.strands.iter().flat_map(|s| &s.radii).any(|r| *r > 0.0) {
+        content.strands.iter_mut().for_each(|s| s.radii.clear());
+    }
     let missing = |s: &Strand| s.radii.is_empty() || s.radii.iter().any(|r| r.is_nan());
     let mut width = options.width.unwrap_or(0.0);
     if options.width.is_none() && content.strands.iter().any(missing) {
-        let points = content.strands.iter().flat_map(|s| &s.points).copied().filter(|p| p.is_finite());
-        let extent = Aabb::around(points).size().max_element();
+        let extent = bounds(&content.strands).size().max_element();
         // To one digit, as one would type it.
         let coarse = (extent / 500.0).max(1e-300);
         let digit = 10f64.powf(coarse.log10().floor());
@@ -119,74 +170,4 @@ fn finish(content: &mut Content, options: &TrajectoryOptions) {
             [*r, *g, *b] = [*r, *g, *b].map(|c| linear(c.clamp(0.0, 1.0)));
         }
     }
-}
-
-/// Where in a file, and what is wrong there.
-type Fault = (String, String);
-
-fn at_byte(offset: usize, what: impl Into<String>) -> Fault {
-    (format!("byte {offset}"), what.into())
-}
-
-/// Reads numbers one after the other, in either order of bytes.
-struct Cursor<'a> {
-    bytes: &'a [u8],
-    at: usize,
-    big_endian: bool,
-}
-
-impl<'a> Cursor<'a> {
-    fn take(&mut self, count: usize) -> Result<&'a [u8], Fault> {
-        let end = self.at.checked_add(count).filter(|&e| e <= self.bytes.len());
-        let Some(end) = end else {
-            let left = self.bytes.len().saturating_sub(self.at);
-            return Err(at_byte(
-                self.at,
-                format!("the file ends too early: {count} more bytes were announced, {left} are left"),
-            ));
-        };
-        let taken = &self.bytes[self.at..end];
-        self.at = end;
-        Ok(taken)
-    }
-
-    fn array<const N: usize>(&mut self) -> Result<[u8; N], Fault> {
-        let mut out = [0; N];
-        out.copy_from_slice(self.take(N)?);
-        if self.big_endian {
-            out.reverse();
-        }
-        Ok(out)
-    }
-
-    fn u16(&mut self) -> Result<u16, Fault> {
-        self.array().map(u16::from_le_bytes)
-    }
-
-    fn u32(&mut self) -> Result<u32, Fault> {
-        self.array().map(u32::from_le_bytes)
-    }
-
-    fn f32(&mut self) -> Result<f32, Fault> {
-        self.array().map(f32::from_le_bytes)
-    }
-
-    fn f64(&mut self) -> Result<f64, Fault> {
-        self.array().map(f64::from_le_bytes)
-    }
-
-    /// `count` numbers; the room for them is checked first.
-    fn floats(&mut self, count: usize) -> Result<Vec<f32>, Fault> {
-        let bytes = self.take(count.saturating_mul(4))?;
-        let one = |b: &[u8; 4]| if self.big_endian { f32::from_be_bytes(*b) } else { f32::from_le_bytes(*b) };
-        Ok(bytes.as_chunks::<4>().0.iter().map(one).collect())
-    }
-
-    fn left(&self) -> usize {
-        self.bytes.len() - self.at
-    }
-}
-
-fn point(p: [f32; 3]) -> DVec3 {
-    DVec3::from(p.map(f64::from))
 }

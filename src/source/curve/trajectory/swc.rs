@@ -6,29 +6,41 @@ use std::collections::BTreeMap;
 
 use super::{Content, Fault};
 use crate::geom::DVec3;
+use crate::scene::far::Decimals;
+use crate::scene::text::logical_lines;
 use crate::source::curve::Strand;
+
+/// Type of the nodes of a cell body.
+const SOMA: i64 = 1;
+/// Share of its radius by which a point of a cell body may be beside the place where NeuroMorpho puts it.
+const BESIDE: f64 = 0.05;
 
 struct Node {
     at: DVec3,
+    /// NaN where the file gives none.
     radius: f32,
+    is_soma: bool,
     parent: Option<usize>,
     /// Of its children the one that goes on; others branch off.
     next: Option<usize>,
 }
 
-/// A branch begins at its parent's place with its own radius; a root without children is a ball.
+/// A branch begins at its parent's place with its own radius; a root that nothing goes on from is a ball. So a cell body of one
+/// point is a ball, and one of three points, as NeuroMorpho.org writes it, a cylinder as long as it is wide: its area is that of
+/// the ball of that radius.
 pub fn read(text: &str) -> Result<Content, Fault> {
     let mut nodes: Vec<Node> = Vec::new();
     let mut parents: Vec<(i64, usize)> = Vec::new();
     let mut names: BTreeMap<i64, usize> = BTreeMap::new();
-    for (number, line) in text.lines().enumerate() {
-        let fault = |what: String| (format!("line {}", number + 1), what);
+    let mut content = Content { metres_per_unit: 1e-6, decimals: Decimals::new(), ..Content::default() };
+    for (number, line) in logical_lines(text) {
+        let fault = |what: String| (format!("line {number}"), what);
         let line = line.split('#').next().unwrap_or_default().trim();
         if line.is_empty() {
             continue;
         }
         let words: Vec<&str> = line.split_whitespace().collect();
-        let [id, _, x, y, z, radius, parent, ..] = words[..] else {
+        let [id, kind, x, y, z, radius, parent, ..] = words[..] else {
             return Err(fault(format!("{} words where a node has seven: id type x y z radius parent", words.len())));
         };
         let number = |name: &str, word: &str| {
@@ -36,6 +48,7 @@ pub fn read(text: &str) -> Result<Content, Fault> {
             value.ok_or_else(|| fault(format!("{name} is `{word}` and not a number")))
         };
         let whole = |name: &str, word: &str| number(name, word).map(|v| v as i64);
+        [x, y, z].iter().for_each(|word| content.decimals.see(word));
         let at = DVec3::new(number("x", x)?, number("y", y)?, number("z", z)?);
         let radius = number("the radius", radius)? as f32;
         let id = whole("the id", id)?;
@@ -43,9 +56,10 @@ pub fn read(text: &str) -> Result<Content, Fault> {
             return Err(fault(format!("node {id} was there before")));
         }
         parents.push((whole("the parent", parent)?, nodes.len()));
-        nodes.push(Node { at, radius, parent: None, next: None });
+        // A radius that was not measured is written as 0 or −1.
+        let radius = if radius > 0.0 { radius } else { f32::NAN };
+        nodes.push(Node { at, radius, is_soma: kind.parse() == Ok(SOMA), parent: None, next: None });
     }
-    let mut content = Content { metres_per_unit: 1e-6, ..Content::default() };
     for &(parent, node) in &parents {
         if parent < 0 {
             continue;
@@ -55,16 +69,30 @@ pub fn read(text: &str) -> Result<Content, Fault> {
             _ => content.warnings.add("nodes whose parent is not there begin a tree of their own"),
         }
     }
-    // The thickest child goes on; the first of equals.
+    inherit_radii(&mut nodes, &mut content);
+    // The thickest child goes on; the first of equals. Nothing but a cell body goes on from a cell body.
     for i in 0..nodes.len() {
         let Some(parent) = nodes[i].parent else { continue };
+        if nodes[parent].is_soma && !nodes[i].is_soma {
+            continue;
+        }
         if nodes[parent].next.is_none_or(|n| nodes[i].radius > nodes[n].radius) {
             nodes[parent].next = Some(i);
         }
     }
-    let mut seen = 0;
+    let (mut seen, cylinders) = (0, cylinders(&nodes));
     for (i, node) in nodes.iter().enumerate() {
         let mut strand = Strand::default();
+        if let Some(&[below, above]) = cylinders.get(&i) {
+            strand.points = [below, i, above].map(|n| nodes[n].at).to_vec();
+            strand.radii.push(node.radius);
+            content.strands.push(strand);
+            seen += 3;
+            continue;
+        }
+        if node.parent.is_some_and(|p| cylinders.get(&p).is_some_and(|ends| ends.contains(&i))) {
+            continue;
+        }
         match node.parent {
             Some(p) if nodes[p].next == Some(i) => continue,
             Some(p) => {
@@ -86,4 +114,49 @@ pub fn read(text: &str) -> Result<Content, Fault> {
         content.warnings.add_many("nodes that are their own ancestors are left out", (nodes.len() - seen) as u64);
     }
     Ok(content)
+}
+
+/// Where some nodes have a radius, those without one take that of the nearest node towards the root that has.
+fn inherit_radii(nodes: &mut [Node], content: &mut Content) {
+    if nodes.iter().all(|n| n.radius.is_nan()) {
+        return;
+    }
+    let mut visited = vec![false; nodes.len()];
+    let mut chain = Vec::new();
+    for i in 0..nodes.len() {
+        // From a node without a radius towards the root, each node once.
+        let mut at = Some(i);
+        while let Some(n) = at.filter(|&n| nodes[n].radius.is_nan() && !visited[n]) {
+            visited[n] = true;
+            chain.push(n);
+            at = nodes[n].parent;
+        }
+        let radius = at.map_or(f32::NAN, |n| nodes[n].radius);
+        let missing = if radius.is_nan() { 0 } else { chain.len() as u64 };
+        content.warnings.add_many("nodes without a radius are as wide as the node before them", missing);
+        chain.drain(..).for_each(|n| nodes[n].radius = radius);
+    }
+}
+
+/// The ends of each cell body of three points, by the root between them: two more points of its type and radius, a radius away
+/// on either side, from which no cell body goes on.
+fn cylinders(nodes: &[Node]) -> BTreeMap<usize, [usize; 2]> {
+    let mut points: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
+    for (i, node) in nodes.iter().enumerate().filter(|(_, n)| n.is_soma) {
+        if let Some(parent) = node.parent.filter(|&p| nodes[p].is_soma) {
+            points.entry(parent).or_default().push(i);
+        }
+    }
+    let is_cylinder = |root: usize, below: usize, above: usize| {
+        let (r, near) = (f64::from(nodes[root].radius), BESIDE * f64::from(nodes[root].radius));
+        let [a, b] = [below, above].map(|n| nodes[n].at - nodes[root].at);
+        let alike =
+            |n: usize| f64::from((nodes[n].radius - nodes[root].radius).abs()) <= near && !points.contains_key(&n);
+        (a.length() - r).abs() <= near && (a + b).length() <= near && alike(below) && alike(above)
+    };
+    let ends = points.iter().filter_map(|(&root, children)| match children[..] {
+        [a, b] if nodes[root].parent.is_none() && is_cylinder(root, a, b) => Some((root, [a, b])),
+        _ => None,
+    });
+    ends.collect()
 }

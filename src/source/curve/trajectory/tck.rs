@@ -2,13 +2,15 @@
 
 use super::{Content, Cursor, Fault, at_byte};
 use crate::geom::DVec3;
+use crate::scene::text::utf8;
 use crate::source::curve::Strand;
 
 /// Most bytes of a header.
 const HEADER: usize = 1 << 20;
 
 pub fn read(bytes: &[u8]) -> Result<Content, Fault> {
-    if !bytes.starts_with(b"mrtrix tracks") {
+    // A byte-order mark counts among the bytes before the data.
+    if !utf8(&bytes[..bytes.len().min(64)]).starts_with(b"mrtrix tracks") {
         return Err(("line 1".into(), "a tract file begins with `mrtrix tracks`".into()));
     }
     let (mut start, mut kind, mut number) = (None, None, 0);
@@ -54,7 +56,8 @@ pub fn read(bytes: &[u8]) -> Result<Content, Fault> {
     if at > bytes.len() {
         return Err(at_byte(bytes.len(), format!("the file ends before its data, which begin at byte {at}")));
     }
-    let mut file = Cursor { bytes, at, big_endian };
+    let mut file = Cursor::new(bytes);
+    (file.at, file.big_endian) = (at, big_endian);
     let mut content = Content { metres_per_unit: 1e-3, ..Content::default() };
     let mut strand = Strand::default();
     let size = if double { 24 } else { 12 };

@@ -144,6 +144,10 @@ fn tracts_are_placed_as_their_header_says() {
     // Stored left, posterior, superior: from the last of 4 and of 5 voxels backwards.
     let turned = trk::read(&trk(false, b"LPS\0", affine)).unwrap();
     assert_eq!(turned.strands[0].points, [DVec3::new(16.0, 32.0, 30.0), DVec3::new(14.0, 29.0, 31.0)]);
+    // Where no order is said TrackVis has just that one.
+    let unsaid = trk::read(&trk(false, b"\0\0\0\0", affine)).unwrap();
+    assert_eq!(unsaid.strands[0].points, turned.strands[0].points);
+    assert!(unsaid.warnings.as_reasons().contains("LPS is taken") && turned.warnings.is_empty());
     let none = trk::read(&trk(false, b"LPS\0", [[0.0; 4]; 4])).unwrap();
     assert!(!none.warnings.is_empty());
 }
@@ -198,8 +202,10 @@ fn a_neuron_becomes_its_branches() {
     let text = "# a comment\n1 1 0 0 0 5 -1\n2 3 10 0 0 2 1\n3 3 20 0 0 1 2\n4 3 10 10 0 .5 2\n5 1 99 0 0 7 -1\n";
     let content = swc::read(text).unwrap();
     let sizes: Vec<usize> = content.strands.iter().map(|s| s.points.len()).collect();
-    assert_eq!(sizes, [3, 2, 1]);
-    assert_eq!(content.strands[1].radii, [0.5, 0.5]);
+    assert_eq!(sizes, [1, 3, 2, 1]);
+    assert_eq!(content.strands[0].radii, [5.0], "a cell body of one point is a ball");
+    assert_eq!(content.strands[1].radii, [2.0, 2.0, 1.0], "what grows out of it is not as wide as it");
+    assert_eq!(content.strands[2].radii, [0.5, 0.5]);
     assert_eq!(content.metres_per_unit, 1e-6);
     let error = |t: &str| error(swc::read(t));
     assert!(error("1 1 0 0 0\n").starts_with("line 1: 5 words"));
@@ -207,6 +213,141 @@ fn a_neuron_becomes_its_branches() {
     assert!(error("1 1 0 0 0 1 -1\n1 1 0 0 0 1 -1\n").starts_with("line 2: node 1"));
     let ring = swc::read("1 1 0 0 0 1 2\n2 1 1 0 0 1 1\n3 1 0 0 0 1 77\n").unwrap();
     assert_eq!((ring.strands.len(), ring.warnings.is_empty()), (1, false));
+}
+
+#[test]
+fn a_cell_body_of_three_points_is_a_cylinder() {
+    // As NeuroMorpho.org writes it: as long as it is wide.
+    let text = "1 1 10 0 0 5 -1\n2 1 10 -5 0 5 1\n3 1 10 5 0 5 1\n4 3 20 0 0 1 1\n5 3 30 0 0 1 4\n";
+    let content = swc::read(text).unwrap();
+    let points: Vec<Vec<DVec3>> = content.strands.iter().map(|s| s.points.clone()).collect();
+    let at = |x: f64, y: f64| DVec3::new(x, y, 0.0);
+    assert_eq!(
+        points,
+        [vec![at(10.0, -5.0), at(10.0, 0.0), at(10.0, 5.0)], vec![at(10.0, 0.0), at(20.0, 0.0), at(30.0, 0.0)]]
+    );
+    assert_eq!((&content.strands[0].radii[..], &content.strands[1].radii[..]), (&[5.0][..], &[1.0, 1.0, 1.0][..]));
+    // Another shape of three points stays the cones that it is.
+    let bent = swc::read(&text.replace("10 5 0", "13 9 0")).unwrap();
+    assert_eq!(bent.strands.iter().map(|s| s.points.len()).collect::<Vec<_>>(), [2, 2, 3]);
+}
+
+#[test]
+fn radii_that_were_not_measured_are_filled_in() {
+    let content = swc::read("1 3 0 0 0 2 -1\n2 3 1 0 0 0 1\n3 3 2 0 0 -1 2\n").unwrap();
+    assert_eq!(content.strands[0].radii, [2.0; 3]);
+    assert!(content.warnings.as_reasons().contains("2 × nodes without a radius"));
+    let dir = tempfile::tempdir().unwrap();
+    use crate::source::traits::Source;
+    let options = TrajectoryOptions { width: Some(0.5), ..TrajectoryOptions::default() };
+    for (name, text) in [("a.swc", "1 3 0 0 0 0 -1\n2 3 9 0 0 0 1\n"), ("a.csv", "x,y,z,radius\n0,0,0,0\n9,0,0,0\n")] {
+        std::fs::write(dir.path().join(name), text).unwrap();
+        let source = read(&dir.path().join(name), 1 << 20, &options).unwrap();
+        assert!((source.facet_size() - 0.5).abs() < 1e-6, "{name}");
+    }
+    // A chain of nodes that name their parents below them, none with a radius but the last.
+    let n = 50_000;
+    let chain: String = (1..n).map(|i| format!("{i} 3 {i} 0 0 0 {}\n", i + 1)).collect();
+    let content = swc::read(&format!("{chain}{n} 3 0 0 0 1 -1\n")).unwrap();
+    assert_eq!(content.strands[0].radii, vec![1.0; n]);
+}
+
+#[test]
+fn marks_and_broken_lines_are_read() {
+    let dir = tempfile::tempdir().unwrap();
+    for (name, text) in [("a.csv", "x,y,\\\nz\n1,2,3\n4,5,6\n"), ("a.swc", "1 3 1 2 3 \\\r\n1 -1\n2 3 4 5 6 1 1\n")] {
+        let path = dir.path().join(name);
+        for bytes in [
+            format!("\u{feff}{text}").into_bytes(),
+            [255, 254].into_iter().chain(text.encode_utf16().flat_map(u16::to_le_bytes)).collect(),
+        ] {
+            std::fs::write(&path, bytes).unwrap();
+            let source =
+                read(&path, 1 << 20, &TrajectoryOptions { width: Some(0.1), ..TrajectoryOptions::default() }).unwrap();
+            use crate::source::traits::Source;
+            assert!((source.bounds().centre() - DVec3::new(2.5, 3.5, 4.5)).length() < 1e-6, "{name}");
+            assert!(source.bounds().size().x > 2.9, "{name}");
+        }
+    }
+    let mut tracts = "\u{feff}mrtrix tracks\ndatatype: Float32LE\nfile: . 80\nEND\n".as_bytes().to_vec();
+    tracts.resize(80, 0);
+    [[1.0f32, 2.0, 3.0], [4.0, 5.0, 6.0], [f32::NAN; 3], [f32::INFINITY; 3]]
+        .iter()
+        .flatten()
+        .for_each(|v| tracts.extend(v.to_le_bytes()));
+    assert_eq!(tck::read(&tracts).unwrap().strands[0].points.len(), 2);
+}
+
+#[test]
+fn far_from_0_points_are_what_they_are_near_it() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("a.csv");
+    use crate::source::traits::Source;
+    let source = |x: f64| {
+        std::fs::write(&path, format!("x,y,z,r\n{:.3},0,0,.01\n{:.3},1,0,.01\n", x - 0.123, x + 0.777)).unwrap();
+        read(&path, 1 << 20, &TrajectoryOptions::default()).unwrap()
+    };
+    let (near, far) = (source(0.0), source(5_411_932.0));
+    assert_eq!((near.origin(), near.notes().len()), (DVec3::ZERO, 0));
+    assert_eq!((far.origin(), far.notes().len()), (DVec3::new(5_411_932.0, 0.0, 0.0), 1));
+    assert_eq!(far.bounds(), near.bounds());
+}
+
+#[test]
+fn packed_files_are_unpacked_within_the_limit() {
+    use std::io::Write;
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("a.TRK.gz");
+    let affine = [[2.0, 0.0, 0.0, 10.0], [0.0, 3.0, 0.0, 20.0], [0.0, 0.0, 1.0, 30.0], [0.0, 0.0, 0.0, 1.0]];
+    let mut packer = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::fast());
+    packer.write_all(&trk(false, b"RAS\0", affine)).unwrap();
+    let packed = packer.finish().unwrap();
+    std::fs::write(&path, &packed).unwrap();
+    assert_eq!(extension(&path), "trk");
+    assert!(read(&path, 1 << 20, &TrajectoryOptions::default()).is_ok());
+    assert!(matches!(read(&path, 900, &TrajectoryOptions::default()), Err(Error::Limit { .. })));
+    std::fs::write(&path, &packed[..packed.len() - 9]).unwrap();
+    assert!(read(&path, 1 << 20, &TrajectoryOptions::default()).unwrap_err().to_string().contains("gzip"));
+}
+
+/// A TRX archive of two tracts of 2 and 1 points.
+fn trx_file(kind: &str, closed: bool) -> Vec<u8> {
+    use std::io::Write;
+    let mut zip = zip::ZipWriter::new(std::io::Cursor::new(Vec::new()));
+    let mut add = |name: &str, bytes: &[u8]| {
+        let options = zip::write::SimpleFileOptions::default().compression_method(zip::CompressionMethod::Deflated);
+        zip.start_file(name, options).unwrap();
+        zip.write_all(bytes).unwrap();
+    };
+    add("header.json", br#"{"DIMENSIONS":[1,1,1],"NB_VERTICES":3,"NB_STREAMLINES":2}"#);
+    let values = (0..9).map(|i| 0.5 * f64::from(i));
+    let positions: Vec<u8> = match kind {
+        "float16" => values.flat_map(|v| half::f16::from_f64(v).to_le_bytes()).collect(),
+        "float32" => values.flat_map(|v| (v as f32).to_le_bytes()).collect(),
+        _ => values.flat_map(f64::to_le_bytes).collect(),
+    };
+    add(&format!("positions.3.{kind}"), &positions);
+    let starts: &[u64] = if closed { &[0, 2, 3] } else { &[0, 2] };
+    add("offsets.uint64", &starts.iter().flat_map(|v| v.to_le_bytes()).collect::<Vec<u8>>());
+    add("dpv/color.3.uint8", &[255, 0, 51, 0, 0, 0, 255, 255, 255]);
+    zip.finish().unwrap().into_inner()
+}
+
+#[test]
+fn trx_archives_in_three_kinds_of_numbers() {
+    for kind in ["float16", "float32", "float64"] {
+        for closed in [false, true] {
+            let content = trx::read(&trx_file(kind, closed), 1 << 20).unwrap();
+            assert_eq!(content.strands.len(), 2, "{kind}");
+            assert_eq!(content.strands[0].points, [DVec3::new(0.0, 0.5, 1.0), DVec3::new(1.5, 2.0, 2.5)]);
+            assert_eq!(content.strands[0].colours[0], [1.0, 0.0, 0.2, 1.0]);
+            assert_eq!(content.metres_per_unit, 1e-3);
+        }
+    }
+    let whole = trx_file("float32", true);
+    assert!(error(trx::read(&whole, 100)).contains("more --memory"));
+    assert!(error(trx::read(&whole[..200], 1 << 20)).contains("zip archive"));
+    assert!(error(trx::read(&trx_file("float128", true), 1 << 20)).contains("float128"));
 }
 
 #[test]
@@ -229,11 +370,12 @@ fn widths_that_are_missing_are_filled_in() {
 proptest! {
     /// Whatever is cut off or changed: an answer, and no panic.
     #[test]
-    fn damage_is_survived(kind in 0..5usize, cut in 0.0f64..1.0, at in 0.0f64..1.0, value in any::<u8>()) {
+    fn damage_is_survived(kind in 0..6usize, cut in 0.0f64..1.0, at in 0.0f64..1.0, value in any::<u8>()) {
         let mut bytes = match kind {
             0 => hair(31),
             1 => trk(false, b"RAS\0", [[1.0; 4]; 4]),
             2 => b"mrtrix tracks\ndatatype: Float32LE\nfile: . 60\nEND\n0123456789012345678901234567890123456789".to_vec(),
+            5 => trx_file("float16", true),
             3 => b"id,t,x,y,z\n1,2,3,4,5\n\"1\",3,3,3,3\n".to_vec(),
             _ => b"1 1 0 0 0 5 -1\n2 3 10 0 0 2 1\n3 3 20 0 0 1 2\n".to_vec(),
         };
@@ -244,6 +386,7 @@ proptest! {
         let _ = hair::read(&bytes);
         let _ = trk::read(&bytes);
         let _ = tck::read(&bytes);
+        let _ = trx::read(&bytes, 1 << 20);
         let _ = csv::read(&text);
         let _ = swc::read(&text);
     }

@@ -8,7 +8,7 @@ const HEADER: u32 = 1000;
 
 /// Scalars of points that are named as colours become such.
 pub fn read(bytes: &[u8]) -> Result<Content, Fault> {
-    let mut file = Cursor { bytes, at: 0, big_endian: false };
+    let mut file = Cursor::new(bytes);
     if !bytes.starts_with(b"TRACK") {
         return Err(at_byte(0, "a tract file begins with TRACK"));
     }
@@ -22,6 +22,9 @@ pub fn read(bytes: &[u8]) -> Result<Content, Fault> {
     let header = Header::read(&mut file)?;
     file.at = HEADER as usize;
     let mut content = Content { metres_per_unit: 1e-3, ..Content::default() };
+    if header.unordered {
+        content.warnings.add("the file says not along which axes its voxels run: LPS is taken, as TrackVis does");
+    }
     if header.guessed {
         content.warnings.add("the file says not where its voxels lie: their own axes and size are taken");
     }
@@ -33,7 +36,7 @@ pub fn read(bytes: &[u8]) -> Result<Content, Fault> {
             return Err(at_byte(at, format!("a tract of {} points", count as i32)));
         }
         let width = 3 + header.scalars;
-        let values = file.floats(count.saturating_mul(width))?;
+        let values = file.f32s(count.saturating_mul(width))?;
         file.take(4 * header.properties)?;
         let mut strand = Strand::default();
         for v in values.chunks_exact(width) {
@@ -58,7 +61,7 @@ pub fn read(bytes: &[u8]) -> Result<Content, Fault> {
 }
 
 struct Header {
-    /// Numbers a point besides its place, and a tract.
+    /// Number of values per point besides its position, and per tract.
     scalars: usize,
     properties: usize,
     /// The first of three scalars that are a colour.
@@ -68,6 +71,8 @@ struct Header {
     /// Voxel corner, in millimetres along the voxels' axes → scanner space.
     to_mm: DAffine3,
     guessed: bool,
+    /// True where the file does not say the order of the voxels' axes.
+    unordered: bool,
 }
 
 impl Header {
@@ -100,7 +105,8 @@ impl Header {
         }
         // Points are measured from the first voxel's corner; the matrix takes its middle.
         let to_voxels = DAffine3::from_translation(DVec3::splat(-0.5)) * DAffine3::from_scale(1.0 / voxel);
-        let to_mm = affine * reordered(order, dim, &affine) * to_voxels;
+        let unordered = order.iter().all(|b| matches!(b, 0 | b' '));
+        let to_mm = affine * reordered(if unordered { b"LPS" } else { order }, dim, &affine) * to_voxels;
         Ok(Header {
             scalars,
             properties,
@@ -108,11 +114,12 @@ impl Header {
             count: (count > 0).then_some(count),
             to_mm,
             guessed,
+            unordered,
         })
     }
 }
 
-/// The first scalar of a group of three named as a colour. Names take 20 bytes; behind a NUL stands how many a name is for.
+/// The first scalar of a group of three named as a colour. A name takes 20 bytes; after a NUL stands the number of scalars that it names.
 fn colour(names: &[u8], scalars: usize) -> Option<usize> {
     let mut first = 0;
     for name in names.as_chunks::<20>().0 {
