@@ -94,7 +94,9 @@ pub fn place(
         let (needed, allowed) = (wanted as u64, MOST_COPIES as u64);
         return Err(Error::Limit { what: "placing copies (--density, --size)".into(), needed, allowed });
     }
-    let mut discs = Discs::new(kinds.iter().map(|k| radius(k, &kinds, per_area)).fold(0.0, f64::max));
+    // Wide enough for the least distances among the new and, a quarter of a width each, to what stands already.
+    let widest = kinds.iter().map(|k| radius(k, &kinds, per_area).max(0.25 * k.width())).fold(0.0, f64::max);
+    let mut discs = Discs::new(widest);
     if options.add {
         for (p, r) in standing(document, graph, surfaces, &kinds, per_area)? {
             discs.insert(p, r);
@@ -235,7 +237,8 @@ fn radius(kind: &Kind, kinds: &[Kind], density: f64) -> f64 {
     0.5 * APART * share / density.sqrt()
 }
 
-/// Copies that stand on the materials already, with the discs that they take.
+/// Copies that stand on the materials already, with the discs that they take: what is added may grow under their crowns, and
+/// keeps half its own width from where they stand.
 fn standing(
     document: &Document,
     graph: &Graph,
@@ -243,11 +246,11 @@ fn standing(
     kinds: &[Kind],
     density: f64,
 ) -> Result<Vec<(DVec3, f64)>> {
-    let smallest = kinds.iter().map(|k| radius(k, kinds, density)).fold(f64::INFINITY, f64::min);
+    let room = kinds.iter().map(|k| 0.5 * k.width() - radius(k, kinds, density)).fold(f64::INFINITY, f64::min);
     let mut found = Vec::new();
     for placed in graph.meshes.iter().filter(|placed| holds_copies(document, placed, surfaces)) {
         let places = nodes::instances(document, placed, None, &mut Warnings::default())?;
-        found.extend(places.iter().map(|p| (p.translation, smallest)));
+        found.extend(places.iter().map(|p| (p.translation, room)));
     }
     Ok(found)
 }

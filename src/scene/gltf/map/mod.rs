@@ -53,7 +53,12 @@ pub fn map(input: &Path, options: &MapOptions, output: &Path) -> Result<Mapped> 
         Heights::Along(d) => d.try_normalize(),
         Heights::Normals => None,
     };
-    let takes = |m: Option<usize>| options.materials.is_empty() || m.is_some_and(|m| chosen.contains(&m));
+    // What stands in for a texel is no ground.
+    let stand_ins = super::copies::stand_ins(&document);
+    let takes = |m: Option<usize>| {
+        let stands = m.and_then(|m| stand_ins.get(m)).is_some_and(|stands| *stands);
+        !stands && (options.materials.is_empty() || m.is_some_and(|m| chosen.contains(&m)))
+    };
     let planar = matches!(options.chart, Chart::Planar(_));
     let mut surfaces = surfaces(&document, &graph.meshes, &takes, set, (up, planar), &mut warnings)?;
     if !surfaces.iter().any(|s| s.has_area()) {
@@ -242,7 +247,8 @@ fn covered(name: &str, plan: &Plan, options: &MapOptions, members: &[(&Surface, 
     let content = options.texels.iter().map(|(_, info)| info.content.max.z).fold(0.0, f64::max);
     for (_, planned) in members {
         let [u, v] = planned.cell;
-        let copies = planned.area / (u * v) * options.presence;
+        // The file's own coordinates may cover no area.
+        let copies = if u * v > 0.0 { planned.area / (u * v) * options.presence } else { 0.0 };
         // The shell may be higher than what stands in it.
         let height = planned.thickness * (content / plan.dw).min(1.0);
         let near = |a: f64, b: f64| (a - b).abs() <= 1e-3 * a.abs().max(b.abs());

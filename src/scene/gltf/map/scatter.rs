@@ -88,6 +88,7 @@ impl Discs {
         (p / self.cell).floor().to_array().map(|v| v as i64)
     }
 
+    /// `radius` may be negative: then others come nearer than their own.
     pub fn insert(&mut self, p: DVec3, radius: f64) {
         let cell = self.cell_of(p);
         self.cells.entry(cell).or_default().push((p, radius));
@@ -101,7 +102,7 @@ impl Discs {
             (-1..=1).all(|j: i64| {
                 (-1..=1).all(|k: i64| {
                     let cell = [x.saturating_add(i), y.saturating_add(j), z.saturating_add(k)];
-                    near(cell).iter().all(|&(q, r)| p.distance_squared(q) >= (radius + r) * (radius + r))
+                    near(cell).iter().all(|&(q, r)| p.distance(q) >= radius + r)
                 })
             })
         })
