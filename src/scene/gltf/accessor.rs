@@ -1,7 +1,7 @@
 //! Accessors → arrays of numbers: every type, stride, normalisation and sparse patch, every offset checked first.
 
-use gltf::json::accessor::{Accessor, ComponentType, Type};
-use gltf::json::validation::Checked;
+use gltf_json::accessor::{Accessor, ComponentType, Type};
+use gltf_json::validation::Checked;
 
 use super::document::Document;
 use crate::Result;

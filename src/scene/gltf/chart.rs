@@ -2,8 +2,8 @@
 
 use std::collections::HashMap;
 
-use gltf::json::mesh::{Mode, Semantic};
-use gltf::json::validation::Checked;
+use gltf_json::mesh::{Mode, Semantic};
+use gltf_json::validation::Checked;
 
 use super::document::Document;
 use super::map::Chart;

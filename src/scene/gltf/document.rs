@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-use gltf::json::{self, Root};
+use gltf_json::{Index, Root};
 use serde::Deserialize;
 use serde_json::{Map, Value};
 
@@ -88,7 +88,7 @@ impl Document {
         };
         let json = json.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(json);
         let bad = |e: serde_json::Error| Error::input(path, "JSON", e.to_string());
-        let root: Root = serde_json::from_slice(json).map_err(bad)?;
+        let root = Root::from_slice(json).map_err(bad)?;
         let precise: Precise = serde_json::from_slice(json).map_err(bad)?;
         let version = root.asset.min_version.as_ref().unwrap_or(&root.asset.version);
         if version.split('.').next() != Some("2") {
@@ -285,7 +285,7 @@ pub fn split_glb(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>), String> {
 }
 
 /// The index that a typed JSON reference holds.
-pub fn index<T>(reference: Option<json::Index<T>>) -> Option<usize> {
+pub fn index<T>(reference: Option<Index<T>>) -> Option<usize> {
     reference.map(|r| r.value())
 }
 

@@ -1,7 +1,7 @@
 //! Cameras and KHR_lights_punctual.
 
-use gltf::json::extensions::scene::khr_lights_punctual::Type;
-use gltf::json::validation::Checked;
+use gltf_json::extensions::scene::khr_lights_punctual::Type;
+use gltf_json::validation::Checked;
 
 use super::document::Document;
 use crate::geom::DAffine3;

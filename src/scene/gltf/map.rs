@@ -3,8 +3,8 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-use gltf::json::mesh::Mode;
-use gltf::json::validation::Checked;
+use gltf_json::mesh::Mode;
+use gltf_json::validation::Checked;
 use serde_json::{Map, Value, json};
 
 use super::chart::{Ground, Sheet};

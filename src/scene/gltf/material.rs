@@ -3,10 +3,10 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use gltf::json::extensions::texture::TextureTransform;
-use gltf::json::material::AlphaMode;
-use gltf::json::texture::{Info, MagFilter, WrappingMode};
-use gltf::json::validation::Checked;
+use gltf_json::extensions::texture::TextureTransform;
+use gltf_json::material::AlphaMode;
+use gltf_json::texture::{Info, MagFilter, WrappingMode};
+use gltf_json::validation::Checked;
 use serde_json::Value;
 
 use super::document::{Document, index};

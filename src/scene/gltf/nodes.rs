@@ -94,7 +94,7 @@ pub fn walk(
     }
     if nodes.is_empty() && !document.root.meshes.is_empty() {
         warnings.add("the file has no nodes; each of its meshes is placed where it is");
-        let placed = |(mesh, m): (usize, &gltf::json::Mesh)| {
+        let placed = |(mesh, m): (usize, &gltf_json::Mesh)| {
             let name = m.name.clone().unwrap_or_else(|| format!("mesh {mesh}"));
             Placed { node: None, name, mesh, world: DAffine3::IDENTITY }
         };
@@ -120,7 +120,7 @@ struct Visit {
 /// The root nodes of the chosen scene.
 fn roots(document: &Document, options: &ReadOptions, warnings: &mut Warnings) -> Result<Vec<usize>> {
     let scenes = &document.root.scenes;
-    let of = |scene: &gltf::json::Scene| scene.nodes.iter().map(|n| n.value()).collect();
+    let of = |scene: &gltf_json::Scene| scene.nodes.iter().map(|n| n.value()).collect();
     if let Some(wanted) = &options.scene {
         let by_index = || wanted.parse::<usize>().ok().and_then(|i| scenes.get(i));
         let scene = scenes.iter().find(|s| s.name.as_deref() == Some(wanted)).or_else(by_index);

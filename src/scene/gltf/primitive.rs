@@ -2,8 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use gltf::json::mesh::{Mode, Primitive, Semantic};
-use gltf::json::validation::Checked;
+use gltf_json::mesh::{Mode, Primitive, Semantic};
+use gltf_json::validation::Checked;
 
 use super::document::{Document, Target, index};
 use super::nodes::{Graph, Placed};

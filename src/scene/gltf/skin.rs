@@ -1,6 +1,6 @@
 //! Skins in their default pose, applied: what is seen is where the joints put it.
 
-use gltf::json::mesh::Semantic;
+use gltf_json::mesh::Semantic;
 
 use super::document::{Document, index};
 use super::nodes::{Graph, Placed};
