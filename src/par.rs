@@ -4,14 +4,31 @@
 #[cfg(feature = "parallel")]
 use std::{
     collections::BTreeMap,
-    sync::{Mutex, PoisonError},
+    sync::{Mutex, MutexGuard, PoisonError},
 };
+
+/// Run `f(i)` for every `i` below `n`, spread over the current pool. Its closure is a `dyn`, so that rayon's machinery is
+/// compiled once, and not again for each of the thirty loops that are made of this one.
+#[cfg(feature = "parallel")]
+fn each(n: usize, f: &(dyn Fn(usize) + Sync)) {
+    use rayon::prelude::*;
+    (0..n).into_par_iter().with_max_len(1).for_each(f);
+}
+
+#[cfg(feature = "parallel")]
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
 
 /// `(0..n).map(f)`, spread over the current pool.
 #[cfg(feature = "parallel")]
 pub fn map<T: Send>(n: usize, f: impl Fn(usize) -> T + Sync + Send) -> Vec<T> {
-    use rayon::prelude::*;
-    (0..n).into_par_iter().with_max_len(1).map(f).collect()
+    let made: Vec<Mutex<Option<T>>> = (0..n).map(|_| Mutex::new(None)).collect();
+    each(n, &|i| {
+        let value = f(i);
+        *lock(&made[i]) = Some(value);
+    });
+    made.into_iter().filter_map(|slot| slot.into_inner().unwrap_or_else(PoisonError::into_inner)).collect()
 }
 
 /// `(0..n).map(f)`, serially.
@@ -63,12 +80,11 @@ struct Queue<T, F, E> {
 impl<T: Send, M: Fn(usize) -> T + Sync, F: FnMut(usize, T) -> Result<(), E> + Send, E: Send> InOrder<T, M, F, E> {
     /// Make `i`, then take what comes next for as long as it is there; each that is taken makes room for another.
     fn run<'s>(&'s self, scope: &rayon::ScopeFifo<'s>, i: usize) {
-        let lock = || self.queue.lock().unwrap_or_else(PoisonError::into_inner);
-        if lock().result.is_err() {
+        if lock(&self.queue).result.is_err() {
             return;
         }
         let made = (self.make)(i);
-        let mut queue = lock();
+        let mut queue = lock(&self.queue);
         queue.made.insert(i, made);
         loop {
             let next = queue.next;
@@ -80,7 +96,7 @@ impl<T: Send, M: Fn(usize) -> T + Sync, F: FnMut(usize, T) -> Result<(), E> + Se
             let Some(value) = queue.made.remove(&next) else { return };
             drop(queue);
             let result = take(next, value);
-            queue = lock();
+            queue = lock(&self.queue);
             if result.is_err() {
                 queue.result = result;
                 queue.made.clear();
@@ -109,8 +125,8 @@ pub fn in_order<T: Send, E: Send>(
 /// Run `f(chunk index, chunk)` over `data` cut into chunks of `len`.
 #[cfg(feature = "parallel")]
 pub fn chunks_mut<T: Send>(data: &mut [T], len: usize, f: impl Fn(usize, &mut [T]) + Sync + Send) {
-    use rayon::prelude::*;
-    data.par_chunks_mut(len.max(1)).with_max_len(1).enumerate().for_each(|(i, chunk)| f(i, chunk));
+    let chunks: Vec<Mutex<&mut [T]>> = data.chunks_mut(len.max(1)).map(Mutex::new).collect();
+    each(chunks.len(), &|i| f(i, &mut lock(&chunks[i])));
 }
 
 /// Run `f(chunk index, chunk)` over `data` cut into chunks of `len`.

@@ -18,7 +18,7 @@ pub struct Args {
 }
 
 /// The built-in samples.
-pub const SAMPLES: [(&str, &[u8]); 4] = [
+pub static SAMPLES: [(&str, &[u8]); 4] = [
     ("tree.glb", include_bytes!("../../samples/tree.glb")),
     ("spruce.glb", include_bytes!("../../samples/spruce.glb")),
     ("fern.glb", include_bytes!("../../samples/fern.glb")),

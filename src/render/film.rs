@@ -3,6 +3,9 @@
 use std::io::Write;
 use std::path::Path;
 
+use image::codecs::png::PngEncoder;
+use image::{ExtendedColorType, ImageEncoder};
+
 use super::image_io::{Image, srgb8};
 use crate::format::PartFile;
 use crate::{Error, Result};
@@ -69,11 +72,14 @@ impl Film {
 
     fn png(&self, path: &Path) -> Result<Vec<u8>> {
         let rgb: Vec<u8> = self.pixels.iter().flat_map(|p| [p[0], p[1], p[2]].map(srgb8)).collect();
-        let image = image::RgbImage::from_raw(self.width, self.height, rgb)
-            .ok_or_else(|| Error::input(path, "", "the film's size does not match its pixels"))?;
-        let mut out = std::io::Cursor::new(Vec::new());
-        image.write_to(&mut out, image::ImageFormat::Png).map_err(|e| Error::io(path, std::io::Error::other(e)))?;
-        Ok(out.into_inner())
+        if rgb.len() as u64 != 3 * u64::from(self.width) * u64::from(self.height) {
+            return Err(Error::input(path, "", "the film's size does not match its pixels"));
+        }
+        let mut out = Vec::new();
+        PngEncoder::new(&mut out)
+            .write_image(&rgb, self.width, self.height, ExtendedColorType::Rgb8)
+            .map_err(|e| Error::io(path, std::io::Error::other(e)))?;
+        Ok(out)
     }
 
     fn exr(&self, path: &Path) -> Result<Vec<u8>> {

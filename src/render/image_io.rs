@@ -149,8 +149,9 @@ pub fn read_planes(path: &Path) -> Result<Planes> {
         e => Error::input(path, "", format!("cannot be read as an EXR: {e}")),
     };
     let bytes = std::fs::read(path).map_err(|e| Error::io(path, e))?;
+    let bytes = bytes.as_slice();
     // The sizes stand in the header: they are checked before the crate takes memory for the pixels.
-    let meta = exr::meta::MetaData::read_from_buffered(Cursor::new(&bytes), false).map_err(broken)?;
+    let meta = exr::meta::MetaData::read_from_buffered(Cursor::new(bytes), false).map_err(broken)?;
     for header in &meta.headers {
         let size = header.layer_size;
         check_size(path, size.width() as u64, size.height() as u64, bytes.len() as u64)?;
@@ -161,7 +162,7 @@ pub fn read_planes(path: &Path) -> Result<Planes> {
         .all_channels()
         .first_valid_layer()
         .all_attributes()
-        .from_buffered(Cursor::new(&bytes))
+        .from_buffered(Cursor::new(bytes))
         .map_err(broken)?
         .layer_data;
     let (width, height) = (layer.size.width(), layer.size.height());

@@ -6,7 +6,8 @@ use std::io::Write as _;
 use std::path::Path;
 
 use plotters::coord::Shift;
-use plotters::coord::ranged1d::ValueFormatter;
+use plotters::coord::ranged1d::{DefaultFormatting, KeyPointHint};
+use plotters::coord::types::RangedCoordf64;
 use plotters::prelude::*;
 
 use crate::format::PartFile;
@@ -121,27 +122,6 @@ impl Chart {
             |of: fn(&(f64, f64)) -> f64| self.series.iter().flat_map(|s| &s.points).map(of).collect::<Vec<_>>();
         let aims: Vec<f64> = self.aims.clone();
         let (x, y) = (range(self.x.scale, &values(|p| p.0)), range(self.y.scale, &[values(|p| p.1), aims].concat()));
-        match (self.x.scale, self.y.scale) {
-            (Scale::Linear, Scale::Linear) => self.plot(area, scale, x.0..x.1, y.0..y.1),
-            (Scale::Linear, Scale::Log) => self.plot(area, scale, x.0..x.1, (y.0..y.1).log_scale()),
-            (Scale::Log, Scale::Linear) => self.plot(area, scale, (x.0..x.1).log_scale(), y.0..y.1),
-            (Scale::Log, Scale::Log) => self.plot(area, scale, (x.0..x.1).log_scale(), (y.0..y.1).log_scale()),
-        }
-    }
-
-    fn plot<B: DrawingBackend, X, Y>(
-        &self,
-        area: &DrawingArea<B, Shift>,
-        scale: u32,
-        x: X,
-        y: Y,
-    ) -> std::result::Result<(), DrawingAreaErrorKind<B::ErrorType>>
-    where
-        X: plotters::coord::ranged1d::AsRangedCoord<Value = f64>,
-        Y: plotters::coord::ranged1d::AsRangedCoord<Value = f64>,
-        X::CoordDescType: ValueFormatter<f64>,
-        Y::CoordDescType: ValueFormatter<f64>,
-    {
         let font = |size: u32| ("sans-serif", size * scale);
         let mut builder = ChartBuilder::on(area);
         let mut chart = builder
@@ -149,7 +129,7 @@ impl Chart {
             .margin(12 * scale)
             .x_label_area_size(46 * scale)
             .y_label_area_size(64 * scale)
-            .build_cartesian_2d(x, y)?;
+            .build_cartesian_2d(Along::new(self.x.scale, x), Along::new(self.y.scale, y))?;
         chart
             .configure_mesh()
             .x_desc(&self.x.label)
@@ -193,6 +173,47 @@ impl Chart {
             .border_style(BLACK.mix(0.3))
             .label_font(font(14))
             .draw()
+    }
+}
+
+/// Coordinate along an axis of either scale. One type for both, as plotters' code is compiled for each pair of types.
+enum Along {
+    Linear(RangedCoordf64),
+    Log(LogCoord<f64>),
+}
+
+impl Along {
+    fn new(scale: Scale, (from, to): (f64, f64)) -> Along {
+        match scale {
+            Scale::Linear => Along::Linear((from..to).into()),
+            Scale::Log => Along::Log((from..to).log_scale().into()),
+        }
+    }
+}
+
+impl Ranged for Along {
+    type FormatOption = DefaultFormatting;
+    type ValueType = f64;
+
+    fn map(&self, value: &f64, limit: (i32, i32)) -> i32 {
+        match self {
+            Along::Linear(c) => c.map(value, limit),
+            Along::Log(c) => c.map(value, limit),
+        }
+    }
+
+    fn key_points<Hint: KeyPointHint>(&self, hint: Hint) -> Vec<f64> {
+        match self {
+            Along::Linear(c) => c.key_points(hint),
+            Along::Log(c) => c.key_points(hint),
+        }
+    }
+
+    fn range(&self) -> std::ops::Range<f64> {
+        match self {
+            Along::Linear(c) => c.range(),
+            Along::Log(c) => c.range(),
+        }
     }
 }
 

@@ -14,6 +14,9 @@ mod values;
 
 use std::path::{Path, PathBuf};
 
+use serde::Deserialize;
+use toml::de::{DeTable, ValueDeserializer};
+
 use super::options::OpenOptions;
 use super::traits::Source;
 use crate::scene::{files, text};
@@ -141,9 +144,11 @@ fn drawn(text: &str, start: usize) -> usize {
     if !text.get(start..).is_some_and(|rest| rest.starts_with(HEAD)) {
         return start;
     }
-    let table: toml::Table = toml::from_str(text).unwrap_or_default();
-    let nodes = table.get("draw").and_then(|draw| draw.as_array()).map_or(&[][..], Vec::as_slice);
-    let wrong = nodes.iter().position(|node| node.clone().try_into::<Node>().is_err());
+    let Ok(table) = DeTable::parse(text) else { return start };
+    let nodes = table.get_ref().get("draw").and_then(|draw| draw.get_ref().as_array());
+    // By the deserializer that reads the whole: with another one, all of the model would be compiled once more.
+    let wrong =
+        nodes.and_then(|n| n.iter().position(|n| Node::deserialize(ValueDeserializer::from(n.clone())).is_err()));
     wrong.and_then(|n| text.match_indices(HEAD).nth(n)).map_or(start, |(byte, _)| byte)
 }
 
