@@ -102,10 +102,10 @@ fn nifti_alone_packed_and_in_pairs() {
 #[test]
 fn folders_count_as_people_do_and_hold_one_kind() {
     use std::cmp::Ordering::{Greater, Less};
-    assert_eq!(folder::natural("slice2.png", "slice10.png"), Less);
-    assert_eq!(folder::natural("a10b2", "a10b10"), Less);
-    assert_eq!(folder::natural("b1", "a2"), Greater);
-    assert_eq!(folder::natural("07", "7"), Less);
+    assert_eq!(natural::natural("slice2.png", "slice10.png"), Less);
+    assert_eq!(natural::natural("a10b2", "a10b10"), Less);
+    assert_eq!(natural::natural("b1", "a2"), Greater);
+    assert_eq!(natural::natural("07", "7"), Less);
     let dir = Dir::new();
     let png = |name: &str, width: u32, value: u16| {
         let image = image::ImageBuffer::<image::Luma<u16>, _>::from_pixel(width, 2, image::Luma([value]));
