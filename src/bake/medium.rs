@@ -40,12 +40,18 @@ const RATES: usize = 40;
 const RATES_PER_OCTAVE: f64 = 3.5;
 const OCTAVES_BELOW: f64 = 8.0;
 
+/// Thresholds of all lines, by order and axis. Boxes that fill their cube in part are frequent where texels are merged, and
+/// without this table nine tenths of a merge went into sorting lines.
+static THRESHOLDS: LazyLock<Vec<[Vec<LineThreshold>; 13]>> =
+    LazyLock::new(|| (0..ORDERS).map(|order| std::array::from_fn(|k| line_thresholds(order, k))).collect());
+
 /// Line masks of full cubes, by order and rate.
 static TABLE: LazyLock<Vec<LineMask>> = LazyLock::new(|| {
     let mut table = vec![LineMask::default(); ORDERS * RATES];
     for (order, table) in table.chunks_exact_mut(RATES).enumerate() {
         for k in 0..13 {
-            for LineThreshold { row, bit, depth } in line_thresholds(order, k) {
+            for &LineThreshold { row, bit, depth } in &THRESHOLDS[order][k] {
+                let (row, bit) = (usize::from(row), usize::from(bit));
                 let (x, y) = line_position(row, bit);
                 let Some((from, to)) = crossing(k, x, y, DVec3::ZERO, DVec3::ONE) else { continue };
                 let first = (libm::log2(depth / ((to - from) * axis_length(k))) + OCTAVES_BELOW) * RATES_PER_OCTAVE;
@@ -69,13 +75,14 @@ fn line_position(row: usize, bit: usize) -> (f64, f64) {
 }
 
 /// Line of a mask, and the optical depth from which on it is blocked.
+#[derive(Clone, Copy)]
 struct LineThreshold {
-    row: usize,
-    bit: usize,
+    row: u8,
+    bit: u8,
     depth: f64,
 }
 
-/// Thresholds of all lines of the axis `k` through a voxel, in the given order: of n lines, the opacities at which they are blocked
+/// Thresholds, ascending, of all lines of the axis `k` through a voxel, in the given order: of n lines, the opacities at which they are blocked
 /// are (i + 1/2) / n.
 fn line_thresholds(order: usize, k: usize) -> Vec<LineThreshold> {
     let (wa, wb) = PROJECTIONS[k].extent();
@@ -92,7 +99,11 @@ fn line_thresholds(order: usize, k: usize) -> Vec<LineThreshold> {
     lines
         .into_iter()
         .enumerate()
-        .map(|(n, (_, row, bit))| LineThreshold { row, bit, depth: -libm::log1p(-(n as f64 + 0.5) / count) })
+        .map(|(n, (_, row, bit))| LineThreshold {
+            row: row as u8,
+            bit: bit as u8,
+            depth: -libm::log1p(-(n as f64 + 0.5) / count),
+        })
         .collect()
 }
 
@@ -144,11 +155,18 @@ fn full_cube_mask(seed: u64, rates: &[f64; 13]) -> LineMask {
     mask
 }
 
-/// Line mask of the box `lo..hi` of a cube; few cubes are filled in part, so it is found without a table.
+/// Line mask of the box `lo..hi` of a cube.
 fn box_mask(seed: u64, rates: &[f64; 13], lo: DVec3, hi: DVec3) -> LineMask {
     let mut mask = LineMask::default();
     for (k, &rate) in rates.iter().enumerate() {
-        for LineThreshold { row, bit, depth } in line_thresholds((hash(seed ^ k as u64) >> 32) as usize, k) {
+        let order = (hash(seed ^ k as u64) >> 32) as usize % ORDERS;
+        // No chord of the box is longer than this.
+        let longest = (hi - lo)[PROJECTIONS[k].drop] * axis_length(k);
+        for &LineThreshold { row, bit, depth } in &THRESHOLDS[order][k] {
+            if rate * longest <= depth {
+                break;
+            }
+            let (row, bit) = (usize::from(row), usize::from(bit));
             let (x, y) = line_position(row, bit);
             if let Some((from, to)) = crossing(k, x, y, lo, hi)
                 && rate * (to - from) * axis_length(k) > depth
@@ -158,4 +176,28 @@ fn box_mask(seed: u64, rates: &[f64; 13], lo: DVec3, hi: DVec3) -> LineMask {
         }
     }
     mask
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn masks_of_boxes_hold_as_many_lines_as_are_covered() {
+        // Corners on the lattice's own spacing, so that it counts areas exactly.
+        let (lo, hi) = (DVec3::new(0.25, 0.0, 0.5), DVec3::new(0.75, 0.875, 1.0));
+        for extinction in [0.05, 0.7, 4.0] {
+            let medium = Medium { lo, hi, ..Medium::even([0; 3], 0, extinction, [1.0; 3]) };
+            let (mut lines, mut area) = (0.0, 0.0);
+            for n in 0..400u32 {
+                let at = [n % 7, n / 7 % 7, n / 49];
+                let part = cover_cube(&Medium { at, ..medium }, at, 0).unwrap();
+                lines += f64::from(part.mask.counts().iter().sum::<u32>());
+                area += part.cover.iter().sum::<f64>() * (LINES * LINES) as f64;
+            }
+            // At least 30 000 lines, drawn one by one: 1 % is some two standard deviations, and the lattice's chords are
+            // those of the middles of its squares.
+            assert!((lines / area - 1.0).abs() < 0.03, "{extinction}: {lines} {area}");
+        }
+    }
 }
