@@ -26,6 +26,8 @@ use crate::volume::{Model, Sggx, Voxel};
 const MAX_CELLS: usize = 64;
 /// Relative error of the covered area below which a rate scale is not corrected any further.
 const AREA_TOLERANCE: f32 = 0.005;
+/// Rate of the code 1, hits per voxel edge: 2^(−143/16).
+const SMALLEST_RATE: f64 = 0.002_039_597_231_303_542_5;
 
 /// Measurements of a block as a whole.
 pub struct Block<'a> {
@@ -72,6 +74,33 @@ struct MarchedBlock {
     log_gain: f32,
 }
 
+/// Encoder of a block's rates that keeps the sum of those too small for a code, by error diffusion (R. Floyd, L. Steinberg, *An
+/// Adaptive Algorithm for Spatial Greyscale*, 1976). Without it a haze of less than .0019 hits per voxel edge would be coded as
+/// nothing, however wide it is.
+#[derive(Default)]
+struct RateEncoder {
+    /// Rate times volume that cells so far had more than their codes hold.
+    residual: f64,
+}
+
+impl RateEncoder {
+    /// Code of `rate` ≥ 0, hits per voxel edge, of matter in a box of this `volume`.
+    #[inline(always)]
+    fn encode(&mut self, rate: f64, volume: f64) -> u8 {
+        let code = encode_rate(rate);
+        if code > 0 || rate.is_nan() || rate <= 0.0 {
+            return code;
+        }
+        let step = SMALLEST_RATE * volume;
+        self.residual += rate * volume;
+        if self.residual < 0.5 * step {
+            return 0;
+        }
+        self.residual -= step;
+        1
+    }
+}
+
 /// Fit the `cells`, at most 64, of one block.
 #[multiversion(targets("x86_64+avx2+bmi1+bmi2+lzcnt+popcnt"))]
 pub fn fit_block(cells: &[Cell], block: &Block, model: Model) -> BlockFit {
@@ -94,18 +123,19 @@ pub fn fit_block(cells: &[Cell], block: &Block, model: Model) -> BlockFit {
         Model::Coverage => Some(square_errors(&marched.transmittance, block.mask)),
         Model::Neyret => None,
     };
+    let mut encoder = RateEncoder::default();
     for (i, (voxel, cell)) in voxels.iter_mut().zip(cells).enumerate() {
         encode(voxel, cell.measure, code);
         if let Some(ndf) = rates.ndfs[i] {
             voxel.ndf = ndf;
         }
-        if rates.rates[i] > 0.0 {
+        if model == Model::Neyret {
+            make_isotropic(voxel, cell.measure, &mut encoder);
+        } else if rates.rates[i] > 0.0 {
             let e = exp_neg(marched.log_gain.abs());
             let rate = if marched.log_gain < 0.0 { rates.rates[i] * e } else { rates.rates[i] / e };
-            voxel.rate = encode_rate(f64::from(rate));
-        }
-        if model == Model::Neyret {
-            make_isotropic(voxel, cell.measure);
+            let volume = (projected[i].hi - projected[i].lo).element_product();
+            voxel.rate = encoder.encode(f64::from(rate), f64::from(volume));
         }
     }
     BlockFit { voxels, count: cells.len(), errors, transmittance: marched.transmittance }
@@ -202,11 +232,32 @@ fn encode(voxel: &mut Voxel, cell: &Measure, correlation: u8) {
 /// Turn a voxel into one of Neyret's model of 1996: one isotropic opacity over the whole voxel, whose rate takes it away over a
 /// voxel's edge. The normal distribution stays for shading; there is neither support nor correlation.
 #[inline(always)]
-fn make_isotropic(voxel: &mut Voxel, cell: &Measure) {
+fn make_isotropic(voxel: &mut Voxel, cell: &Measure, encoder: &mut RateEncoder) {
     voxel.correlation &= 0xf0;
     voxel.support = Voxel::default().support;
     if !cell.solid {
         let opacity = cell.mean_opacity.min(OPAQUE.into());
-        voxel.rate = encode_rate(-libm::log(1.0 - opacity));
+        voxel.rate = encoder.encode(-libm::log(1.0 - opacity), 1.0);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::volume::voxel::decode_rate;
+
+    #[test]
+    fn faint_rates_keep_their_sum() {
+        // The constant is the f64 of which the table holds the f32.
+        assert_eq!(decode_rate(1), SMALLEST_RATE as f32);
+        for (rate, volume) in [(0.0012, 1.0), (0.0003, 0.25), (0.0018, 0.5)] {
+            let mut encoder = RateEncoder::default();
+            let codes: Vec<u8> = (0..64).map(|_| encoder.encode(rate, volume)).collect();
+            let sum: f64 = codes.iter().map(|&code| f64::from(decode_rate(code))).sum();
+            // What is left over is less than half a code of one of them.
+            assert!((sum - 64.0 * rate).abs() <= 0.501 * SMALLEST_RATE, "{rate} {codes:?}");
+        }
+        assert_eq!(RateEncoder::default().encode(0.5, 1.0), encode_rate(0.5));
+        assert_eq!(RateEncoder::default().encode(0.0, 1.0), 0);
     }
 }

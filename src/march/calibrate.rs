@@ -167,8 +167,10 @@ fn light(coarse: &Lit, finest: &Lit) -> [f64; 3] {
     let column = |k: usize| crate::geom::DVec3::from_array(coarse.pairs.map(|row| row[k]));
     let pairs = crate::geom::DMat3::from_cols(column(0), column(1), column(2));
     let scale = coarse.light.iter().sum::<f64>();
+    // A finest depth without light has nothing to compare with.
+    let shines = finest.light.iter().sum::<f64>() > 0.0;
     let solved = pairs.inverse() * crate::geom::DVec3::from_array(finest.light);
-    if scale > 0.0 && solved.is_finite() && pairs.determinant() > 1e-9 * scale.powi(3) {
+    if scale > 0.0 && shines && solved.is_finite() && pairs.determinant() > 1e-9 * scale.powi(3) {
         solved.to_array()
     } else {
         [1.0; 3]
