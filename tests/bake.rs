@@ -198,6 +198,49 @@ fn cut_out_and_blended_cards_cover_their_alphas_area_at_every_depth() {
     }
 }
 
+/// Half-transparent unit squares normal to y at these heights.
+fn veils(heights: &[f32]) -> Model {
+    let texels = vec![[60, 120, 60, 128]; 16];
+    let texture = Arc::new(Texture::new("veil", 4, 4, texels));
+    let texture = TextureRef { texture, tex_coord: 0, transform: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]] };
+    let material = Material { texture: Some(texture), alpha: Alpha::Blend, ..Material::default() };
+    let parts: Vec<Part> =
+        heights.iter().map(|&y| quad([[0.0, y, 0.0], [1.0, y, 0.0], [1.0, y, 1.0], [0.0, y, 1.0]])).collect();
+    let instance = |part| Instance { part, transform: DAffine3::IDENTITY, node: String::new() };
+    let instances = (0..parts.len()).map(instance).collect();
+    Model { parts, materials: vec![material], instances, ..Model::default() }
+}
+
+#[test]
+fn half_transparent_sheets_hide_each_other_as_unrelated_matter_does() {
+    let place = Options { cube: Some(Aabb::UNIT), ..at(64) };
+    for heights in [&[0.51, 0.51][..], &[0.2, 0.4, 0.6, 0.8]] {
+        let tree = Octree::new(baked(veils(heights), &hollow(), &place)).unwrap();
+        // A source's +y is the texel's w.
+        let exact = |origin: DVec3, dir: DVec3| {
+            let hits = heights.iter().filter(|&&h| {
+                let p = origin + (f64::from(h) - origin.z) / dir.z * dir;
+                dir.z.abs() > 1e-9 && p.min_element() >= 0.0 && p.max_element() <= 1.0
+            });
+            (1.0f64 - 128.0 / 255.0).powi(hits.count() as i32)
+        };
+        for depth in 4..=6 {
+            let (mut got, mut want) = (0.0, 0.0);
+            for dir in vtex::geom::directions13().into_iter().filter(|d| d.z.abs() > 0.1) {
+                let (a, b) = dir.any_orthonormal_pair();
+                for i in 0..128 * 128 {
+                    let across = |v: usize| (v as f64 + 0.5) * (1.8 / 128.0) - 0.9;
+                    let origin = DVec3::splat(0.5) + across(i % 128) * a + across(i / 128) * b - 2.0 * dir;
+                    got += 1.0 - through(&tree, origin, dir, depth);
+                    want += 1.0 - exact(origin, dir);
+                }
+            }
+            // Rays are 1/71 apart, and the dither of a voxel's alpha is even to 1/64.
+            assert!((got / want - 1.0).abs() < 0.05, "{heights:?} {depth}: {}", got / want);
+        }
+    }
+}
+
 #[test]
 fn what_reaches_beyond_a_cyclic_cube_comes_in_again() {
     // A sheet that is two cubes long along x covers its cube twice.

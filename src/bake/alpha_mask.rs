@@ -132,7 +132,7 @@ impl AlphaSamples {
         let (mut inside, mut sum) = (0u32, 0.0);
         let mut range = CellRange { first: [usize::MAX; 2], end: [0; 2] };
         let (mut densest, mut highest) = (polygon.corner_mean(), 0.0);
-        let seed = hash(polygon.facet);
+        let seed = hash(polygon.facet, origin);
         let mut row = [0.0f32; MAX_CELLS];
         for j in 0..grid.size[1] {
             let y = grid.coordinate(1, j as f64 + 0.5);
@@ -298,9 +298,16 @@ fn row_interval(corners: &[DVec3], a: usize, b: usize, y: f64) -> (f64, f64) {
     (from, to)
 }
 
-/// Fixed pseudo-random number in [0, 1) of a facet.
-fn hash(facet: u32) -> f64 {
+/// Fixed pseudo-random number in [0, 1) of a facet in the voxel at `origin`. It differs from voxel to voxel, so that the dithers of two
+/// parallel facets are independent on average: with one number per facet, they would hide each other by the same wrong share
+/// everywhere.
+fn hash(facet: u32, origin: DVec3) -> f64 {
+    let at = origin.as_ivec3();
     let mut h = facet.wrapping_mul(0x9e37_79b9);
+    for (v, prime) in [(at.x, 0x85eb_ca6b_u32), (at.y, 0xc2b2_ae35), (at.z, 0x27d4_eb2f)] {
+        h = (h ^ v as u32).wrapping_mul(prime);
+        h ^= h >> 15;
+    }
     h = (h ^ h >> 16).wrapping_mul(0x85eb_ca6b);
     h = (h ^ h >> 13).wrapping_mul(0xc2b2_ae35);
     f64::from(h ^ h >> 16) / 4_294_967_296.0
