@@ -21,6 +21,8 @@ mod map;
 mod materials;
 mod medium;
 mod near;
+mod outputs;
+mod readable;
 mod reference;
 mod render;
 mod stack;

@@ -2,7 +2,8 @@
 
 use std::path::PathBuf;
 
-use super::Ui;
+use super::ui::put_json;
+use super::{Ui, outputs};
 use crate::render::image_io;
 use crate::render::image_io::srgb_decode;
 use crate::render::metrics;
@@ -51,6 +52,8 @@ fn parse_colour(text: &str) -> std::result::Result<[f32; 3], String> {
 }
 
 pub fn run(args: &Args, ui: &Ui) -> Result<()> {
+    let pictures = [args.a.clone(), args.b.clone()];
+    outputs::check(&pictures, [&args.map, &args.sheet].into_iter().filter_map(|path| path.as_deref()))?;
     let (a, b) = (image_io::read(&args.a)?, image_io::read(&args.b)?);
     if (a.width, a.height) != (b.width, b.height) {
         let (width, height, reference) = (b.width, b.height, args.b.display());
@@ -78,7 +81,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
             found["reference_noise"] =
                 serde_json::json!({ "rmse": 0.5 * noise.all.rmse, "flip_of_halves": noise.all.flip });
         }
-        outln!("{found:#}")?;
+        put_json(&found)?;
     } else {
         outln!("{} against {}, {}×{}", args.a.display(), args.b.display(), a.width, a.height)?;
         out!("{}", table(&comparison))?;

@@ -4,9 +4,10 @@ use std::path::PathBuf;
 
 use clap::ValueEnum;
 
-use super::Ui;
+use super::{Ui, outputs};
 use crate::format::{Limits, Reader};
 use crate::geom::DVec3;
+use crate::scene::gltf;
 use crate::scene::gltf::map::{Cells, Chart, Heights, MapOptions, Mapped, map};
 use crate::scene::shell::Orientations;
 use crate::scene::texture::srgb_to_linear;
@@ -102,9 +103,7 @@ enum Surface {
 
 /// Cover the mesh, and say what came of it.
 pub fn run(args: &Args, ui: &Ui) -> Result<()> {
-    if args.output.file_name().is_none() {
-        return Err(Error::Options("--output must name a file".into()));
-    }
+    check_output(args)?;
     let texels = args.texels.iter().map(|path| {
         let reader = Reader::open(path, &Limits::default())?;
         Ok((path.clone(), reader.info().clone()))
@@ -145,6 +144,22 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
     ui.warn(&mapped.saved.warnings)?;
     ui.say(&format!("wrote {}", args.output.display()));
     Ok(())
+}
+
+/// That the landscape has a place, and that no source is lost: a mesh is only written over where it is a landscape already,
+/// to which something is added.
+fn check_output(args: &Args) -> Result<()> {
+    let output = args.output.as_path();
+    if !output.extension().is_some_and(|e| ["gltf", "glb"].iter().any(|known| e.eq_ignore_ascii_case(known))) {
+        let path = output.display();
+        return Err(Error::Options(format!("{path}: a landscape is written as .gltf or .glb; name it so")));
+    }
+    let mut read = gltf::named_files(&args.input);
+    read.extend(args.texels.iter().chain(&args.geometries).cloned());
+    if !(outputs::same(&args.input, output) && gltf::is_landscape(&args.input)) {
+        read.push(args.input.clone());
+    }
+    outputs::check(&read, [output])
 }
 
 /// What was done, in a few lines.

@@ -3,7 +3,8 @@
 use std::path::PathBuf;
 use std::time::Instant;
 
-use super::{Ui, reference};
+use super::ui::put_json;
+use super::{Ui, outputs, reference};
 use crate::geom::DVec3;
 use crate::render;
 use crate::render::{Ambient, CameraChoice, Met, Near, Options, Stats};
@@ -165,9 +166,12 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
     let options = args.options();
     if let Some(path) = &args.output {
         render::Film::check_name(path)?;
+        let mut read = gltf::named_files(&args.landscape);
+        read.push(args.landscape.clone());
+        outputs::check(&read, [path.as_path()])?;
     }
     let start = Instant::now();
-    let read = gltf::ReadOptions { scene: args.scene.clone(), ..Default::default() };
+    let read = gltf::ReadOptions { scene: args.scene.clone(), contained: true, ..Default::default() };
     let scene = gltf::read(&args.landscape, &read)?;
     let reading = start.elapsed();
     ui.warn(&scene.model.warnings)?;
@@ -184,7 +188,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
         if args.stats {
             print_stats(&done.stats, args.json)?;
         } else if args.json {
-            outln!("{noise:#}")?;
+            put_json(&noise)?;
         }
         return Ok(());
     }
@@ -231,7 +235,7 @@ fn print_stats(stats: &Stats, json: bool) -> Result<()> {
             "seconds": times,
             "peak_bytes": stats.peak_bytes,
         });
-        return outln!("{all:#}");
+        return put_json(&all);
     }
     let row = |name: &str, value: String| outln!("{name:<16} {value}");
     row("bytes read", format!("{} of {} in the texels' files ({share:.1} %)", stats.bytes_read, stats.bytes_in_files))?;
@@ -255,9 +259,7 @@ fn print_stats(stats: &Stats, json: bool) -> Result<()> {
 
 fn print_trace(trace: &[Met], json: bool) -> Result<()> {
     if json {
-        let text = serde_json::to_string_pretty(trace).map_err(|e| Error::Options(format!("--json: {e}")))?;
-        outln!("{text}")?;
-        return Ok(());
+        return put_json(&trace);
     }
     for met in trace {
         match met {

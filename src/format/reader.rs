@@ -1,6 +1,5 @@
 //! File → voxels, a page at a time: the head is read at once, a page when it is asked for.
 
-use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -15,7 +14,7 @@ use super::material::Coding;
 use super::page;
 use super::page::PageRef;
 use super::stream::{Quantiser, canonical};
-use super::{Channel, Limits, filter};
+use super::{Channel, Limits, filter, open_file};
 use crate::volume::octree::{PAGE_LOG2, Pages};
 use crate::volume::{Depth, Info, Mix, Volume, Voxel};
 use crate::{Error, Result, Warnings, par};
@@ -67,10 +66,7 @@ impl Reader {
 
     /// [`Reader::open`] for a file that may be cut short: depths that are not whole are not opened.
     pub(super) fn open_prefix(path: &Path, limits: &Limits) -> Result<Reader> {
-        let file = File::open(path).map_err(|e| Error::io(path, e))?;
-        if !file.metadata().map_err(|e| Error::io(path, e))?.is_file() {
-            return Err(Error::input(path, "", "is not a file"));
-        }
+        let file = open_file(path)?;
         // SAFETY: the map is read only. If another process changes the file meanwhile, the bytes behind the map change
         // too; no reference into it is kept or trusted: every read goes through `Reader::read`, which copies the bytes
         // out before they are checked and used, so what was checked cannot change. (A file that is *shortened* while it

@@ -134,7 +134,7 @@ const FEW_FIT: f64 = 16.0;
 /// options are out of range.
 pub fn map(input: &Path, options: &MapOptions, output: &Path) -> Result<Mapped> {
     check(options)?;
-    let read = ReadOptions::default();
+    let read = ReadOptions { contained: true, ..ReadOptions::default() };
     let document = Document::open(input, &read)?;
     support::check(&document)?;
     let mut mapped = Mapped::default();

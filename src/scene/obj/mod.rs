@@ -73,7 +73,7 @@ fn libraries(path: &Path, rest: &str) -> Vec<Result<PathBuf, String>> {
 
 /// The files that an OBJ names, as reading it would find them: material files, each with its textures.
 pub fn named_files(path: &Path) -> Vec<PathBuf> {
-    let text = std::fs::read(path).unwrap_or_default();
+    let text = files::read(path, u64::MAX).unwrap_or_default();
     let text = String::from_utf8_lossy(&text);
     let mut out = Vec::new();
     for (_, line) in logical_lines(&text) {
@@ -82,7 +82,7 @@ pub fn named_files(path: &Path) -> Vec<PathBuf> {
             continue;
         };
         for library in libraries(path, rest.trim()).into_iter().flatten() {
-            let materials = std::fs::read(&library).unwrap_or_default();
+            let materials = files::read(&library, u64::MAX).unwrap_or_default();
             let dir = library.parent().unwrap_or(Path::new("")).to_path_buf();
             out.push(library);
             let materials = mtl::parse(&String::from_utf8_lossy(&materials), &dir, &mut Warnings::default());

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use memmap2::Mmap;
 
 use super::samples::{Coding, Kind, Samples, byte_count};
+use crate::format::open_file;
 use crate::{Error, Result};
 
 /// Where the bytes are.
@@ -28,12 +29,8 @@ impl std::ops::Deref for Bytes {
 /// Map a whole file. It is not to be changed while it is read; an empty one is no map but nothing.
 pub fn map_file(path: &Path) -> Result<Bytes> {
     let io = |e| Error::io(path, e);
-    let file = std::fs::File::open(path).map_err(io)?;
-    let meta = file.metadata().map_err(io)?;
-    if !meta.is_file() {
-        return Err(Error::input(path, "", "is not a file"));
-    }
-    if meta.len() == 0 {
+    let file = open_file(path)?;
+    if file.metadata().map_err(io)?.len() == 0 {
         return Ok(Bytes::Memory(Vec::new()));
     }
     // SAFETY: the map is only read, as bytes; a file that is cut short by others meanwhile ends the program, as documented.
