@@ -8,7 +8,7 @@ use std::time::Instant;
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
 
-use super::quantity::{bytes, count, size};
+use super::quantity::{bytes, count, finite, size};
 use super::source::{SourceArgs, clap_name};
 use super::ui::put_json;
 use super::{Ui, outputs};
@@ -48,7 +48,7 @@ pub struct Args {
     #[arg(short, long, default_value_t = 512, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_RESOLUTION)))]
     resolution: u32,
     /// Edge of the finest voxel in source units, instead of a resolution
-    #[arg(long, value_name = "X")]
+    #[arg(long, value_name = "X", value_parser = finite)]
     voxel_size: Option<f64>,
     /// Axes along which the texel continues itself; with --voxel-size and -r, content beyond comes in on the other side
     #[arg(long, value_name = "AXES", value_delimiter = ',', value_parser = ["u", "v", "w"])]

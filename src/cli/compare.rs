@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use super::quantity::finite;
 use super::ui::put_json;
 use super::{Ui, outputs};
 use crate::render::image_io;
@@ -27,7 +28,7 @@ pub struct Args {
     #[arg(long, value_name = "R,G,B", value_parser = parse_colour)]
     background: Option<[f32; 3]>,
     /// Pixels per degree of visual angle, 1 to 1000
-    #[arg(long, default_value_t = flip::DEFAULT_PPD, hide_default_value = true)]
+    #[arg(long, default_value_t = flip::DEFAULT_PPD, hide_default_value = true, value_parser = finite)]
     ppd: f64,
     /// Print JSON
     #[arg(long)]

@@ -1,4 +1,5 @@
-//! SIGINT, SIGTERM and SIGHUP: nothing half-written is left, and the exit code is 128 + the signal's number.
+//! SIGINT, SIGTERM and SIGHUP: nothing half-written is left, and the exit code is 128 + the signal's number. SIGBUS: a mapped
+//! input that others cut short while it is read is one line and exit code 1.
 
 /// Watch for signals from now on. Those that the caller ignores (`nohup`, jobs in the background) stay ignored.
 #[cfg(unix)]
@@ -6,6 +7,14 @@ pub fn watch() {
     use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
     let ignored = ignored();
     let wanted = [SIGINT, SIGTERM, SIGHUP].into_iter().filter(|signal| ignored >> (signal - 1) & 1 == 0);
+    // SAFETY: the action only calls functions that are safe in a handler: it writes a constant and ends the program.
+    let _ = unsafe {
+        signal_hook::low_level::register(signal_hook::consts::SIGBUS, || {
+            #[cfg(target_os = "linux")]
+            let _ = rustix::io::write(rustix::stdio::stderr(), CUT_SHORT);
+            signal_hook::low_level::exit(1);
+        })
+    };
     // Without a handler the signals still end the program, as they do by default.
     let Ok(mut signals) = signal_hook::iterator::Signals::new(wanted) else { return };
     std::thread::spawn(move || {
@@ -18,6 +27,9 @@ pub fn watch() {
 
 #[cfg(not(unix))]
 pub fn watch() {}
+
+#[cfg(target_os = "linux")]
+const CUT_SHORT: &[u8] = b"error: an input became shorter while it was read, or its disk failed; try again\n";
 
 /// Set of the signals that this process was started to ignore: bit n − 1 for signal n.
 #[cfg(unix)]

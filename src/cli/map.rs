@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use clap::ValueEnum;
 
+use super::quantity::finite;
 use super::{Ui, outputs};
 use crate::format::{Limits, Reader};
 use crate::geom::DVec3;
@@ -34,7 +35,7 @@ pub struct Args {
     #[arg(long, value_name = "N|U,V", value_parser = pair, conflicts_with = "cell")]
     repeat: Option<[f64; 2]>,
     /// Width of a copy in metres [default: as wide as the texel's source]
-    #[arg(long, value_name = "METRES")]
+    #[arg(long, value_name = "METRES", value_parser = finite)]
     cell: Option<f64>,
     /// Shift of the copies along u and v, in cells
     #[arg(long, value_name = "U,V", value_parser = pair, default_value = "0", allow_hyphen_values = true)]
@@ -43,7 +44,7 @@ pub struct Args {
     #[arg(long)]
     add: bool,
     /// Height of the shell in metres [default: in proportion to the width of a copy]
-    #[arg(long, value_name = "METRES")]
+    #[arg(long, value_name = "METRES", value_parser = finite)]
     thickness: Option<f64>,
     /// Where copies grow to: `normals` or a direction [default: 0,1,0 where the mesh mostly faces up, else normals]
     #[arg(long, value_name = "normals|X,Y,Z", value_parser = heights, allow_hyphen_values = true)]
@@ -67,7 +68,7 @@ pub struct Args {
     #[arg(long, value_name = "D|U,V,W", value_parser = displacement, default_value = "0.1")]
     displace: [f64; 3],
     /// Share of the cells that hold a copy
-    #[arg(long, default_value_t = 1.0)]
+    #[arg(long, default_value_t = 1.0, value_parser = finite)]
     presence: f64,
     /// Seed of the random choices
     #[arg(long, default_value_t = 0)]
@@ -180,7 +181,7 @@ pub fn say(mapped: &Mapped, ui: &Ui) {
 }
 
 fn numbers(text: &str) -> Result<Vec<f64>, String> {
-    text.split(',').map(|x| x.trim().parse().map_err(|_| format!("{x:?} is not a number"))).collect()
+    text.split(',').map(|x| finite(x.trim()).map_err(|_| format!("{x:?} is not a number"))).collect()
 }
 
 fn pair(text: &str) -> Result<[f64; 2], String> {

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 use std::time::Instant;
 
+use super::quantity::finite;
 use super::ui::put_json;
 use super::{Ui, outputs, reference};
 use crate::geom::DVec3;
@@ -31,7 +32,7 @@ pub struct Args {
     #[arg(long, value_name = "X,Y,Z", value_parser = triple, requires = "eye", allow_hyphen_values = true)]
     look_at: Option<[f64; 3]>,
     /// Vertical field of view with --eye, degrees
-    #[arg(long, value_name = "DEGREES", default_value_t = 40.0, requires = "eye")]
+    #[arg(long, value_name = "DEGREES", default_value_t = 40.0, value_parser = finite, requires = "eye")]
     fov: f64,
     /// Frame the whole scene, whatever cameras the file has
     #[arg(long, conflicts_with = "eye")]
@@ -52,16 +53,16 @@ pub struct Args {
     #[arg(long, value_name = "N", default_value_t = 1)]
     lanes: u32,
     /// Make the picture brighter, stops
-    #[arg(long, value_name = "STOPS", default_value_t = 0.0, allow_hyphen_values = true)]
+    #[arg(long, value_name = "STOPS", default_value_t = 0.0, value_parser = finite, allow_hyphen_values = true)]
     exposure: f64,
     /// Threads; 0: one a core
     #[arg(long, value_name = "N", default_value_t = 0)]
     threads: usize,
     /// Added to the depth that fits a pixel: −1 is one coarser
-    #[arg(long, value_name = "DEPTHS", default_value_t = 0.0, allow_hyphen_values = true)]
+    #[arg(long, value_name = "DEPTHS", default_value_t = 0.0, value_parser = finite, allow_hyphen_values = true)]
     depth_bias: f64,
     /// Added to that depth for shadows: −1 is one coarser, which is faster and darker
-    #[arg(long, value_name = "DEPTHS", default_value_t = 0.0, allow_hyphen_values = true)]
+    #[arg(long, value_name = "DEPTHS", default_value_t = 0.0, value_parser = finite, allow_hyphen_values = true)]
     shadow_bias: f64,
     /// What is seen of a texel where a pixel is smaller than its finest voxel: the mesh that it was baked from, where the
     /// landscape names it, or its voxels
