@@ -160,6 +160,22 @@ fn what_is_stored() {
     assert_eq!(bench.fails(&["cube.obj", "--cyclic", "x"]).0, 2);
 }
 
+/// Errors are told where they were measured, and nowhere else.
+#[test]
+fn errors_are_those_that_were_measured() {
+    let bench = Bench::new();
+    for (model, measured) in [("coverage", true), ("neyret", false)] {
+        bench.bake(&["cube.obj", "-r", "16", "--model", model, "-o", "o.vtex", "--report", "o.json"]);
+        let report: serde_json::Value = serde_json::from_slice(&bench.bytes("o.json")).unwrap();
+        let (_, out, _) = bench.vtex(&["inspect", "o.vtex", "--json"]);
+        let inspected: serde_json::Value = serde_json::from_str(&out).unwrap();
+        let finest = |json: &serde_json::Value| json["depths"].as_array().unwrap().last().unwrap().clone();
+        assert_eq!(finest(&report)["errorP95"].is_number(), measured);
+        assert_eq!(finest(&inspected)["error"].is_object(), measured);
+        assert_eq!(inspected["meta"].get("error").is_some(), measured);
+    }
+}
+
 #[test]
 fn any_number_of_threads_writes_the_same_bytes() {
     let bench = Bench::new();

@@ -75,7 +75,7 @@ fn occupancy(d: usize, nodes: u64) -> f64 {
 
 /// The certificate's entry of a depth, if the bake left one.
 fn depth_error(head: &Head, d: usize) -> Option<&Value> {
-    head.info.meta.get("error")?.get("depths")?.get(d)
+    head.info.meta.get("error")?.get("depths")?.get(d).filter(|error| !error.is_null())
 }
 
 /// Values that a code may have; of materials, those of a share.
