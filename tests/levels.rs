@@ -87,7 +87,7 @@ fn a_change_of_depth_does_not_show() {
     let source = source::open(spruce.as_ref(), &OpenOptions::default()).unwrap();
     let options = bake::Options { resolution: FINEST, ..bake::Options::default() };
     let (volume, _) = bake::bake(&*source, &options, &Quiet, &mut |_| ()).unwrap();
-    let plain = Arc::new(volume);
+    let plain = Arc::new(super::readable::readable(volume));
     let mut levelled = (*plain).clone();
     let measured = calibrate::measure(Octree::new(Arc::clone(&plain)).unwrap()).unwrap();
     assert_eq!(measured.len(), 7);

@@ -139,6 +139,7 @@ fn strings_options_and_surfaces() {
     let dir = tempfile::tempdir().unwrap();
     let save = |name: &str, text: &str| std::fs::write(dir.path().join(name), text).unwrap();
     let baked = |name: &str| {
+        super::readable::verify(&dir.path().join(name));
         let reader = Reader::open(dir.path().join(name), &Limits::default()).unwrap();
         reader.read_all().unwrap().info.bounds.size().max_element()
     };
@@ -199,6 +200,6 @@ fn classical_examples_are_read() {
         let source = source::open(&path, &options).unwrap();
         let options = Options { resolution: 32, ..Options::default() };
         let (volume, _) = bake::bake(&*source, &options, &vtex::progress::Quiet, &mut |_| {}).unwrap();
-        assert!(!volume.depths.is_empty(), "{}", path.display());
+        assert!(!super::readable::readable(volume).depths.is_empty(), "{}", path.display());
     }
 }

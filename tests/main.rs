@@ -23,6 +23,8 @@ mod map_measure;
 mod materials;
 mod medium;
 mod near;
+mod outputs;
+mod readable;
 mod reference;
 mod render;
 mod stack;

@@ -15,7 +15,8 @@ use vtex::volume::{Pages, Palette, Style, Volume};
 
 fn baked(model: Model, resolution: u32) -> Volume {
     let source = MeshSource::new(model, &MeshOptions { fill: Fill::Surface });
-    bake::bake(&source, &Options { resolution, ..Options::default() }, &Quiet, &mut |_| ()).unwrap().0
+    let options = Options { resolution, ..Options::default() };
+    super::readable::readable(bake::bake(&source, &options, &Quiet, &mut |_| ()).unwrap().0)
 }
 
 /// A level square over the unit square, of strips across x that end at `ends`, one material each.
@@ -298,6 +299,7 @@ fn colours_are_laid_on_any_source() {
     let lays = |args: &[&str]| {
         let (code, _, err) = folder.run(&[&["bake"], args, &["-r", "16", "-o", "c.vtex"]].concat());
         assert_eq!(code, 0, "{args:?}: {err}");
+        super::readable::verify(&folder.0.path().join("c.vtex"));
         root("c.vtex")
     };
     let near = |a: Vec3, b: [f32; 3]| (a - Vec3::from_array(b)).abs().max_element() < 0.02;

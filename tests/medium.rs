@@ -87,7 +87,7 @@ impl<F: Fn(DVec3) -> Option<Medium> + Sync> Staged for StagedCloud<'_, F> {
 
 fn volume(source: &dyn Source, resolution: u32) -> Volume {
     let options = Options { resolution, up: 2, ..Options::default() };
-    bake::bake(source, &options, &vtex::progress::Quiet, &mut |_| ()).unwrap().0
+    super::readable::readable(bake::bake(source, &options, &vtex::progress::Quiet, &mut |_| ()).unwrap().0)
 }
 
 fn baked(source: &dyn Source, resolution: u32) -> Octree {

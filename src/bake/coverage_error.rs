@@ -101,18 +101,21 @@ impl CoverageError {
         }
     }
 
-    /// Mean and 95th percentile; 0 where there are no voxels.
-    pub fn mean_p95(&self) -> (f64, f64) {
-        let mean = self.sum as f64 / f64::from(UNITS) / self.count.max(1) as f64;
+    /// Mean and 95th percentile; `None` where nothing was measured.
+    pub fn mean_p95(&self) -> Option<(f64, f64)> {
+        if self.count == 0 {
+            return None;
+        }
+        let mean = self.sum as f64 / f64::from(UNITS) / self.count as f64;
         let mut left = self.count - self.count * 95 / 100;
         for (bin, counts) in self.histogram.iter().enumerate().take(BINS + 1).rev() {
             let n = counts.iter().sum::<u64>();
             if n >= left {
-                return (mean, (bin as f64 + 0.5) / BINS as f64);
+                return Some((mean, (bin as f64 + 0.5) / BINS as f64));
             }
             left -= n;
         }
-        (mean, 0.0)
+        Some((mean, 0.0))
     }
 }
 

@@ -41,6 +41,8 @@ pub use estimate::Estimate;
 pub use options::{MAX_REFINE, MAX_RESOLUTION, Options, REFINE};
 pub(crate) use plan::plan;
 
+use serde_json::json;
+
 use crate::geom::{Aabb, DVec3};
 use crate::progress::Progress;
 use crate::source::{Placement, Source, Staged};
@@ -68,10 +70,11 @@ pub struct DepthReport {
     /// Number of voxels.
     pub voxels: u64,
     /// Mean error of coverage: over all squares one voxel wide, along 13 axes, in which a block has matter, the mean of |share
-    /// covered by the fitted block − measured|. Blocks are compared one by one, before groups of them are refined.
-    pub error_mean: f64,
+    /// covered by the fitted block − measured|. Blocks are compared one by one, before groups of them are refined. `None` where
+    /// nothing was measured, as with [`Model::Neyret`].
+    pub error_mean: Option<f64>,
     /// 95th percentile of the same.
-    pub error_p95: f64,
+    pub error_p95: Option<f64>,
 }
 
 /// Bake `source` into a texel that is ready to be written; `on_estimate` is called with the expected size before the work begins.
@@ -129,8 +132,8 @@ pub(crate) fn measure_and_fit(
             .zip(&output.errors)
             .map(|(d, errors)| {
                 let round = |v: f64| (v * 1e4).round() / 1e4;
-                let (mean, p95) = errors.mean_p95();
-                DepthReport { voxels: d.voxels.len() as u64, error_mean: round(mean), error_p95: round(p95) }
+                let (mean, p95) = errors.mean_p95().unzip();
+                DepthReport { voxels: d.voxels.len() as u64, error_mean: mean.map(round), error_p95: p95.map(round) }
             })
             .collect(),
     };
@@ -162,12 +165,14 @@ fn single_material(name: &str, output: &Output) -> Vec<Material> {
     weights.summarize(&[name.to_owned()])
 }
 
-/// META of the texel: errors per depth, and the version of vtex. The caller adds what it knows of the source.
+/// META of the texel: errors of the depths at which some were measured, and the version of vtex. The caller adds what it knows of the source.
 fn meta(report: &Report) -> serde_json::Map<String, serde_json::Value> {
     let mut meta = serde_json::Map::new();
-    let error = |d: &DepthReport| serde_json::json!({ "opacity": { "mean": d.error_mean, "p95": d.error_p95 } });
+    let error = |d: &DepthReport| d.error_mean.map(|mean| json!({ "opacity": { "mean": mean, "p95": d.error_p95 } }));
     let depths: Vec<_> = report.depths.iter().map(error).collect();
-    meta.insert("error".into(), serde_json::json!({ "depths": depths }));
+    if depths.iter().any(Option::is_some) {
+        meta.insert("error".into(), json!({ "depths": depths }));
+    }
     meta.insert("generator".into(), concat!("vtex ", env!("CARGO_PKG_VERSION")).into());
     meta
 }

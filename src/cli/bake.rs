@@ -8,9 +8,10 @@ use std::time::Instant;
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
 
-use super::Ui;
-use super::quantity::{bytes, count, size};
+use super::quantity::{bytes, count, finite, size};
 use super::source::{SourceArgs, clap_name};
+use super::ui::put_json;
+use super::{Ui, outputs};
 use crate::bake;
 use crate::bake::Estimate;
 use crate::bake::{DepthReport, MAX_REFINE, MAX_RESOLUTION, Options, REFINE};
@@ -47,7 +48,7 @@ pub struct Args {
     #[arg(short, long, default_value_t = 512, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_RESOLUTION)))]
     resolution: u32,
     /// Edge of the finest voxel in source units, instead of a resolution
-    #[arg(long, value_name = "X")]
+    #[arg(long, value_name = "X", value_parser = finite)]
     voxel_size: Option<f64>,
     /// Axes along which the texel continues itself; with --voxel-size and -r, content beyond comes in on the other side
     #[arg(long, value_name = "AXES", value_delimiter = ',', value_parser = ["u", "v", "w"])]
@@ -222,7 +223,7 @@ fn bake_file(args: &Args, ui: &Ui) -> Result<()> {
     let written = format::write(&volume, &output, &WriteOptions { level: args.compress, quality })?;
     ui.finish();
     if let Some(depfile) = &args.depfile {
-        save(depfile, &rule(&output, &files))?;
+        format::save(depfile, rule(&output, &files).as_bytes())?;
     }
     let bits = 8.0 * written.file_bytes as f64 / written.finest_voxels.max(1) as f64;
     let seconds = start.elapsed().as_secs_f64();
@@ -243,10 +244,10 @@ fn bake_file(args: &Args, ui: &Ui) -> Result<()> {
         full["channels"] =
             written.channels.iter().map(|(name, bytes)| json!({ "name": name, "bytes": bytes })).collect();
         full["meta"] = Value::Object(volume.info.meta.clone());
-        save(path, &format!("{full:#}\n"))?;
+        format::save(path, format!("{full:#}\n").as_bytes())?;
     }
     if args.json {
-        outln!("{summary:#}")?;
+        put_json(&summary)?;
     } else {
         ui.say(&format!(
             "{}: {} voxels at {}^3, {}, {bits:.1} bits a voxel, {seconds:.1} s",
@@ -261,26 +262,12 @@ fn bake_file(args: &Args, ui: &Ui) -> Result<()> {
 
 /// That what will be written has a place, and is none of the files that are read.
 fn check_outputs(args: &Args, output: &Path, files: &[PathBuf]) -> Result<()> {
-    let real = |path: &Path| std::fs::canonicalize(path).ok();
-    let read: Vec<PathBuf> = files.iter().filter_map(|f| real(f)).collect();
     let other = output.extension().filter(|e| !e.eq_ignore_ascii_case("vtex"));
     if let Some(other) = other {
         let (path, other) = (output.display(), other.display());
         return Err(Error::Options(format!("{path}: a texel is written as .vtex, not as .{other}; name it so")));
     }
-    for path in [Some(output), args.depfile.as_deref(), args.report.as_deref()].into_iter().flatten() {
-        let folder = path.parent().filter(|f| !f.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        if !folder.is_dir() {
-            return Err(Error::input(path, "", "its folder does not exist; make it first"));
-        }
-        if path.is_dir() {
-            return Err(Error::Options(format!("{}: is a folder; name a file in it", path.display())));
-        }
-        if real(path).is_some_and(|p| read.contains(&p)) {
-            return Err(Error::Options(format!("{}: is read as a source; write to another name", path.display())));
-        }
-    }
-    Ok(())
+    outputs::check(files, [Some(output), args.depfile.as_deref(), args.report.as_deref()].into_iter().flatten())
 }
 
 fn depths(volume: &Volume, reports: &[DepthReport]) -> Value {
@@ -301,7 +288,7 @@ fn sources(input: &Path, files: &[PathBuf]) -> Result<Value> {
     let mut list = Vec::new();
     for file in files {
         let mut digest = Sha256::new();
-        let mut from = std::fs::File::open(file).map_err(|e| Error::io(file, e))?;
+        let mut from = format::open_file(file)?;
         // A piece at a time: sources may be larger than memory.
         let mut piece = vec![0; 1 << 20];
         loop {
@@ -337,10 +324,6 @@ fn rule(output: &Path, files: &[PathBuf]) -> String {
     };
     let inputs: Vec<String> = files.iter().map(|f| escaped(f)).collect();
     format!("{}: {}\n", escaped(output), inputs.join(" \\\n  "))
-}
-
-fn save(path: &Path, text: &str) -> Result<()> {
-    std::fs::write(path, text).map_err(|e| Error::io(path, e))
 }
 
 #[cfg(test)]

@@ -2,7 +2,9 @@
 
 use std::path::PathBuf;
 
-use super::Ui;
+use super::quantity::finite;
+use super::ui::put_json;
+use super::{Ui, outputs};
 use crate::render::image_io;
 use crate::render::image_io::srgb_decode;
 use crate::render::metrics;
@@ -26,7 +28,7 @@ pub struct Args {
     #[arg(long, value_name = "R,G,B", value_parser = parse_colour)]
     background: Option<[f32; 3]>,
     /// Pixels per degree of visual angle, 1 to 1000
-    #[arg(long, default_value_t = flip::DEFAULT_PPD, hide_default_value = true)]
+    #[arg(long, default_value_t = flip::DEFAULT_PPD, hide_default_value = true, value_parser = finite)]
     ppd: f64,
     /// Print JSON
     #[arg(long)]
@@ -51,6 +53,8 @@ fn parse_colour(text: &str) -> std::result::Result<[f32; 3], String> {
 }
 
 pub fn run(args: &Args, ui: &Ui) -> Result<()> {
+    let pictures = [args.a.clone(), args.b.clone()];
+    outputs::check(&pictures, [&args.map, &args.sheet].into_iter().filter_map(|path| path.as_deref()))?;
     let (a, b) = (image_io::read(&args.a)?, image_io::read(&args.b)?);
     if (a.width, a.height) != (b.width, b.height) {
         let (width, height, reference) = (b.width, b.height, args.b.display());
@@ -78,7 +82,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
             found["reference_noise"] =
                 serde_json::json!({ "rmse": 0.5 * noise.all.rmse, "flip_of_halves": noise.all.flip });
         }
-        outln!("{found:#}")?;
+        put_json(&found)?;
     } else {
         outln!("{} against {}, {}×{}", args.a.display(), args.b.display(), a.width, a.height)?;
         out!("{}", table(&comparison))?;

@@ -1,10 +1,10 @@
 //! `vtex demo`: the built-in samples from source to picture, by the very commands that a user would type.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Instant;
 
 use super::Ui;
-use crate::format::PartFile;
+use crate::format;
 use crate::{Error, Result};
 
 #[derive(clap::Args)]
@@ -42,7 +42,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
     let folder = &args.output;
     std::fs::create_dir_all(folder).map_err(|e| Error::io(folder, e))?;
     for (name, bytes) in SAMPLES {
-        write(&folder.join(name), bytes)?;
+        format::save(folder.join(name), bytes)?;
     }
     ui.say(&format!("wrote the samples to {}: a broad-leaved tree, a spruce, a fern, a valley", folder.display()));
     let mut times = Vec::new();
@@ -54,7 +54,8 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
         });
         let words: Vec<String> = words.collect();
         let line = words.iter().map(|w| if w.contains(' ') { format!("'{w}'") } else { w.clone() });
-        ui.say(&format!("\n$ vtex {}", line.collect::<Vec<_>>().join(" ")));
+        ui.say("");
+        ui.say(&format!("$ vtex {}", line.collect::<Vec<_>>().join(" ")));
         let begun = Instant::now();
         super::run_words(&words, ui)?;
         ui.finish();
@@ -68,11 +69,4 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
     ui.say(&format!("in all   {:6.1} s", start.elapsed().as_secs_f64()));
     ui.say(&format!("pictures: {} and {}", folder.join("near.png").display(), folder.join("far.png").display()));
     Ok(())
-}
-
-fn write(path: &Path, bytes: &[u8]) -> Result<()> {
-    use std::io::Write;
-    let mut part = PartFile::create(path)?;
-    part.write_all(bytes).map_err(|e| Error::io(path, e))?;
-    part.finish()
 }

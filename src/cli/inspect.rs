@@ -5,12 +5,15 @@ use std::path::PathBuf;
 
 use serde_json::{Value, json};
 
-use super::Ui;
+#[cfg(feature = "render")]
+use super::outputs;
 use super::quantity::size;
+use super::text::one_line;
+use super::ui::{Ui, put_json};
+use crate::Result;
 use crate::format::{Channel, Head, Limits, Reader, StreamEntry};
 use crate::volume::material::WHOLE;
 use crate::volume::octree::Pages;
-use crate::{Error, Result};
 
 /// Print what is in a .vtex file
 #[derive(clap::Args)]
@@ -31,12 +34,12 @@ pub struct Args {
 }
 
 pub fn run(args: &Args, ui: &Ui) -> Result<()> {
+    #[cfg(feature = "render")]
+    outputs::check(std::slice::from_ref(&args.file), args.preview.as_deref())?;
     let reader = Reader::open(&args.file, &Limits { decoded_bytes: u64::MAX })?;
     ui.warn(&reader.warnings())?;
     if args.json {
-        let text = serde_json::to_string_pretty(&describe(&reader))
-            .map_err(|e| Error::input(&args.file, "", e.to_string()))?;
-        outln!("{text}")?;
+        put_json(&describe(&reader))?;
     } else {
         out!("{}", tables(&reader))?;
     }
@@ -72,7 +75,7 @@ fn occupancy(d: usize, nodes: u64) -> f64 {
 
 /// The certificate's entry of a depth, if the bake left one.
 fn depth_error(head: &Head, d: usize) -> Option<&Value> {
-    head.info.meta.get("error")?.get("depths")?.get(d)
+    head.info.meta.get("error")?.get("depths")?.get(d).filter(|error| !error.is_null())
 }
 
 /// Values that a code may have; of materials, those of a share.
@@ -147,12 +150,12 @@ fn tables(reader: &Reader) -> String {
     line(format!("  facet size  {}", number(info.facet_size)));
     line(format!("  content id  {}", hex(&head.content_id())));
     for (key, value) in info.meta.iter().filter(|(key, _)| *key != "error") {
-        line(format!("  {key:<11} {}", brief(value)));
+        line(format!("  {:<11} {}", one_line(key), brief(value)));
     }
     for (i, m) in info.materials.iter().enumerate() {
         let key = if i == 0 { "materials" } else { "" };
         let [r, g, b] = m.albedo.map(number);
-        line(format!("  {key:<11} {:>5}%  {}, albedo {r} {g} {b}", number(100.0 * m.share), m.name));
+        line(format!("  {key:<11} {:>5}%  {}, albedo {r} {g} {b}", number(100.0 * m.share), one_line(&m.name)));
     }
     let with_error = (0..head.depths.len()).any(|d| depth_error(head, d).is_some());
     let heading = if with_error { "error" } else { "" };
@@ -196,10 +199,12 @@ fn corner(p: crate::geom::DVec3) -> String {
 fn brief(value: &Value) -> String {
     const LONGEST: usize = 100;
     let text = match value {
-        Value::String(text) => text.clone(),
+        Value::String(text) => one_line(text).into_owned(),
         Value::Number(n) => n.as_f64().map(number).unwrap_or_default(),
         Value::Array(items) => items.iter().map(brief).collect::<Vec<_>>().join("; "),
-        Value::Object(map) => map.iter().map(|(key, v)| format!("{key} {}", brief(v))).collect::<Vec<_>>().join(", "),
+        Value::Object(map) => {
+            map.iter().map(|(key, v)| format!("{} {}", one_line(key), brief(v))).collect::<Vec<_>>().join(", ")
+        }
         other => other.to_string(),
     };
     match text.char_indices().nth(LONGEST) {

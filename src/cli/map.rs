@@ -4,9 +4,11 @@ use std::path::PathBuf;
 
 use clap::ValueEnum;
 
-use super::Ui;
+use super::quantity::finite;
+use super::{Ui, outputs};
 use crate::format::{Limits, Reader};
 use crate::geom::DVec3;
+use crate::scene::gltf;
 use crate::scene::gltf::map::{Cells, Chart, Covered, Heights, MapOptions, Mapped, map};
 use crate::scene::shell::Orientations;
 use crate::scene::texture::srgb_to_linear;
@@ -33,7 +35,7 @@ pub struct Args {
     #[arg(long, value_name = "N|U,V", value_parser = pair, conflicts_with = "cell")]
     repeat: Option<[f64; 2]>,
     /// Width of a cell in metres, which holds one copy [default: as wide as the texel's source]
-    #[arg(long, value_name = "METRES")]
+    #[arg(long, value_name = "METRES", value_parser = finite)]
     cell: Option<f64>,
     /// Bend copies with the ground, in a shell [default: cyclic texels and files with vectors of their own only]
     #[arg(long)]
@@ -63,7 +65,7 @@ pub struct Args {
     #[arg(long, value_enum, conflicts_with = "replace")]
     heights: Option<Turned>,
     /// Height of the shell in metres [default: in proportion to the width of a copy]
-    #[arg(long, value_name = "METRES")]
+    #[arg(long, value_name = "METRES", value_parser = finite)]
     thickness: Option<f64>,
     /// Where copies grow to: `normals` or a direction [default: 0,1,0 where the mesh mostly faces up, else normals]
     #[arg(long, value_name = "normals|X,Y,Z", value_parser = heights, allow_hyphen_values = true)]
@@ -128,9 +130,7 @@ enum Surface {
 
 /// Cover the mesh, and say what came of it.
 pub fn run(args: &Args, ui: &Ui) -> Result<()> {
-    if args.output.file_name().is_none() {
-        return Err(Error::Options("--output must name a file".into()));
-    }
+    check_output(args)?;
     let texels = args.texels.iter().map(|path| {
         let reader = Reader::open(path, &Limits::default())?;
         Ok((path.clone(), reader.info().clone()))
@@ -201,6 +201,22 @@ fn of_shells(args: &Args) -> Option<&'static str> {
     given.into_iter().find(|g| g.0).map(|g| g.1)
 }
 
+/// That the landscape has a place, and that no source is lost: a mesh is only written over where it is a landscape already,
+/// to which something is added.
+fn check_output(args: &Args) -> Result<()> {
+    let output = args.output.as_path();
+    if !output.extension().is_some_and(|e| ["gltf", "glb"].iter().any(|known| e.eq_ignore_ascii_case(known))) {
+        let path = output.display();
+        return Err(Error::Options(format!("{path}: a landscape is written as .gltf or .glb; name it so")));
+    }
+    let mut read = gltf::named_files(&args.input);
+    read.extend(args.texels.iter().chain(&args.geometries).cloned());
+    if !(outputs::same(&args.input, output) && gltf::is_landscape(&args.input)) {
+        read.push(args.input.clone());
+    }
+    outputs::check(&read, [output])
+}
+
 /// What was done, in a few lines.
 pub fn say(mapped: &Mapped, ui: &Ui) {
     for note in &mapped.notes {
@@ -219,7 +235,7 @@ pub fn say(mapped: &Mapped, ui: &Ui) {
 }
 
 fn numbers(text: &str) -> Result<Vec<f64>, String> {
-    text.split(',').map(|x| x.trim().parse().map_err(|_| format!("{x:?} is not a number"))).collect()
+    text.split(',').map(|x| finite(x.trim()).map_err(|_| format!("{x:?} is not a number"))).collect()
 }
 
 fn pair(text: &str) -> Result<[f64; 2], String> {

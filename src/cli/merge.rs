@@ -4,8 +4,8 @@ use std::path::{Path, PathBuf};
 
 use serde_json::json;
 
-use super::Ui;
 use super::quantity::{bytes, count, positive, size};
+use super::{Ui, outputs};
 use crate::format;
 use crate::format::{Limits, Quality, Reader, WriteOptions};
 use crate::geom::{Aabb, DAffine3, DMat3, DVec3};
@@ -102,6 +102,7 @@ pub fn run_resample(args: &ResampleArgs, ui: &Ui) -> Result<()> {
 }
 
 fn make(inputs: &[PathBuf], output: &Path, common: &Common, options: MergeOptions, ui: &Ui) -> Result<()> {
+    outputs::check(inputs, [output])?;
     let limit = common.memory.filter(|&m| m > 0).unwrap_or(Limits::default().decoded_bytes);
     let mut volumes = Vec::with_capacity(inputs.len());
     for path in inputs {

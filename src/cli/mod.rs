@@ -1,6 +1,6 @@
 //! The command line: arguments in, one call into the library, results and one-line errors out.
 //!
-//! Exit codes: 0 done, 1 failed, 2 the command line was wrong.
+//! Exit codes: 0 done, 1 failed, 2 the command line was wrong, 128 + n ended by signal n.
 
 /// `print!` that gives what [`ui::put`] gives.
 macro_rules! out {
@@ -24,11 +24,13 @@ mod demo;
 #[cfg(all(feature = "bake", feature = "render", feature = "plot"))]
 mod error;
 mod inspect;
+mod interrupt;
 #[cfg(feature = "bake")]
 mod lsystem;
 mod map;
 #[cfg(feature = "bake")]
 mod merge;
+mod outputs;
 #[cfg(all(feature = "bake", feature = "render", feature = "plot"))]
 mod plot;
 #[cfg_attr(not(feature = "bake"), allow(dead_code))]
@@ -45,6 +47,7 @@ mod shapes;
 mod source;
 #[cfg(feature = "render")]
 mod stress;
+mod text;
 mod truncate;
 mod ui;
 mod verify;
@@ -185,12 +188,13 @@ fn run_words(words: &[String], ui: &Ui) -> crate::Result<()> {
 
 /// Run `f`, print its error in one line, and choose the exit code.
 fn report(ui: &Ui, f: impl FnOnce(&Ui) -> crate::Result<()>) -> ExitCode {
+    interrupt::watch();
     let result = f(ui);
     ui.finish();
     match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(e) => {
-            eprintln!("error: {e}");
+            ui::message("error: ", &e.to_string());
             ExitCode::from(if matches!(e, crate::Error::Options(_)) { 2 } else { 1 })
         }
     }

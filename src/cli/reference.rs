@@ -5,6 +5,7 @@ use std::path::Path;
 use sha2::{Digest, Sha256};
 
 use super::Ui;
+use crate::format::read_file;
 use crate::render::metrics::flip::DEFAULT_PPD;
 use crate::render::reference::{Reference, reference};
 use crate::render::{Film, Near, Options};
@@ -78,7 +79,7 @@ impl Job<'_> {
 
     /// What a picture is of: the landscape's bytes and all options that change it.
     fn key(&self) -> Result<String> {
-        let bytes = std::fs::read(self.landscape).map_err(|e| Error::io(self.landscape, e))?;
+        let bytes = read_file(self.landscape, u64::MAX)?;
         let options = Options {
             threads: 0,
             lanes: 1,

@@ -3,7 +3,9 @@
 use std::path::PathBuf;
 use std::time::Instant;
 
-use super::{Ui, reference};
+use super::quantity::finite;
+use super::ui::put_json;
+use super::{Ui, outputs, reference};
 use crate::geom::DVec3;
 use crate::render;
 use crate::render::{Ambient, CameraChoice, Met, Near, Options, Stats};
@@ -30,7 +32,7 @@ pub struct Args {
     #[arg(long, value_name = "X,Y,Z", value_parser = triple, requires = "eye", allow_hyphen_values = true)]
     look_at: Option<[f64; 3]>,
     /// Vertical field of view with --eye, degrees
-    #[arg(long, value_name = "DEGREES", default_value_t = 40.0, requires = "eye")]
+    #[arg(long, value_name = "DEGREES", default_value_t = 40.0, value_parser = finite, requires = "eye")]
     fov: f64,
     /// Frame the whole scene, whatever cameras the file has
     #[arg(long, conflicts_with = "eye")]
@@ -59,10 +61,10 @@ pub struct Args {
     #[arg(long, value_name = "N", default_value_t = 0)]
     threads: usize,
     /// Added to the depth that fits a pixel: −1 is one coarser
-    #[arg(long, value_name = "DEPTHS", default_value_t = 0.0, allow_hyphen_values = true)]
+    #[arg(long, value_name = "DEPTHS", default_value_t = 0.0, value_parser = finite, allow_hyphen_values = true)]
     depth_bias: f64,
     /// Added to that depth for shadows: −1 is one coarser, which is faster and darker
-    #[arg(long, value_name = "DEPTHS", default_value_t = 0.0, allow_hyphen_values = true)]
+    #[arg(long, value_name = "DEPTHS", default_value_t = 0.0, value_parser = finite, allow_hyphen_values = true)]
     shadow_bias: f64,
     /// What is seen of a texel where a pixel is smaller than its finest voxel: the mesh that it was baked from, where the
     /// landscape names it, or its voxels
@@ -217,9 +219,12 @@ fn said_of_clipping(film: &render::Film, options: &Options) -> Option<String> {
 pub fn run(args: &Args, ui: &Ui) -> Result<()> {
     if let Some(path) = &args.output {
         render::Film::check_name(path)?;
+        let mut read = gltf::named_files(&args.landscape);
+        read.push(args.landscape.clone());
+        outputs::check(&read, [path.as_path()])?;
     }
     let start = Instant::now();
-    let read = gltf::ReadOptions { scene: args.scene.clone(), ..Default::default() };
+    let read = gltf::ReadOptions { scene: args.scene.clone(), contained: true, ..Default::default() };
     let scene = gltf::read(&args.landscape, &read)?;
     let reading = start.elapsed();
     ui.warn(&scene.model.warnings)?;
@@ -240,7 +245,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
         if args.stats {
             print_stats(&done.stats, args.json)?;
         } else if args.json {
-            outln!("{noise:#}")?;
+            put_json(&noise)?;
         }
         return Ok(());
     }
@@ -290,7 +295,7 @@ fn print_stats(stats: &Stats, json: bool) -> Result<()> {
             "seconds": times,
             "peak_bytes": stats.peak_bytes,
         });
-        return outln!("{all:#}");
+        return put_json(&all);
     }
     let row = |name: &str, value: String| outln!("{name:<16} {value}");
     row("bytes read", format!("{} of {} in the texels' files ({share:.1} %)", stats.bytes_read, stats.bytes_in_files))?;
@@ -314,9 +319,7 @@ fn print_stats(stats: &Stats, json: bool) -> Result<()> {
 
 fn print_trace(trace: &[Met], json: bool) -> Result<()> {
     if json {
-        let text = serde_json::to_string_pretty(trace).map_err(|e| Error::Options(format!("--json: {e}")))?;
-        outln!("{text}")?;
-        return Ok(());
+        return put_json(&trace);
     }
     for met in trace {
         match met {

@@ -6,7 +6,7 @@ use serde_json::{Value, json};
 
 use super::curves::CurveArgs;
 use super::lsystem::LSystemArgs;
-use super::quantity::positive;
+use super::quantity::{finite, positive};
 use crate::scene::ReadOptions;
 use crate::source::OpenOptions;
 use crate::source::mesh::{Fill, MeshOptions};
@@ -46,7 +46,7 @@ pub struct SourceArgs {
 #[command(next_help_heading = "Image stacks")]
 struct StackArgs {
     /// Values from here on are solid, with a hard surface [default, where nothing else is asked for: Otsu's threshold]
-    #[arg(long, value_name = "VALUE", allow_negative_numbers = true)]
+    #[arg(long, value_name = "VALUE", value_parser = finite, allow_hyphen_values = true)]
     iso: Option<f64>,
     /// Opacity rises from 0 at LO to 1 at HI, over a layer as thick as samples are apart
     #[arg(long, value_name = "LO,HI", value_parser = window, allow_hyphen_values = true, conflicts_with = "transfer")]
@@ -55,7 +55,7 @@ struct StackArgs {
     #[arg(long, value_name = "FILE.json")]
     transfer: Option<PathBuf>,
     /// Filter values with a Gaussian of this standard deviation, in distances of samples
-    #[arg(long, default_value_t = StackOptions::default().sigma, value_name = "S")]
+    #[arg(long, default_value_t = StackOptions::default().sigma, value_name = "S", value_parser = finite)]
     sigma: f64,
     /// Distances of samples in millimetres, in place of all that the file says of how it lies
     #[arg(long, value_name = "X,Y,Z", value_parser = distances)]

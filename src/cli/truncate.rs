@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use super::Ui;
+use super::{Ui, outputs};
 use crate::{Result, format};
 
 /// Keep the depths from the root down to one; what was cut short in a download can be saved so
@@ -19,6 +19,7 @@ pub struct Args {
 }
 
 pub fn run(args: &Args, ui: &Ui) -> Result<()> {
+    outputs::check(std::slice::from_ref(&args.file), [args.output.as_path()])?;
     let bytes = format::truncate(&args.file, args.depth.into(), &args.output)?;
     ui.say(&format!("{}: resolution {}, {bytes} bytes", args.output.display(), 1u32 << args.depth));
     Ok(())

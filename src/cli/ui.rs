@@ -6,6 +6,7 @@ use std::sync::Mutex;
 
 use indicatif::{ProgressBar, ProgressStyle};
 
+use super::text;
 use crate::Warnings;
 use crate::progress::Progress;
 
@@ -30,8 +31,8 @@ impl Ui {
             return;
         }
         match self.bar() {
-            Some(bar) if !bar.is_finished() && !bar.is_hidden() => bar.suspend(|| eprintln!("{line}")),
-            _ => eprintln!("{line}"),
+            Some(bar) if !bar.is_finished() && !bar.is_hidden() => bar.suspend(|| message("", line)),
+            _ => message("", line),
         }
     }
 
@@ -39,7 +40,7 @@ impl Ui {
     pub fn warn(&self, warnings: &Warnings) -> crate::Result<()> {
         for (text, n) in warnings.iter() {
             let times = if n > 1 { format!(" ({n} times)") } else { String::new() };
-            eprintln!("warning: {text}{times}");
+            message("warning: ", &format!("{text}{times}"));
         }
         if self.strict && !warnings.is_empty() {
             return Err(crate::Error::Warned(warnings.iter().map(|(_, n)| n).sum()));
@@ -59,13 +60,29 @@ impl Ui {
     }
 }
 
+/// Write one line to stderr: `kind`, and `line` with nothing in it that could look like another line. Where stderr is
+/// closed there is nobody to be told.
+pub fn message(kind: &str, line: &str) {
+    let _ = writeln!(std::io::stderr(), "{kind}{}", text::one_line(line));
+}
+
+/// Write JSON to stdout; else as [`put`].
+pub fn put_json(value: &impl serde::Serialize) -> crate::Result<()> {
+    let json = serde_json::to_string_pretty(value).map_err(|e| crate::Error::Options(format!("--json: {e}")))?;
+    write(&format!("{}\n", text::json(&json)))
+}
+
 /// Write a result to stdout. A reader that has gone away (`| head`) is no error: what it does not read is dropped.
 ///
 /// # Errors
 /// `Io` where it cannot be written, on a full disk for instance.
 pub fn put(text: fmt::Arguments) -> crate::Result<()> {
+    write(&text::lines(&text.to_string()))
+}
+
+fn write(text: &str) -> crate::Result<()> {
     let mut out = std::io::stdout().lock();
-    match out.write_fmt(text).and_then(|()| out.flush()) {
+    match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
         Err(e) if e.kind() != ErrorKind::BrokenPipe => Err(crate::Error::io("standard output", e)),
         _ => Ok(()),
     }

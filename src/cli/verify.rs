@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use super::Ui;
+use super::{Ui, ui};
 use crate::{Error, Result, format};
 
 /// Check every checksum, count and rule of .vtex files
@@ -24,7 +24,7 @@ pub fn run(args: &Args, _ui: &Ui) -> Result<()> {
             Err(e) if args.files.len() == 1 => return Err(e),
             Err(e) => {
                 failed += 1;
-                eprintln!("error: {e}");
+                ui::message("error: ", &e.to_string());
             }
         }
     }

@@ -11,6 +11,8 @@ use crate::volume::material::{MOST_MATERIALS, Material};
 use crate::volume::{Channels, Info, Model};
 use crate::{Error, Result};
 
+/// Largest mean facet, in edges of the cube.
+const MAX_FACET_SIZE: f64 = 2.0;
 /// Deepest nesting.
 const MAX_NESTING: usize = 16;
 /// The keys that [`Info`] has fields for.
@@ -23,9 +25,13 @@ pub fn encode(info: &Info) -> Result<Vec<u8>> {
         return Err(Error::Options(format!("META: the key {key:?} is the format's own")));
     }
     let content = if info.content.is_empty() { Aabb::new(DVec3::ZERO, DVec3::ZERO) } else { info.content };
+    // Rounding may lead out of the cube. A cube that shows a piece of a wide facet only tells that it is wide.
+    let unit = |v: DVec3| v.clamp(DVec3::ZERO, DVec3::ONE);
+    let content = Aabb::new(unit(content.min), unit(content.max));
+    let facet_size = info.facet_size.clamp(0.0, MAX_FACET_SIZE);
     let numbers = |v: DVec3| Value::from(v.to_array().to_vec());
     all.insert("content".into(), serde_json::json!({ "max": numbers(content.max), "min": numbers(content.min) }));
-    all.insert("facet_size".into(), info.facet_size.into());
+    all.insert("facet_size".into(), facet_size.into());
     all.insert("model".into(), serde_json::to_value(info.model).unwrap_or_default());
     if !info.materials.is_empty() {
         check(&info.materials).map_err(|what| Error::Options(format!("META: {what}")))?;
@@ -64,7 +70,7 @@ pub fn parse(bytes: &[u8], header: &Header, streams: &[StreamEntry]) -> Result<I
     let content = corner(&content, "min").zip(corner(&content, "max")).map(|(a, b)| Aabb::new(a, b));
     let unit = |b: &Aabb| !b.is_empty() && b.min.min_element() >= 0.0 && b.max.max_element() <= 1.0;
     let content = content.filter(unit).ok_or("META's \"content\" is not a box in [0, 1]^3")?;
-    let facet_size = meta.remove("facet_size").and_then(|v| v.as_f64()).filter(|v| (0.0..=2.0).contains(v));
+    let facet_size = meta.remove("facet_size").and_then(|v| v.as_f64()).filter(|v| (0.0..=MAX_FACET_SIZE).contains(v));
     let facet_size = facet_size.ok_or("META's \"facet_size\" is not a number in [0, 2]")?;
     let model = meta.remove("model").unwrap_or_default();
     let model: Model = serde_json::from_value(model).map_err(|e| format!("META's \"model\": {e}"))?;

@@ -5,8 +5,6 @@ use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
-use memmap2::Mmap;
-
 use super::codes;
 use super::codes::{Broken, require};
 use super::head::Head;
@@ -15,7 +13,7 @@ use super::material::Coding;
 use super::page;
 use super::page::PageRef;
 use super::stream::{Quantiser, canonical};
-use super::{Channel, Limits, filter};
+use super::{Channel, Limits, filter, open_file};
 use crate::volume::octree::{PAGE_LOG2, Pages};
 use crate::volume::{Depth, Info, Mix, Volume, Voxel};
 use crate::{Error, Result, Warnings, par};
@@ -23,6 +21,31 @@ use crate::{Error, Result, Warnings, par};
 /// Decoded bytes of a node: its voxel and its child mask; and of what it shows of materials.
 const NODE_BYTES: u64 = size_of::<Voxel>() as u64 + 1;
 const MIX_BYTES: u64 = size_of::<Mix>() as u64;
+
+/// Fill `bytes` from `offset` on. The file is read and not mapped: a file that is cut short meanwhile is an error then, and
+/// not a signal that ends the program; and what was checked cannot change.
+fn read_at(file: &File, bytes: &mut [u8], offset: u64) -> Result<(), Broken> {
+    #[cfg(unix)]
+    let done = std::os::unix::fs::FileExt::read_exact_at(file, bytes, offset);
+    #[cfg(windows)]
+    let done = {
+        use std::os::windows::fs::FileExt;
+        let mut filled = 0;
+        loop {
+            match file.seek_read(&mut bytes[filled..], offset + filled as u64) {
+                Ok(0) if filled < bytes.len() => break Err(std::io::ErrorKind::UnexpectedEof.into()),
+                Ok(n) if filled + n == bytes.len() => break Ok(()),
+                Ok(n) => filled += n,
+                Err(e) => break Err(e),
+            }
+        }
+    };
+    done.map_err(|e| Broken {
+        code: codes::FILE_LENGTH,
+        offset,
+        what: format!("it became shorter, or cannot be read: {e}"),
+    })
+}
 
 /// The pages of a section.
 struct Index {
@@ -34,7 +57,8 @@ struct Index {
 /// An open file. Cheap to open whatever the file's size; may be used by any number of threads.
 pub struct Reader {
     path: PathBuf,
-    map: Mmap,
+    file: File,
+    file_bytes: u64,
     head: Head,
     quantiser: Quantiser,
     /// Stream of the file behind each stream of the quantiser.
@@ -51,7 +75,7 @@ impl Reader {
     /// Read and check the head. Errors: [`Error::Io`], [`Error::Format`], or [`Error::Limit`] where not even the root fits.
     pub fn open(path: impl AsRef<Path>, limits: &Limits) -> Result<Reader> {
         let reader = Reader::open_prefix(path.as_ref(), limits)?;
-        let (have, want) = (reader.map.len() as u64, reader.head.header.file_length);
+        let (have, want) = (reader.file_bytes, reader.head.header.file_length);
         let whole = reader.head.depths.iter().filter(|d| d.block_end <= have).count();
         let advice = match whole {
             _ if have > want => "there is something behind its end".to_owned(),
@@ -67,27 +91,22 @@ impl Reader {
 
     /// [`Reader::open`] for a file that may be cut short: depths that are not whole are not opened.
     pub(super) fn open_prefix(path: &Path, limits: &Limits) -> Result<Reader> {
-        let file = File::open(path).map_err(|e| Error::io(path, e))?;
-        if !file.metadata().map_err(|e| Error::io(path, e))?.is_file() {
-            return Err(Error::input(path, "", "is not a file"));
-        }
-        // SAFETY: the map is read only. If another process changes the file meanwhile, the bytes behind the map change
-        // too; no reference into it is kept or trusted: every read goes through `Reader::read`, which copies the bytes
-        // out before they are checked and used, so what was checked cannot change. (A file that is *shortened* while it
-        // is open raises a signal on some systems, as for any program that maps files.)
-        let map = unsafe { Mmap::map(&file) }.map_err(|e| Error::io(path, e))?;
+        let file = open_file(path)?;
+        let file_bytes = file.metadata().map_err(|e| Error::io(path, e))?.len();
         let fail = |b: Broken| b.at(path);
-        let start = map.first_chunk::<HEADER_LEN>().copied().ok_or_else(|| {
-            fail(Broken { code: codes::MAGIC, offset: 0, what: format!("it has only {} bytes", map.len()) })
-        })?;
+        if file_bytes < HEADER_LEN as u64 {
+            let what = format!("it has only {file_bytes} bytes");
+            return Err(fail(Broken { code: codes::MAGIC, offset: 0, what }));
+        }
+        let mut start = [0; HEADER_LEN];
+        read_at(&file, &mut start, 0).map_err(fail)?;
         let length = Head::length(&start).map_err(fail)?;
-        let bytes = map.get(..length).map(<[u8]>::to_vec).ok_or_else(|| {
-            fail(Broken {
-                code: codes::FILE_LENGTH,
-                offset: map.len() as u64,
-                what: format!("it is cut short after {} bytes, within its head", map.len()),
-            })
-        })?;
+        if file_bytes < length as u64 {
+            let what = format!("it is cut short after {file_bytes} bytes, within its head");
+            return Err(fail(Broken { code: codes::FILE_LENGTH, offset: file_bytes, what }));
+        }
+        let mut bytes = vec![0; length];
+        read_at(&file, &mut bytes, 0).map_err(fail)?;
         let head = Head::parse(&bytes).map_err(fail)?;
 
         let material = head.streams.iter().position(|s| s.channel() == Some(Channel::Material));
@@ -96,7 +115,7 @@ impl Reader {
         let (mut depths, mut bytes) = (0, 0u64);
         for depth in &head.depths {
             bytes += depth.nodes * node_bytes;
-            if bytes > limits.decoded_bytes || depth.block_end > map.len() as u64 {
+            if bytes > limits.decoded_bytes || depth.block_end > file_bytes {
                 break;
             }
             depths += 1;
@@ -124,7 +143,8 @@ impl Reader {
             material,
             depths,
             head,
-            map,
+            file,
+            file_bytes,
         })
     }
 
@@ -154,7 +174,7 @@ impl Reader {
 
     /// Length of the file in bytes.
     pub fn file_bytes(&self) -> u64 {
-        self.map.len() as u64
+        self.file_bytes
     }
 
     /// What was left out.
@@ -189,13 +209,11 @@ impl Reader {
 
     /// `length` bytes from `offset`, copied out; not counted.
     pub(super) fn read(&self, offset: u64, length: u64) -> Result<Vec<u8>, Broken> {
-        let end = offset.checked_add(length).filter(|&end| end <= self.map.len() as u64);
-        let bytes = end.and_then(|end| self.map.get(offset as usize..end as usize)).ok_or_else(|| Broken {
-            code: codes::FILE_LENGTH,
-            offset,
-            what: "a section ends behind the file".into(),
-        })?;
-        Ok(bytes.to_vec())
+        let end = offset.checked_add(length).filter(|&end| end <= self.file_bytes);
+        require(end.is_some(), codes::FILE_LENGTH, offset, || "a section ends behind the file".into())?;
+        let mut bytes = vec![0; length as usize];
+        read_at(&self.file, &mut bytes, offset)?;
+        Ok(bytes)
     }
 
     /// Number, in the section table, of the section of `kind` at `depth` for `stream`.

@@ -3,6 +3,7 @@
 use proptest::prelude::*;
 
 use super::*;
+use crate::Error;
 use crate::geom::{Aabb, DVec3};
 use crate::random::SplitMix64;
 use crate::volume::octree::Pages;
@@ -198,6 +199,56 @@ fn a_volume_that_is_not_a_tree_is_refused_and_leaves_nothing() {
     volume.depths[2].masks.pop();
     assert!(write(&volume, dir.path().join("t.vtex"), &WriteOptions::default()).is_err());
     assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0);
+}
+
+/// What the reader would refuse is clamped where that changes no meaning, and else not written: the old file stays.
+#[test]
+fn the_writer_keeps_the_readers_rules() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("t.vtex");
+    let with = |change: &dyn Fn(&mut Info)| {
+        let mut volume = volume(3, 3, ALL_CHANNELS);
+        change(&mut volume.info);
+        write(&volume, &path, &WriteOptions::default())
+    };
+    let (low, high) = (DVec3::splat(-1e-12), DVec3::splat(1.0 + 1e-12));
+    with(&|info| (info.facet_size, info.content) = (141.0, Aabb::new(low, high))).unwrap();
+    verify(&path).unwrap();
+    let info = Reader::open(&path, &Limits::default()).unwrap().info().clone();
+    assert_eq!((info.facet_size, info.content), (2.0, Aabb::UNIT));
+    let before = std::fs::read(&path).unwrap();
+    let refused: [(&str, &dyn Fn(&mut Info)); 5] = [
+        ("facet_size", &|info| info.facet_size = f64::NAN),
+        ("metres per unit", &|info| info.metres_per_unit = -1.0),
+        ("up axis", &|info| info.up = 3),
+        ("bounds", &|info| info.bounds.max.x = f64::INFINITY),
+        ("nested", &|info| {
+            let deep = (0..20).fold(serde_json::json!(1), |inner, _| serde_json::json!([inner]));
+            info.meta.insert("deep".into(), deep);
+        }),
+    ];
+    for (what, change) in refused {
+        let error = with(change).unwrap_err();
+        assert!(matches!(&error, Error::Options(text) if text.contains(what)), "{what}: {error}");
+        assert_eq!(std::fs::read(&path).unwrap(), before, "{what}");
+    }
+    assert_eq!(std::fs::read_dir(&dir).unwrap().count(), 1);
+}
+
+/// A file that another process shortens while it is read is an error, wherever the end falls.
+#[test]
+fn a_file_cut_short_while_it_is_read_is_an_error() {
+    let (_dir, path) = written(&volume(7, 6, ALL_CHANNELS), Quality::Full);
+    let whole = std::fs::read(&path).unwrap();
+    for share in [0, 1, 2, 3] {
+        std::fs::write(&path, &whole).unwrap();
+        let reader = Reader::open(&path, &Limits::default()).unwrap();
+        let file = std::fs::OpenOptions::new().write(true).open(&path).unwrap();
+        file.set_len(whole.len() as u64 * share / 4).unwrap();
+        let error = reader.read_all().unwrap_err();
+        assert!(matches!(&error, Error::Format { code: codes::FILE_LENGTH, .. }), "{error}");
+        assert!(error.to_string().contains("became shorter"), "{error}");
+    }
 }
 
 proptest! {

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use super::head::{Head, align8};
 use super::layout::SectionKind;
-use super::{Limits, PartFile, Reader};
+use super::{Limits, PartFile, Reader, open_file};
 use crate::{Error, Result};
 
 /// Write depths 0 ..= `depth` of `path` to `out`; no page is decoded. A file that is cut short will do, as long as those
@@ -30,7 +30,7 @@ pub fn truncate(path: impl AsRef<Path>, depth: usize, out: impl AsRef<Path>) -> 
     let (mut head, shift) = shortened(head, depth);
     let bytes = head.encode();
 
-    let mut source = std::fs::File::open(path).map_err(|e| Error::io(path, e))?;
+    let mut source = open_file(path)?;
     source.seek(SeekFrom::Start(from)).map_err(|e| Error::io(path, e))?;
     let mut part = PartFile::create(out)?;
     part.write_all(&bytes).map_err(|e| Error::io(out, e))?;

@@ -131,6 +131,9 @@ pub fn write(volume: &Volume, path: impl AsRef<Path>, options: &WriteOptions) ->
     head.header.file_length = at;
     head.header.nodes = head.depths.iter().map(|d| d.nodes).sum();
     let bytes = head.encode();
+    // The rules are the reader's own: what it would refuse is not written.
+    Head::parse(&bytes)
+        .map_err(|broken| Error::Options(format!("the volume cannot be written: {} [{}]", broken.what, broken.code)))?;
     out.seek(SeekFrom::Start(0)).map_err(io)?;
     out.write_all(&bytes).map_err(io)?;
     out.finish()?;

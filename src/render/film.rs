@@ -1,13 +1,12 @@
 //! The picture: linear radiance, and how it is stored.
 
-use std::io::Write;
 use std::path::Path;
 
 use image::codecs::png::PngEncoder;
 use image::{ExtendedColorType, ImageEncoder};
 
 use super::image_io::{Image, srgb8};
-use crate::format::PartFile;
+use crate::format;
 use crate::{Error, Result};
 
 /// Linear Rec. 709 radiance with the background behind it, and alpha: the share of the pixel that is not background.
@@ -65,9 +64,7 @@ impl Film {
     pub fn save(&self, path: &Path) -> Result<()> {
         Self::check_name(path)?;
         let bytes = if extension(path).as_deref() == Some("exr") { self.exr(path)? } else { self.png(path)? };
-        let mut file = PartFile::create(path)?;
-        file.write_all(&bytes).map_err(|e| Error::io(path, e))?;
-        file.finish()
+        format::save(path, &bytes)
     }
 
     fn png(&self, path: &Path) -> Result<Vec<u8>> {

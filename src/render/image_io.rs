@@ -1,17 +1,20 @@
 //! Pictures as plain data, read from and written to PNG and EXR files.
 
 use std::collections::BTreeMap;
-use std::io::{Cursor, Write};
+use std::io::Cursor;
 use std::path::Path;
 
 use exr::prelude::{AttributeValue, ReadChannels, ReadLayers};
 
-use crate::format::PartFile;
+use crate::format;
+use crate::format::read_file;
 use crate::scene::texture::srgb_to_linear;
 use crate::{Error, Result};
 
 /// Pictures of more pixels than this are refused: 2^28, a 16 K square.
 pub const MAX_PIXELS: u64 = 1 << 28;
+/// Largest file: those pixels as RGBA of 32-bit floats, and as much again.
+const MAX_BYTES: u64 = 32 * MAX_PIXELS;
 
 /// A picture in linear Rec. 709; row 0 is the top.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -88,7 +91,7 @@ fn check_size(path: &Path, width: u64, height: u64, file_bytes: u64) -> Result<(
 fn read_png(path: &Path) -> Result<Image> {
     use image::{DynamicImage, ImageDecoder, codecs::png::PngDecoder};
     let broken = |e: image::ImageError| Error::input(path, "", format!("cannot be read as a PNG: {e}"));
-    let bytes = std::fs::read(path).map_err(|e| Error::io(path, e))?;
+    let bytes = read_file(path, MAX_BYTES)?;
     let decoder = PngDecoder::new(Cursor::new(&bytes)).map_err(broken)?;
     let (width, height) = decoder.dimensions();
     check_size(path, width.into(), height.into(), bytes.len() as u64)?;
@@ -148,7 +151,7 @@ pub fn read_planes(path: &Path) -> Result<Planes> {
         exr::error::Error::NotSupported(e) => Error::unsupported(path, e.into_owned()),
         e => Error::input(path, "", format!("cannot be read as an EXR: {e}")),
     };
-    let bytes = std::fs::read(path).map_err(|e| Error::io(path, e))?;
+    let bytes = read_file(path, MAX_BYTES)?;
     let bytes = bytes.as_slice();
     // The sizes stand in the header: they are checked before the crate takes memory for the pixels.
     let meta = exr::meta::MetaData::read_from_buffered(Cursor::new(bytes), false).map_err(broken)?;
@@ -197,7 +200,7 @@ pub fn write_planes(path: &Path, planes: &Planes) -> Result<()> {
     let layer = Layer::new(size, attributes, Encoding::default(), AnyChannels::sort(channels.collect()));
     let mut bytes = Cursor::new(Vec::new());
     Image::from_layer(layer).write().to_buffered(&mut bytes).map_err(|e| Error::io(path, std::io::Error::other(e)))?;
-    write_whole(path, bytes.get_ref())
+    format::save(path, bytes.get_ref())
 }
 
 /// Write `width * height` sRGB pixels as an 8-bit PNG; it appears under its name once it is whole.
@@ -210,13 +213,7 @@ pub fn write_png(path: &Path, width: usize, height: usize, rgb: &[[u8; 3]]) -> R
     PngEncoder::new(&mut bytes)
         .write_image(rgb.as_flattened(), width as u32, height as u32, ExtendedColorType::Rgb8)
         .map_err(|e| Error::io(path, std::io::Error::other(e)))?;
-    write_whole(path, &bytes)
-}
-
-fn write_whole(path: &Path, bytes: &[u8]) -> Result<()> {
-    let mut file = PartFile::create(path)?;
-    file.write_all(bytes).map_err(|e| Error::io(path, e))?;
-    file.finish()
+    format::save(path, &bytes)
 }
 
 #[cfg(test)]

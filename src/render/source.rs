@@ -25,7 +25,7 @@ impl Source {
         if !matches!(known.as_deref(), Some("gltf" | "glb")) {
             return Err(Error::unsupported(path, "a texel's geometry that is neither .gltf nor .glb"));
         }
-        let mut model = gltf::read(path, &gltf::ReadOptions::default())?.model;
+        let mut model = gltf::read(path, &gltf::ReadOptions { contained: true, ..Default::default() })?.model;
         restyle(&mut model, palette);
         warnings.merge(model.warnings.clone());
         Ok(Source::new(model, info, warnings))

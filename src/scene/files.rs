@@ -7,20 +7,7 @@ use base64::Engine;
 use base64::alphabet::STANDARD;
 use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
 
-use crate::{Error, Result};
-
-/// All bytes of a regular file of at most `limit` bytes.
-pub fn read(path: &Path, limit: u64) -> Result<Vec<u8>> {
-    let io = |e| Error::io(path, e);
-    let meta = std::fs::metadata(path).map_err(io)?;
-    if !meta.is_file() {
-        return Err(Error::input(path, "", "is not a file"));
-    }
-    if meta.len() > limit {
-        return Err(Error::Limit { what: format!("reading {}", path.display()), needed: meta.len(), allowed: limit });
-    }
-    std::fs::read(path).map_err(io)
-}
+pub use crate::format::read_file as read;
 
 /// What a URI in a glTF file stands for.
 #[derive(Debug, PartialEq)]
@@ -51,6 +38,19 @@ pub fn scheme(uri: &str) -> Option<&str> {
     let first = letters.next()?.is_ascii_alphabetic();
     let rest = letters.all(|c| c.is_ascii_alphanumeric() || "+-.".contains(c));
     (first && rest && scheme.len() > 1).then_some(scheme)
+}
+
+/// What is wrong with a URI that [`contained`] refuses.
+pub const NOT_CONTAINED: &str = "is not a relative path without scheme, query and \"..\"";
+
+/// The path of a URI that stays within the folder of the file that names it: the rule for every URI of a landscape, so that
+/// what is made of a landscape holds nothing from elsewhere on the machine.
+pub fn contained(uri: &str) -> Option<Cow<'_, str>> {
+    let path = percent_decoded(uri);
+    let inside = path.split(['/', '\\']).all(|segment| segment != "..");
+    let plain = scheme(uri).is_none() && !uri.contains(['?', '#', '\\']) && !path.contains('\0');
+    let absolute = path.starts_with(['/', '\\']) || path.as_bytes().get(1) == Some(&b':');
+    (!uri.is_empty() && uri.len() <= 1024 && inside && plain && !absolute).then_some(path)
 }
 
 /// `%20` → space and so on; as it is where the result is not UTF-8.
@@ -112,6 +112,37 @@ mod tests {
     }
 
     #[test]
+    fn a_landscape_names_nothing_outside_its_folder() {
+        for uri in ["a.bin", "tex/a%20b.png", "./a", "a..b/c", "é.png"] {
+            assert!(contained(uri).is_some(), "{uri}");
+        }
+        let outside = [
+            "",
+            "/etc/hosts",
+            "../a",
+            "a/../../b",
+            "%2e%2e/a",
+            "a/%2E%2e/b",
+            "%2Fetc/hosts",
+            "file:a",
+            "file:///a",
+            "http://a/b",
+            "C:/a",
+            "C%3A/a",
+            "..\\a",
+            "%2e%2e%5ca",
+            "%5c%5chost/a",
+            "a?b",
+            "a#b",
+            "a%00b",
+        ];
+        for uri in outside {
+            assert_eq!(contained(uri), None, "{uri}");
+        }
+        assert_eq!(contained(&"a".repeat(1025)), None);
+    }
+
+    #[test]
     fn names_from_other_machines_are_found() {
         let dir = tempfile::tempdir().unwrap();
         std::fs::create_dir(dir.path().join("tex")).unwrap();
@@ -123,16 +154,5 @@ mod tests {
         assert!(found("tex\\c.png", false) && found("./tex/../tex/c.png", false));
         assert!(!found("C:\\work\\a b.png", false) && found("C:\\work\\a b.png", true));
         assert!(!found("tex", true) && !found("", true));
-    }
-
-    #[test]
-    fn sizes_are_checked_before_reading() {
-        let dir = tempfile::tempdir().unwrap();
-        let path = dir.path().join("five");
-        std::fs::write(&path, b"12345").unwrap();
-        assert_eq!(read(&path, 5).unwrap(), b"12345");
-        assert!(matches!(read(&path, 4), Err(Error::Limit { needed: 5, allowed: 4, .. })));
-        assert!(matches!(read(dir.path(), 9), Err(Error::Input { .. })));
-        assert!(matches!(read(&dir.path().join("six"), 9), Err(Error::Io { .. })));
     }
 }

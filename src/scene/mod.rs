@@ -47,6 +47,8 @@ pub struct ReadOptions {
     pub max_pixels: u64,
     /// Placed primitives, after EXT_mesh_gpu_instancing.
     pub max_instances: usize,
+    /// Whether the files that it names must lie in its folder or below it, as those of a landscape must.
+    pub contained: bool,
     /// Whether images are decoded; without them a texture is left out, the factor colour stays.
     pub textures: bool,
 }
@@ -60,6 +62,7 @@ impl Default for ReadOptions {
             max_bytes: 8 << 30,
             max_pixels: 1 << 27,
             max_instances: 1 << 26,
+            contained: false,
             textures: true,
         }
     }

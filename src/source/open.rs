@@ -15,11 +15,14 @@ use super::texel::TexelSource;
 use super::traits::Source;
 use super::{group, recipe};
 use crate::geom::{DAffine3, DVec3};
-use crate::scene::{self, gltf, text};
+use crate::scene::{self, files, gltf, text};
 use crate::{Error, Result, Warnings};
 
 /// Extensions that are known.
 const KNOWN: &str = ".gltf, .glb, .obj, .lsys, .ls, .csv, .tsv, .hair, .trk, .trx, .tck, .swc (these also as .gz), .vtex, .toml and .json (recipes), .nii, .nii.gz, .hdr, .img, .nrrd, .nhdr, .mha, .mhd, .dcm, .tif, a folder of slices or of DICOM";
+
+/// Largest grammar that is looked through for names of files, in bytes.
+const MAX_TEXT: u64 = 1 << 30;
 
 /// Open the source `path`.
 ///
@@ -82,7 +85,7 @@ pub fn dependencies(path: &Path) -> Vec<PathBuf> {
             found.push(file);
         }
     };
-    let text = || std::fs::read(path).map(|b| text::decode(&b).into_owned()).unwrap_or_default();
+    let text = || files::read(path, MAX_TEXT).map(|b| text::decode(&b).into_owned()).unwrap_or_default();
     match extension(path).as_str() {
         "gltf" | "glb" => gltf::named_files(path).into_iter().for_each(&mut add),
         "obj" => crate::scene::obj::named_files(path).into_iter().for_each(&mut add),

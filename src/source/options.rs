@@ -17,6 +17,9 @@ pub struct OpenOptions {
     pub stack: StackOptions,
     /// Recipes that are being read: none of them may draw itself.
     pub within: Vec<PathBuf>,
+    /// Nodes of those recipes that the source lies within, and copies of it that they draw (0 is 1): their limits go on.
+    pub depth: usize,
+    pub copies: u64,
     pub trajectory: TrajectoryOptions,
     pub lsystem: LSystemOptions,
 }

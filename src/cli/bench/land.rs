@@ -6,7 +6,7 @@ use serde_json::json;
 
 use crate::cli::shapes::Shape;
 use crate::geom::DVec3;
-use crate::{Error, Result};
+use crate::{Result, format};
 
 /// A mesh to be written.
 #[derive(Default)]
@@ -106,6 +106,6 @@ impl Plain {
             bytes.extend(*kind);
             bytes.extend(chunk);
         }
-        std::fs::write(path, bytes).map_err(|e| Error::io(path, e))
+        format::save(path, &bytes)
     }
 }

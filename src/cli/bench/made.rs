@@ -7,6 +7,7 @@ use super::scenes::{Layout, Matter, Place};
 use super::{density, land};
 use crate::bake::REFINE;
 use crate::cli::{Ui, demo, run_words};
+use crate::format;
 use crate::format::{Limits, Reader};
 use crate::geom::DVec3;
 use crate::render::{CameraChoice, Options};
@@ -55,7 +56,7 @@ impl Bench<'_> {
     fn sample(&self, name: &str) -> Result<PathBuf> {
         let path = self.folder.join(name);
         let bytes = demo::SAMPLES.iter().find(|s| s.0 == name).map_or(&[][..], |s| s.1);
-        std::fs::write(&path, bytes).map_err(|e| Error::io(&path, e))?;
+        format::save(&path, bytes)?;
         Ok(path)
     }
 
@@ -74,7 +75,7 @@ impl Bench<'_> {
         let texel = self.folder.join(format!("{stem}-{own}.vtex"));
         let times = texel.with_extension("json");
         let (source, file) = (source.display().to_string(), texel.display().to_string());
-        let known = std::fs::read(&times).ok().and_then(|text| serde_json::from_slice(&text).ok());
+        let known = format::read_file(&times, 1 << 20).ok().and_then(|text| serde_json::from_slice(&text).ok());
         let bake = match known.filter(|_| texel.exists()) {
             Some(bake) => bake,
             None if model == "density" => {
@@ -86,7 +87,7 @@ impl Bench<'_> {
                 let (side, levels) = (resolution.to_string(), refine.to_string());
                 let words = ["bake", &source, "-r", &side, "--model", model, "--refine", &levels, "-o", &file];
                 let bake = self.command(&words)?;
-                std::fs::write(&times, serde_json::json!(bake).to_string()).map_err(|e| Error::io(&times, e))?;
+                format::save(&times, serde_json::json!(bake).to_string().as_bytes())?;
                 bake
             }
         };

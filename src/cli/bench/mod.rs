@@ -12,6 +12,7 @@ mod texels;
 use std::path::PathBuf;
 
 use super::Ui;
+use super::ui::put_json;
 use crate::{Error, Result, par};
 use points::Bench;
 
@@ -63,7 +64,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
     })??;
     report::write(&args.output, &found, &texels)?;
     if args.json {
-        outln!("{:#}", serde_json::json!({ "size": size, "samples": samples, "points": found, "texels": texels }))?;
+        put_json(&serde_json::json!({ "size": size, "samples": samples, "points": found, "texels": texels }))?;
     } else {
         out!("{}\n{}", report::table(&found), summary::markdown(&found, &texels))?;
     }

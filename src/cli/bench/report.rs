@@ -8,13 +8,13 @@ use super::texels::Texel;
 use crate::bake::REFINE;
 use crate::cli::plot;
 use crate::cli::plot::{Axis, Chart, Scale, Series};
-use crate::{Error, Result};
+use crate::{Result, format};
 
 /// `bench.csv`, `bench.md`, `bench.svg` and `bench.png` in `folder`.
 pub fn write(folder: &Path, points: &[Point], texels: &[Texel]) -> Result<()> {
     for (name, text) in [("bench.csv", csv(points)), ("bench.md", summary::markdown(points, texels))] {
         let path = folder.join(name);
-        std::fs::write(&path, text).map_err(|e| Error::io(&path, e))?;
+        format::save(path, text.as_bytes())?;
     }
     let charts = charts(points);
     ["bench.svg", "bench.png"].iter().try_for_each(|name| plot::write(&folder.join(name), &charts, 3))

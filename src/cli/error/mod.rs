@@ -5,18 +5,19 @@ use std::path::{Path, PathBuf};
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
 
-use super::Ui;
 use super::plot;
 use super::plot::{Axis, Chart, Scale, Series};
 use super::quantity::bytes;
 use super::source::SourceArgs;
-use crate::format::{Limits, Reader};
+use super::ui::put_json;
+use super::{Ui, outputs};
+use crate::format::{Limits, Reader, read_file};
 use crate::geom::{Aabb, DVec3};
 use crate::render::error::{Areas, DepthError, Facet, Opacity, Options, Soft, Spread, Truth, measure};
 use crate::source;
 use crate::source::Placement;
 use crate::volume::Octree;
-use crate::{Error, Result, Warnings, par};
+use crate::{Result, Warnings, par};
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -76,6 +77,9 @@ const FACET_BYTES: u64 = 4 << 30;
 
 pub fn run(args: &Args, ui: &Ui) -> Result<()> {
     args.plot.iter().try_for_each(|path| plot::check_name(path))?;
+    let mut read = source::dependencies(&args.source);
+    read.push(args.texel.clone());
+    outputs::check(&read, args.plot.as_deref())?;
     par::with_threads(args.threads, || {
         let reader = Reader::open(&args.texel, &Limits { decoded_bytes: u64::MAX })?;
         ui.warn(&reader.warnings())?;
@@ -89,7 +93,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
         }
         ui.finish();
         if args.json {
-            outln!("{:#}", described(args, &found))?;
+            put_json(&described(args, &found))?;
         } else {
             out!("{}", table(args, &found))?;
         }
@@ -132,7 +136,7 @@ fn differences(args: &Args, reader: &Reader) -> Result<Warnings> {
     let mut warnings = Warnings::default();
     let meta = &reader.head().info.meta;
     if let Some(known) = meta.get("sources").and_then(|s| s[0]["sha256"].as_str()) {
-        let data = std::fs::read(&args.source).map_err(|e| Error::io(&args.source, e))?;
+        let data = read_file(&args.source, u64::MAX)?;
         let digest: String = Sha256::digest(&data).iter().map(|b| format!("{b:02x}")).collect();
         if digest != known {
             let (source, texel) = (args.source.display(), args.texel.display());

@@ -10,6 +10,7 @@ use serde::Deserialize;
 use serde_json::{Map, Value};
 
 use super::meshopt;
+use crate::format::open_file;
 use crate::scene::ReadOptions;
 use crate::scene::files;
 use crate::{Error, Result};
@@ -30,6 +31,7 @@ pub struct Document {
     /// Bytes that may still be taken for what is read.
     left: Cell<u64>,
     limit: u64,
+    contained: bool,
 }
 
 /// The transform of a node as the JSON has it.
@@ -108,6 +110,7 @@ impl Document {
             bin,
             left: Cell::new(options.max_bytes.saturating_sub(bytes.len() as u64)),
             limit: options.max_bytes,
+            contained: options.contained,
         })
     }
 
@@ -162,6 +165,9 @@ impl Document {
     pub fn fetch(&self, uri: &str, at: &str, anywhere: bool) -> Result<Vec<u8>> {
         let bytes = match files::target(uri).map_err(|what| self.error(at, what))? {
             files::Target::Data(bytes) => bytes,
+            files::Target::File(_) if self.contained && files::contained(uri).is_none() => {
+                return Err(self.error(at, format!("{uri:?} {}", files::NOT_CONTAINED)));
+            }
             files::Target::File(name) => {
                 files::read(&files::locate(self.dir(), uri, &name, anywhere), self.left.get())?
             }
@@ -207,46 +213,53 @@ fn meshopt_extension(others: &Map<String, Value>) -> Option<&Value> {
 }
 
 /// The JSON of a file, without the rest of a GLB.
-fn json_of(path: &Path) -> std::io::Result<Vec<u8>> {
-    let mut file = std::fs::File::open(path)?;
+fn json_of(path: &Path) -> Result<Vec<u8>> {
+    let io = |e| Error::io(path, e);
+    let mut file = open_file(path)?;
     let mut json = Vec::new();
-    (&mut file).take(20).read_to_end(&mut json)?;
+    (&mut file).take(20).read_to_end(&mut json).map_err(io)?;
     if let (true, Some(length)) = (json.starts_with(b"glTF"), json.get(12..16)) {
         let length = length.try_into().map_or(0, u32::from_le_bytes);
         json.clear();
-        file.take(length.into()).read_to_end(&mut json)?;
+        file.take(length.into()).read_to_end(&mut json).map_err(io)?;
     } else {
-        file.read_to_end(&mut json)?;
+        file.read_to_end(&mut json).map_err(io)?;
     }
     Ok(json)
 }
 
-/// The files that a `.gltf` or `.glb` names, its buffers and then its images, as reading it would find them.
+/// The files that a `.gltf` or `.glb` names, as reading it would find them: its buffers, its images, and of a landscape its
+/// texels with the meshes that they were baked from.
 pub fn named_files(path: &Path) -> Vec<PathBuf> {
-    #[derive(Default, serde::Deserialize)]
-    struct Named {
-        uri: Option<String>,
-    }
-    #[derive(Default, serde::Deserialize)]
-    #[serde(default)]
-    struct Lists {
-        buffers: Vec<Named>,
-        images: Vec<Named>,
-    }
-    let json = json_of(path).unwrap_or_default();
-    let json = json.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(&json);
-    let lists: Lists = serde_json::from_slice(json).unwrap_or_default();
+    let json = overview(path);
     let dir = path.parent().unwrap_or(Path::new(""));
-    let buffers = lists.buffers.into_iter().map(|named| (named, false));
-    let all = buffers.chain(lists.images.into_iter().map(|named| (named, true)));
-    all.filter_map(|(named, anywhere)| {
-        let uri = named.uri?;
-        match files::target(&uri) {
-            Ok(files::Target::File(name)) => Some(files::locate(dir, &uri, &name, anywhere)),
+    let list = |value: Option<&Value>| value.and_then(Value::as_array).cloned().unwrap_or_default();
+    let uri = |value: &Value| value.get("uri").and_then(Value::as_str).map(str::to_owned);
+    let mut uris: Vec<(String, bool)> = Vec::new();
+    for (key, anywhere) in [("buffers", false), ("images", true)] {
+        uris.extend(list(json.get(key)).iter().filter_map(uri).map(|uri| (uri, anywhere)));
+    }
+    for texel in list(json.pointer(&format!("/extensions/{}/texels", super::extension::NAME))) {
+        let named = list(texel.get("frames")).into_iter().chain(texel.get("geometry").cloned());
+        uris.extend(named.filter_map(|value| uri(&value)).map(|uri| (uri, false)));
+    }
+    uris.iter()
+        .filter_map(|(uri, anywhere)| match files::target(uri) {
+            Ok(files::Target::File(name)) => Some(files::locate(dir, uri, &name, *anywhere)),
             _ => None,
-        }
-    })
-    .collect()
+        })
+        .collect()
+}
+
+/// Whether a file is a landscape already: a mesh that is covered with texels.
+pub fn is_landscape(path: &Path) -> bool {
+    overview(path).pointer(&format!("/extensions/{}", super::extension::NAME)).is_some()
+}
+
+/// The JSON of a file; nothing of what cannot be read.
+fn overview(path: &Path) -> Value {
+    let json = json_of(path).unwrap_or_default();
+    serde_json::from_slice(json.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(&json)).unwrap_or_default()
 }
 
 pub fn is_glb(path: &Path) -> bool {

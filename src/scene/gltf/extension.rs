@@ -399,13 +399,7 @@ impl<'a> Object<'a> {
     /// A relative path within the file's folder, resolved.
     fn path(&self, key: &str) -> Result<Option<PathBuf>> {
         let Some(uri) = self.text(key)? else { return Ok(None) };
-        let path = files::percent_decoded(uri);
-        let inside = path.split(['/', '\\']).all(|segment| segment != "..");
-        let plain = files::scheme(uri).is_none() && !uri.contains(['?', '#', '\\']) && !path.contains('\0');
-        let drive = path.as_bytes().get(1) == Some(&b':');
-        if uri.is_empty() || uri.len() > 1024 || path.starts_with('/') || drive || !inside || !plain {
-            return Err(self.error(key, "is not a relative path without scheme, query and \"..\""));
-        }
+        let path = files::contained(uri).ok_or_else(|| self.error(key, files::NOT_CONTAINED))?;
         Ok(Some(self.document.dir().join(&*path)))
     }
 }

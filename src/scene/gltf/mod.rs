@@ -24,7 +24,7 @@ use super::select::Selection;
 use super::{Instance, Model, Scene};
 use crate::{Error, Result, Warnings};
 use document::Document;
-pub use document::named_files;
+pub use document::{is_landscape, named_files};
 
 pub use super::ReadOptions;
 

@@ -8,7 +8,7 @@ use percent_encoding::{AsciiSet, NON_ALPHANUMERIC, utf8_percent_encode};
 use serde_json::{Value, json};
 
 use super::document::{is_glb, split_glb};
-use crate::format::PartFile;
+use crate::format::{PartFile, open_file};
 use crate::scene::files;
 use crate::scene::files::Target;
 use crate::{Error, Result, Warnings};
@@ -143,6 +143,12 @@ impl Editor {
     /// # Errors
     /// Where a file cannot be read or written, and where a copy would replace a different file of the same name.
     pub fn settle(&mut self, output: &Path, saved: &mut Saved) -> Result<()> {
+        for uri in uris(&mut self.json) {
+            let text = uri.as_str().unwrap_or_default();
+            if !text.starts_with("data:") && files::contained(text).is_none() {
+                return Err(Error::input(&self.path, "uri", format!("{text:?} {}", files::NOT_CONTAINED)));
+            }
+        }
         if is_glb(output) && self.bin.is_none() {
             self.take_first_buffer()?;
         }
@@ -268,32 +274,7 @@ impl Editor {
         if from.canonicalize().is_ok_and(|from| from == to_real) {
             return Ok(());
         }
-        let mut uris: Vec<&mut Value> = Vec::new();
-        let Some(root) = self.json.as_object_mut() else { return Ok(()) };
-        for (key, value) in root.iter_mut() {
-            match key.as_str() {
-                "buffers" | "images" => uris.extend(entries(value).filter_map(|v| v.get_mut("uri"))),
-                "extensions" => {
-                    for texel in value
-                        .get_mut(super::extension::NAME)
-                        .and_then(|e| e.get_mut("texels"))
-                        .into_iter()
-                        .flat_map(entries)
-                    {
-                        let Some(texel) = texel.as_object_mut() else { continue };
-                        for (key, value) in texel.iter_mut() {
-                            match key.as_str() {
-                                "frames" => uris.extend(entries(value).filter_map(|v| v.get_mut("uri"))),
-                                "geometry" => uris.extend(value.get_mut("uri")),
-                                _ => {}
-                            }
-                        }
-                    }
-                }
-                _ => {}
-            }
-        }
-        for slot in uris {
+        for slot in uris(&mut self.json) {
             let Some(uri) = slot.as_str() else { continue };
             let Ok(Target::File(name)) = files::target(uri) else { continue };
             let Some(source) = files::find(&from, &name, false) else {
@@ -304,6 +285,36 @@ impl Editor {
         }
         Ok(())
     }
+}
+
+/// Every URI of the file: of buffers, images, texels and their meshes.
+fn uris(json: &mut Value) -> Vec<&mut Value> {
+    let mut uris: Vec<&mut Value> = Vec::new();
+    let Some(root) = json.as_object_mut() else { return uris };
+    for (key, value) in root.iter_mut() {
+        match key.as_str() {
+            "buffers" | "images" => uris.extend(entries(value).filter_map(|v| v.get_mut("uri"))),
+            "extensions" => {
+                for texel in value
+                    .get_mut(super::extension::NAME)
+                    .and_then(|e| e.get_mut("texels"))
+                    .into_iter()
+                    .flat_map(entries)
+                {
+                    let Some(texel) = texel.as_object_mut() else { continue };
+                    for (key, value) in texel.iter_mut() {
+                        match key.as_str() {
+                            "frames" => uris.extend(entries(value).filter_map(|v| v.get_mut("uri"))),
+                            "geometry" => uris.extend(value.get_mut("uri")),
+                            _ => {}
+                        }
+                    }
+                }
+            }
+            _ => {}
+        }
+    }
+    uris
 }
 
 fn entries(value: &mut Value) -> impl Iterator<Item = &mut Value> {
@@ -336,14 +347,14 @@ fn bring(file: &Path, folder: &Path, folder_real: &Path, saved: &mut Saved) -> R
         name.ok_or_else(|| Error::Options(format!("{}: a file name must be UTF-8 to be copied", file.display())))?;
     let copy = folder.join(name);
     if copy.exists() {
-        if !same_bytes(&real, &copy).map_err(|e| Error::io(&copy, e))? {
+        if !same_bytes(&real, &copy)? {
             return Err(Error::Options(format!(
                 "{} lies outside the output's folder, and a different {name} is already there; write to another folder",
                 file.display()
             )));
         }
     } else {
-        let mut source = std::fs::File::open(&real).map_err(|e| Error::io(&real, e))?;
+        let mut source = open_file(&real)?;
         let mut part = PartFile::create(&copy)?;
         std::io::copy(&mut source, &mut part).map_err(|e| Error::io(&copy, e))?;
         part.finish()?;
@@ -352,15 +363,12 @@ fn bring(file: &Path, folder: &Path, folder_real: &Path, saved: &mut Saved) -> R
     Ok(encode(name))
 }
 
-fn same_bytes(a: &Path, b: &Path) -> std::io::Result<bool> {
+fn same_bytes(a: &Path, b: &Path) -> Result<bool> {
     use std::io::{BufRead, BufReader};
-    let (a, b) = (std::fs::File::open(a)?, std::fs::File::open(b)?);
-    if a.metadata()?.len() != b.metadata()?.len() {
-        return Ok(false);
-    }
-    let (mut a, mut b) = (BufReader::new(a), BufReader::new(b));
+    let (mut of_a, mut of_b) = (BufReader::new(open_file(a)?), BufReader::new(open_file(b)?));
     loop {
-        let (x, y) = (a.fill_buf()?, b.fill_buf()?);
+        let x = of_a.fill_buf().map_err(|e| Error::io(a, e))?;
+        let y = of_b.fill_buf().map_err(|e| Error::io(b, e))?;
         let n = x.len().min(y.len());
         if n == 0 {
             return Ok(x.len() == y.len());
@@ -368,8 +376,8 @@ fn same_bytes(a: &Path, b: &Path) -> std::io::Result<bool> {
         if x[..n] != y[..n] {
             return Ok(false);
         }
-        a.consume(n);
-        b.consume(n);
+        of_a.consume(n);
+        of_b.consume(n);
     }
 }
 

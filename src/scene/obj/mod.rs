@@ -78,13 +78,13 @@ pub fn read(path: &Path, options: &ReadOptions) -> Result<Model> {
 
 /// The files that an OBJ names, as reading it would find them: material files, each with its textures.
 pub fn named_files(path: &Path) -> Vec<PathBuf> {
-    let bytes = std::fs::read(path).unwrap_or_default();
+    let bytes = files::read(path, u64::MAX).unwrap_or_default();
     let mut out = Vec::new();
     for (_, line) in logical_lines(&decode(&bytes)) {
         let ("mtllib", rest) = keyword(without_comment(&line)) else { continue };
         for found in mtl::libraries(path, rest).into_iter().flatten() {
             let mut library = mtl::Library::default();
-            library.add(&found, &std::fs::read(&found).unwrap_or_default(), &mut Warnings::default());
+            library.add(&found, &files::read(&found, u64::MAX).unwrap_or_default(), &mut Warnings::default());
             out.push(found);
             out.extend(library.materials().iter().flat_map(mtl::MtlMaterial::files));
         }

@@ -25,9 +25,14 @@ use crate::source::paint::{Paint, PaintedSource};
 use crate::source::traits::Source;
 use crate::{Error, Result, Warnings};
 
-/// Nodes, each time that one is drawn by a node that uses it, and copies of all.
+/// Nodes, each time that one is drawn by a node that uses it.
 const MAX_NODES: u64 = 1 << 20;
-const MAX_COPIES: u64 = 1 << 24;
+/// Scattered copies, those in each copy of what they are scattered in counted again.
+const MAX_COPIES: u64 = 1 << 32;
+/// Memory of a scattered copy: its transform, its place in a group and in the group's tree.
+const COPY_BYTES: u64 = 256;
+/// Nodes within one another, through groups, definitions and recipes alike: all of them are walked by recursion.
+const MAX_DEPTH: usize = 64;
 
 pub struct Compiler<'a> {
     recipe: &'a Recipe,
@@ -38,6 +43,11 @@ pub struct Compiler<'a> {
     /// Names that are being drawn.
     using: Vec<&'a str>,
     nodes: u64,
+    /// Nodes that the next one lies within, and copies of it that those make.
+    depth: usize,
+    repeated: u64,
+    /// Scattered copies: that are held in memory, and that are drawn.
+    held: u64,
     copies: u64,
 }
 
@@ -58,7 +68,9 @@ impl<'a> Compiler<'a> {
         options: &'a OpenOptions,
         opener: Opener,
     ) -> Compiler<'a> {
-        Compiler { recipe, path, text, options, opener, using: Vec::new(), nodes: 0, copies: 0 }
+        let (depth, repeated) = (options.depth, options.copies.max(1));
+        let (using, nodes, held, copies) = (Vec::new(), 0, 0, 0);
+        Compiler { recipe, path, text, options, opener, using, nodes, depth, repeated, held, copies }
     }
 
     pub fn all(&mut self) -> Result<Box<dyn Source>> {
@@ -184,7 +196,15 @@ impl<'a> Compiler<'a> {
             [only] => window.map(|w| w.transformed(only.inverse())),
             _ => None,
         };
-        let source = self.shape(&node.shape, own)?;
+        if self.depth >= MAX_DEPTH {
+            let what = format!("more than {MAX_DEPTH} nodes lie within one another");
+            return Err(Error::input(self.path, "", what));
+        }
+        let outside = self.repeated;
+        (self.depth, self.repeated) = (self.depth + 1, outside.saturating_mul(parts.len().max(1) as u64));
+        let source = self.shape(&node.shape, own);
+        (self.depth, self.repeated) = (self.depth - 1, outside);
+        let source = source?;
         let (colour, cuts) = node.albedo.as_ref().map(|a| self.colour(a)).transpose()?.unwrap_or_default();
         let paint = Paint {
             colour,
@@ -201,10 +221,17 @@ impl<'a> Compiler<'a> {
     /// Where a node is drawn.
     fn places(&mut self, node: &Node) -> Result<Vec<DAffine3>> {
         let Some(scattered) = &node.scatter else { return Ok(vec![node.transform]) };
-        self.copies += u64::from(scattered.count);
-        if self.copies > MAX_COPIES {
-            let what = "the number of scattered copies".into();
-            return Err(Error::Limit { what, needed: self.copies, allowed: MAX_COPIES });
+        let count = u64::from(scattered.count);
+        self.held += count;
+        self.copies = self.copies.saturating_add(count.saturating_mul(self.repeated));
+        let memory = self.options.read.max_bytes / COPY_BYTES;
+        for (what, needed, allowed) in [
+            ("the number of scattered copies", self.held, memory),
+            ("the number of scattered copies, each within each,", self.copies, MAX_COPIES),
+        ] {
+            if needed > allowed {
+                return Err(Error::Limit { what: format!("{}: {what}", self.path.display()), needed, allowed });
+            }
         }
         Ok(scatter::places(scattered).into_iter().map(|p| p * node.transform).collect())
     }
@@ -291,7 +318,7 @@ impl<'a> Compiler<'a> {
         let quoted = format!("\"{}\"", file.0.file);
         let options =
             file.0.options(&path, self.options).map_err(|(key, what)| self.error_after(&quoted, key, what))?;
-        (self.opener)(&path, &options)
+        (self.opener)(&path, &OpenOptions { depth: self.depth, copies: self.repeated, ..options })
     }
 
     fn colour(&self, albedo: &Albedo) -> Result<(Option<paint::Colouring>, bool)> {

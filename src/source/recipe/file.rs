@@ -163,7 +163,7 @@ impl SourceTable {
             ..base.lsystem.clone()
         };
         let stack = self.stack(&base.stack);
-        Ok(OpenOptions { read, mesh: MeshOptions { fill }, stack, trajectory, lsystem, within: base.within.clone() })
+        Ok(OpenOptions { read, mesh: MeshOptions { fill }, stack, trajectory, lsystem, ..base.clone() })
     }
 
     fn stack(&self, base: &StackOptions) -> StackOptions {

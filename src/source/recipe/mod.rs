@@ -12,6 +12,7 @@ mod model;
 mod scatter;
 mod values;
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
@@ -57,7 +58,12 @@ pub fn check(path: &Path, options: &OpenOptions, opener: Opener) -> Result<usize
 /// The files that the recipe names, and those that recipes in it name; nothing of what cannot be read.
 pub fn files(path: &Path) -> Vec<PathBuf> {
     let (mut found, mut left) = (Vec::new(), vec![path.to_path_buf()]);
+    // A recipe may be named by many paths, without end where it names itself.
+    let mut entered = BTreeSet::new();
     while let Some(path) = left.pop() {
+        if !std::fs::canonicalize(&path).is_ok_and(|real| entered.insert(real)) {
+            continue;
+        }
         let Ok((recipe, _)) = read(&path) else { continue };
         for name in names(&recipe) {
             let Some(file) = beside(&path, &name) else { continue };

@@ -370,6 +370,59 @@ fn laughs_and_depths_are_bounded() {
 }
 
 #[test]
+fn nodes_within_one_another_are_bounded() {
+    let chain = |n: usize| {
+        let mut text = String::from("[define.a0]\nsphere = { radius = 1 }\n");
+        for i in 1..n {
+            text += &format!("[define.a{i}]\nuse = \"a{}\"\n", i - 1);
+        }
+        Folder::new(&format!("{text}[[draw]]\nuse = \"a{}\"", n - 1))
+    };
+    // The node that is drawn uses the last of them.
+    assert!(chain(63).open().is_ok());
+    for n in [64, 700, 20_000] {
+        let error = chain(n).open().err().unwrap().to_string();
+        assert!(error.contains("more than 64 nodes"), "{n}: {error}");
+    }
+    // Recipes within count on: 40 and 40 nodes are too many.
+    let outer = chain(40);
+    std::fs::rename(outer.0.path().join("r.toml"), outer.0.path().join("inner.toml")).unwrap();
+    let text = std::fs::read_to_string(chain(40).0.path().join("r.toml")).unwrap();
+    outer.add("r.toml", &text.replace("sphere = { radius = 1 }", "source = \"inner.toml\""));
+    assert!(outer.open().err().unwrap().to_string().contains("more than 64 nodes"));
+}
+
+#[test]
+fn copies_within_copies_are_counted_again() {
+    let nested = |counts: [u32; 3]| {
+        let scatter = |n: u32| format!("scatter = {{ count = {n}, min = [0, 0, 0], max = [1, 1, 1] }}\n");
+        let [a, b, c] = counts.map(scatter);
+        Folder::new(&format!(
+            "[define.a]\nsphere = {{ radius = 1 }}\n{a}[define.b]\nuse = \"a\"\n{b}[[draw]]\nuse = \"b\"\n{c}"
+        ))
+    };
+    assert!(nested([100, 100, 100]).open().is_ok());
+    let error = nested([2000, 2000, 2000]).open().err().unwrap();
+    assert!(matches!(error, Error::Limit { needed: 8_004_002_000, allowed: 4_294_967_296, .. }), "{error}");
+    // Recipes within count on.
+    let outer = nested([1, 3000, 3000]);
+    outer.add(
+        "inner.toml",
+        "[[draw]]\nsphere = { radius = 1 }\nscatter = { count = 500, min = [0, 0, 0], max = [1, 1, 1] }",
+    );
+    assert!(outer.open().is_ok());
+    let text = std::fs::read_to_string(outer.0.path().join("r.toml")).unwrap();
+    outer.add("r.toml", &text.replace("sphere = { radius = 1 }", "source = \"inner.toml\""));
+    assert!(matches!(outer.open().err().unwrap(), Error::Limit { .. }));
+    // Those that are held take memory.
+    let read = crate::scene::ReadOptions { max_bytes: 1 << 20, ..Default::default() };
+    let options = OpenOptions { read, ..OpenOptions::default() };
+    let few = |n| open(&nested([1, 1, n]).0.path().join("r.toml"), &options).map(|_| ());
+    assert!(few(4000).is_ok());
+    assert!(matches!(few(5000), Err(Error::Limit { needed: 5002, allowed: 4096, .. })));
+}
+
+#[test]
 fn the_published_schema_is_the_models() {
     let schema = serde_json::to_value(schemars::schema_for!(Recipe)).unwrap();
     if std::env::var_os("VTEX_BLESS").is_some() {

@@ -5,6 +5,7 @@ use std::path::Path;
 
 use memmap2::Mmap;
 
+use crate::format::open_file;
 use crate::{Error, Result};
 
 /// Where the bytes are.
@@ -27,12 +28,8 @@ impl std::ops::Deref for Bytes {
 /// Map a whole file. It is not to be changed while it is read; an empty one is no map but nothing.
 pub fn map_file(path: &Path) -> Result<Bytes> {
     let io = |e| Error::io(path, e);
-    let file = std::fs::File::open(path).map_err(io)?;
-    let meta = file.metadata().map_err(io)?;
-    if !meta.is_file() {
-        return Err(Error::input(path, "", "is not a file"));
-    }
-    if meta.len() == 0 {
+    let file = open_file(path)?;
+    if file.metadata().map_err(io)?.len() == 0 {
         return Ok(Bytes::Memory(Vec::new()));
     }
     // SAFETY: the map is only read, as bytes; a file that is cut short by others meanwhile ends the program, as documented.

@@ -39,7 +39,7 @@ pub fn map(input: &Path, options: &MapOptions, output: &Path) -> Result<Mapped> 
     }
     let mut rigid = continuous == 0 && !options.bend;
     options::check(options, rigid)?;
-    let read = ReadOptions::default();
+    let read = ReadOptions { contained: true, ..ReadOptions::default() };
     let document = Document::open(input, &read)?;
     support::check(&document)?;
     let mut mapped = Mapped::default();

@@ -26,8 +26,8 @@ use volumes::Slice;
 pub fn is_dicom(path: &Path) -> bool {
     use std::io::Read;
     let mut head = [0; 132];
-    let read = std::fs::File::open(path).and_then(|mut f| f.read_exact(&mut head));
-    (read.is_ok() && dataset::has_magic(&head)) || path.extension().is_some_and(|e| e.eq_ignore_ascii_case("dcm"))
+    let read = crate::format::open_file(path).ok().and_then(|mut f| f.read_exact(&mut head).ok());
+    (read.is_some() && dataset::has_magic(&head)) || path.extension().is_some_and(|e| e.eq_ignore_ascii_case("dcm"))
 }
 
 /// What one file says of its images.
