@@ -84,6 +84,7 @@ impl Warnings {
         self.0.iter().map(|(text, &n)| (text.as_str(), n))
     }
 
+    /// Whether there are no warnings.
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()
     }

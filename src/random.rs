@@ -8,6 +8,7 @@
 pub struct SplitMix64(u64);
 
 impl SplitMix64 {
+    /// Start the sequence that belongs to `seed`.
     pub fn new(seed: u64) -> SplitMix64 {
         SplitMix64(seed)
     }

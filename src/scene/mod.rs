@@ -19,8 +19,11 @@ pub use texture::{Texture, Wrap};
 /// A landscape, ready to render: its geometry, and what its shells are filled with.
 #[derive(Debug, Clone, Default)]
 pub struct Scene {
+    /// Geometry, materials, cameras and lights.
     pub model: Model,
+    /// Texels that the layers of the shells refer to.
     pub texels: Vec<shell::TexelRef>,
+    /// Sky and background.
     pub environment: shell::Environment,
 }
 

@@ -14,12 +14,14 @@ pub struct Piece {
     pub corners: [DVec3; 3],
     /// The source's own number for the facet.
     pub facet: u32,
+    /// Whether alpha cuts parts out of the facet.
     pub cut_out: bool,
 }
 
 /// What [`facets`] finds.
 #[derive(Debug, Clone, Default)]
 pub struct Facets {
+    /// Triangles of all facets.
     pub pieces: Vec<Piece>,
     /// Morton codes of finest voxels with the projected areas of what is in them along the 13 axes, in squares of their
     /// edge; in Morton order.

@@ -21,9 +21,10 @@ pub const MOST_MATERIALS: usize = 255;
 pub const SLOTS: usize = 4;
 /// What the shares of a voxel sum up to.
 pub const WHOLE: u8 = 63;
-/// Steps of a share, in parts of [`WHOLE`]: the finest that there is, and that of finest voxels, of which most show one
-/// material (.4 bits a voxel less than by the finest step).
+/// Finest step of a share, in parts of [`WHOLE`].
 pub const FINE: u8 = 1;
+/// Step of the shares of the finest voxels, in parts of [`WHOLE`]. Most of them show one material, so that this step costs
+/// 0.4 bits per voxel less than [`FINE`].
 pub const COARSE: u8 = 9;
 
 /// What is seen of a voxel, by material: the largest share first, of equal ones the lower id; unused slots are 0.

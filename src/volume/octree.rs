@@ -10,7 +10,7 @@
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, OnceLock};
 
-use super::level::{BrightnessFactors, levels};
+use super::brightness::{self, BrightnessFactors};
 use super::{Info, MAX_DEPTH, Mix, Volume, Voxel};
 use crate::{Error, Result};
 
@@ -20,6 +20,7 @@ const PAGE: usize = 1 << PAGE_LOG2;
 
 /// Where an [`Octree`] gets its content: a file's reader, or a volume in memory. Each call may be slow; each is made once.
 pub trait Pages: Send + Sync {
+    /// Description of the texel.
     fn info(&self) -> &Info;
     /// Nodes at each depth, root first.
     fn counts(&self) -> Vec<usize>;
@@ -27,7 +28,7 @@ pub trait Pages: Send + Sync {
     fn masks(&self, depth: usize) -> Result<Vec<u8>>;
     /// Voxels `page * 4096 ..` of `depth`, 4096 or as many as are left.
     fn voxels(&self, depth: usize, page: usize) -> Result<Vec<Voxel>>;
-    /// What the voxels of a page show of the texel's materials; empty where there are fewer than two.
+    /// Shares of the texel's materials that the voxels of a page show; empty where there are fewer than two.
     fn mixes(&self, _depth: usize, _page: usize) -> Result<Vec<Mix>> {
         Ok(Vec::new())
     }
@@ -86,10 +87,12 @@ pub struct Block {
     child: u32,
 }
 
-/// Which voxel a cell shows.
+/// Address of a voxel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Place {
+    /// Depth of the voxel; 0 is the root.
     pub depth: u8,
+    /// Index of the voxel among those of its depth, in Morton order.
     pub rank: u32,
 }
 
@@ -131,7 +134,7 @@ impl Block {
     }
 }
 
-/// What was opened so far.
+/// Counts of the pages and voxels that were decoded so far.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Opened {
     /// Voxel pages decoded.
@@ -155,7 +158,7 @@ pub struct Octree {
     blocks: Vec<OnceLock<Box<[Block]>>>,
     /// Indexed by depth, then page.
     pages: Vec<Box<[Page]>>,
-    levels: [BrightnessFactors; MAX_DEPTH + 1],
+    brightness_factors: [BrightnessFactors; MAX_DEPTH + 1],
     failure: OnceLock<Error>,
     pages_opened: AtomicU64,
     voxels_opened: AtomicU64,
@@ -163,7 +166,10 @@ pub struct Octree {
 }
 
 impl Octree {
-    /// Nothing is read but the counts.
+    /// Open a texel; only its counts are read.
+    ///
+    /// # Errors
+    /// [`Error::Limit`] where there are more depths, or more nodes in a depth, than an octree may have.
     pub fn new(source: impl Pages + 'static) -> Result<Octree> {
         let counts = source.counts();
         if counts.len() > MAX_DEPTH + 1 || counts.iter().any(|&n| n >= u32::MAX as usize) {
@@ -175,7 +181,7 @@ impl Octree {
         }
         let pages = counts.iter().map(|n| (0..n.div_ceil(PAGE)).map(|_| OnceLock::new()).collect()).collect();
         Ok(Octree {
-            levels: levels(source.info()),
+            brightness_factors: brightness::read(source.info()),
             source: Box::new(source),
             masks: counts.iter().map(|_| OnceLock::new()).collect(),
             blocks: (0..counts.len() + 1).map(|_| OnceLock::new()).collect(),
@@ -188,6 +194,7 @@ impl Octree {
         })
     }
 
+    /// Description of the texel.
     pub fn info(&self) -> &Info {
         self.source.info()
     }
@@ -197,9 +204,9 @@ impl Octree {
         (self.counts.first() == Some(&1)).then(|| self.counts.len() - 1)
     }
 
-    /// What the voxels of each depth are multiplied by, root first.
-    pub fn levels(&self) -> &[BrightnessFactors; MAX_DEPTH + 1] {
-        &self.levels
+    /// Brightness factors of each depth, root first.
+    pub fn brightness_factors(&self) -> &[BrightnessFactors; MAX_DEPTH + 1] {
+        &self.brightness_factors
     }
 
     /// Nodes at `depth`.
@@ -328,7 +335,7 @@ impl Octree {
         })
     }
 
-    /// What was opened so far.
+    /// Counts of the pages and voxels that were decoded so far.
     pub fn opened(&self) -> Opened {
         Opened {
             pages: self.pages_opened.load(Ordering::Relaxed),

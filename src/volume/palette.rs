@@ -35,6 +35,7 @@ impl Style {
 /// Styles by the names of materials.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Palette {
+    /// Style of each named material.
     pub styles: BTreeMap<String, Style>,
     /// Of materials that are not named.
     pub rest: Style,
@@ -72,6 +73,7 @@ pub struct Restyled<P> {
 }
 
 impl<P: Pages> Restyled<P> {
+    /// Show what `inner` holds in the styles of `palette`.
     pub fn new(inner: P, palette: &Palette) -> Restyled<P> {
         let of = |m: &super::Material| (Vec3::from_array(m.albedo.map(|v| v as f32)), palette.style(&m.name));
         let mut materials: Vec<(Vec3, Style)> = inner.info().materials.iter().map(of).collect();
