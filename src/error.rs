@@ -89,7 +89,7 @@ impl Warnings {
         self.0.is_empty()
     }
 
-    /// What is appended to an error's line where the warnings tell its cause: "; 3 × …; 1 × …".
+    /// Text to append to an error's line where the warnings tell its cause: "; 3 × …; 1 × …".
     pub fn as_reasons(&self) -> String {
         self.iter().map(|(text, n)| format!("; {n} × {text}")).collect()
     }

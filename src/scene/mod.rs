@@ -1,4 +1,4 @@
-//! What is rendered and baked: models read from files, as plain data with every default filled in.
+//! Scenes to render and models to bake: models read from files, as plain data with every default filled in.
 
 pub(crate) mod files;
 pub mod gltf;
@@ -27,7 +27,7 @@ pub struct Scene {
     pub environment: shell::Environment,
 }
 
-/// What to take from a file, and how much of it.
+/// Selection from a file, and limits on its size.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ReadOptions {
     /// The scene by its name or, failing that, its index; by default the file's own choice.

@@ -68,7 +68,7 @@ pub struct Instance {
     pub node: String,
 }
 
-/// How alpha is understood.
+/// Interpretations of alpha.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum Alpha {
     /// Alpha is ignored.

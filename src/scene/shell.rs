@@ -1,4 +1,4 @@
-//! What `VTEX_volumetric_texture` says, as plain data with every default filled in (a glTF extension, see `docs/landscapes.md`).
+//! Content of the extension `VTEX_volumetric_texture`, as plain data with every default filled in (a glTF extension, see `docs/landscapes.md`).
 
 use std::sync::Arc;
 
@@ -16,7 +16,7 @@ pub struct TexelRef {
     pub geometry: Option<std::path::PathBuf>,
     /// Deepest depth to be used.
     pub max_depth: Option<u8>,
-    /// What the first frame's file says of its content, if the landscape was made for that alone.
+    /// Content identifier of the first frame's file, if the landscape was made for that alone.
     pub content_id: Option<[u8; 16]>,
     /// In which colours it is shown.
     pub palette: Palette,
@@ -57,7 +57,7 @@ pub struct ShellMaterial {
     pub layers: Vec<Layer>,
 }
 
-/// How a texel continues beyond its unit cell, an axis.
+/// Continuation of a texel beyond its unit cell along an axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum CellWrap {
     /// The cell is repeated.

@@ -5,7 +5,7 @@
 
 use std::sync::{LazyLock, OnceLock};
 
-/// How a texture continues beyond [0, 1].
+/// Continuation of a texture beyond [0, 1].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Wrap {
     /// The texture is repeated.

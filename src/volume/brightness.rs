@@ -9,7 +9,7 @@ use super::{Info, MAX_DEPTH};
 /// The factors of one depth.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BrightnessFactors {
-    /// Of the light that a lamp's rays bring, where they come from behind the matter, from the side, and from the viewer.
+    /// Factors of the light that a lamp brings where it shines from behind the matter, from the side, and from the viewer.
     pub light: [f32; 3],
 }
 

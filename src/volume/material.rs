@@ -19,7 +19,7 @@ pub struct Material {
 pub const MOST_MATERIALS: usize = 255;
 /// Materials that a voxel tells apart.
 pub const SLOTS: usize = 4;
-/// What the shares of a voxel sum up to.
+/// Sum of the shares of a voxel.
 pub const WHOLE: u8 = 63;
 /// Finest step of a share, in parts of [`WHOLE`].
 pub const FINE: u8 = 1;
@@ -27,7 +27,7 @@ pub const FINE: u8 = 1;
 /// 0.4 bits per voxel less than [`FINE`].
 pub const COARSE: u8 = 9;
 
-/// What is seen of a voxel, by material: the largest share first, of equal ones the lower id; unused slots are 0.
+/// Visible shares of a voxel by material: the largest share first, of equal ones the lower id; unused slots are 0.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Mix {
     ids: [u8; SLOTS],
@@ -48,7 +48,7 @@ impl Mix {
     }
 
     /// The mix nearest to weights ≥ 0 of different materials, in steps of `step`; the first material where there are none.
-    /// What does not fit into the slots is left out.
+    /// Materials that do not fit into the slots are left out.
     pub fn new(weights: impl IntoIterator<Item = (u8, f64)>, step: u8) -> Mix {
         let mut all: Vec<(u8, f64)> = weights.into_iter().filter(|w| w.1 > 0.0 && w.1.is_finite()).collect();
         if let [(id, _)] = all[..] {

@@ -18,7 +18,7 @@ use crate::{Error, Result};
 pub const PAGE_LOG2: u32 = 12;
 const PAGE: usize = 1 << PAGE_LOG2;
 
-/// Where an [`Octree`] gets its content: a file's reader, or a volume in memory. Each call may be slow; each is made once.
+/// Provider of an [`Octree`]'s content: a file's reader, or a volume in memory. Each call may be slow; each is made once.
 pub trait Pages: Send + Sync {
     /// Description of the texel.
     fn info(&self) -> &Info;
@@ -89,7 +89,7 @@ pub struct Block {
 
 /// Address of a voxel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Place {
+pub struct VoxelAddress {
     /// Depth of the voxel; 0 is the root.
     pub depth: u8,
     /// Index of the voxel among those of its depth, in Morton order.
@@ -112,20 +112,20 @@ impl Block {
     /// The voxel that the occupied `cell` shows; the block belongs to node `node` of `depth`, −2 and −1 for the virtual
     /// roots of even and odd descents.
     #[inline]
-    pub fn place(&self, depth: i32, node: u32, cell: u32) -> Place {
+    pub fn place(&self, depth: i32, node: u32, cell: u32) -> VoxelAddress {
         if self.terminal >> cell & 1 == 0 {
-            return Place { depth: (depth + 2) as u8, rank: self.rank(cell) };
+            return VoxelAddress { depth: (depth + 2) as u8, rank: self.rank(cell) };
         }
         self.terminal_place(depth, node, cell)
     }
 
     #[cold]
-    fn terminal_place(&self, depth: i32, node: u32, cell: u32) -> Place {
+    fn terminal_place(&self, depth: i32, node: u32, cell: u32) -> VoxelAddress {
         if self.child == SELF_TERMINAL {
-            return Place { depth: depth as u8, rank: node };
+            return VoxelAddress { depth: depth as u8, rank: node };
         }
         let earlier = (0..cell >> 3).filter(|j| self.mask >> (8 * j) & 255 != 0).count() as u32;
-        Place { depth: (depth + 1) as u8, rank: self.child + earlier }
+        VoxelAddress { depth: (depth + 1) as u8, rank: self.child + earlier }
     }
 
     /// Whether the whole block is one terminal node.
@@ -286,7 +286,7 @@ impl Octree {
     }
 
     /// The voxel that the cell of Morton code `code` at `depth` shows; `None` where it is empty, or there is no such depth.
-    pub fn find(&self, depth: usize, code: u64) -> Option<Place> {
+    pub fn find(&self, depth: usize, code: u64) -> Option<VoxelAddress> {
         if depth > self.finest()? || code >> (3 * depth) != 0 {
             return None;
         }
@@ -309,7 +309,7 @@ impl Octree {
 
     /// The voxel of `rank` at `depth`.
     #[inline]
-    pub fn voxel(&self, place: Place) -> &Voxel {
+    pub fn voxel(&self, place: VoxelAddress) -> &Voxel {
         let (page, slot) = (place.rank >> PAGE_LOG2, place.rank as usize & (PAGE - 1));
         let cell = &self.pages[place.depth as usize][page as usize];
         let voxels = match cell.get() {
@@ -378,23 +378,23 @@ mod tests {
         assert_eq!(tree.finest(), Some(2));
         let block = tree.blocks(0)[0];
         assert_eq!(block.mask, 255 | 0b1010 << 56);
-        assert_eq!(block.place(0, 0, 3), Place { depth: 1, rank: 0 });
-        assert_eq!(block.place(0, 0, 57), Place { depth: 2, rank: 0 });
-        assert_eq!(block.place(0, 0, 59), Place { depth: 2, rank: 1 });
+        assert_eq!(block.place(0, 0, 3), VoxelAddress { depth: 1, rank: 0 });
+        assert_eq!(block.place(0, 0, 57), VoxelAddress { depth: 2, rank: 0 });
+        assert_eq!(block.place(0, 0, 59), VoxelAddress { depth: 2, rank: 1 });
         assert_eq!(tree.voxel(block.place(0, 0, 59)).rate, 2);
-        assert_eq!(tree.blocks(-1)[0].place(-1, 0, 7), Place { depth: 1, rank: 1 });
-        assert_eq!(tree.blocks(-2)[0].place(-2, 0, 0), Place { depth: 0, rank: 0 });
+        assert_eq!(tree.blocks(-1)[0].place(-1, 0, 7), VoxelAddress { depth: 1, rank: 1 });
+        assert_eq!(tree.blocks(-2)[0].place(-2, 0, 0), VoxelAddress { depth: 0, rank: 0 });
         assert_eq!(tree.opened().pages, 1);
     }
 
     #[test]
     fn cells_are_found_by_their_codes() {
         let tree = small();
-        assert_eq!(tree.find(0, 0), Some(Place { depth: 0, rank: 0 }));
-        assert_eq!([tree.find(1, 7), tree.find(1, 3)], [Some(Place { depth: 1, rank: 1 }), None]);
-        assert_eq!([tree.find(2, 57), tree.find(2, 58)], [Some(Place { depth: 2, rank: 0 }), None]);
+        assert_eq!(tree.find(0, 0), Some(VoxelAddress { depth: 0, rank: 0 }));
+        assert_eq!([tree.find(1, 7), tree.find(1, 3)], [Some(VoxelAddress { depth: 1, rank: 1 }), None]);
+        assert_eq!([tree.find(2, 57), tree.find(2, 58)], [Some(VoxelAddress { depth: 2, rank: 0 }), None]);
         // Within a terminal node, and outside of the texel.
-        assert_eq!([tree.find(2, 5), tree.find(2, 64)], [Some(Place { depth: 1, rank: 0 }), None]);
+        assert_eq!([tree.find(2, 5), tree.find(2, 64)], [Some(VoxelAddress { depth: 1, rank: 0 }), None]);
         assert_eq!(tree.find(3, 0), None);
     }
 

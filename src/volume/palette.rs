@@ -10,7 +10,7 @@ use super::{Info, Mix, Pages, Voxel};
 use crate::Result;
 use crate::geom::Vec3;
 
-/// What becomes of a material.
+/// Restyling of a material.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Style {
     /// Linear; multiplies the texel's own albedo, or is the albedo.
@@ -25,7 +25,7 @@ impl Style {
     /// White, for a factor to be put on.
     pub const BLANK: Style = Style { factor: [1.0; 3], keep: false };
 
-    /// What becomes of an albedo.
+    /// The restyled albedo.
     pub fn of(&self, albedo: Vec3) -> Vec3 {
         let factor = Vec3::from_array(self.factor.map(|v| v as f32));
         if self.keep { albedo * factor } else { factor }
@@ -37,7 +37,7 @@ impl Style {
 pub struct Palette {
     /// Style of each named material.
     pub styles: BTreeMap<String, Style>,
-    /// Of materials that are not named.
+    /// Style of the materials that are not named.
     pub rest: Style,
 }
 
@@ -65,7 +65,7 @@ impl Palette {
     }
 }
 
-/// What is read of a texel, restyled.
+/// Pages of a texel with its materials restyled.
 pub struct Restyled<P> {
     inner: P,
     /// By id: mean albedo and style.

@@ -19,7 +19,7 @@ pub struct Document {
     pub path: PathBuf,
     pub root: Root,
     /// Transforms of the nodes at full precision, in the order of `root.nodes`.
-    pub places: Vec<Place>,
+    pub places: Vec<NodeTransform>,
     /// Morph targets of each primitive of each mesh.
     pub targets: Vec<Vec<Vec<Target>>>,
     /// The BIN chunk of a GLB.
@@ -35,10 +35,14 @@ pub struct Document {
 /// The transform of a node as the JSON has it.
 #[derive(Debug, Default, Deserialize)]
 #[serde(default)]
-pub struct Place {
+pub struct NodeTransform {
+    /// Translation, in metres.
     pub translation: Option<[f64; 3]>,
+    /// Unit quaternion (x, y, z, w).
     pub rotation: Option<[f64; 4]>,
+    /// Factor along each axis.
     pub scale: Option<[f64; 3]>,
+    /// Matrix of 4 columns, which replaces the other three.
     pub matrix: Option<[f64; 16]>,
 }
 
@@ -46,7 +50,7 @@ pub struct Place {
 #[derive(Default, Deserialize)]
 #[serde(default)]
 struct Precise {
-    nodes: Vec<Place>,
+    nodes: Vec<NodeTransform>,
     meshes: Vec<PreciseMesh>,
 }
 
@@ -67,6 +71,7 @@ pub type Target = BTreeMap<String, usize>;
 
 /// A piece of a buffer.
 pub struct View<'a> {
+    /// Bytes of the view.
     pub bytes: &'a [u8],
     /// Distance between elements, where the file gives one.
     pub stride: Option<usize>,
