@@ -7,7 +7,7 @@ use crate::bake::{MAX_RESOLUTION, Options, Report, calibrate, measure_and_fit};
 use crate::geom::{Aabb, DAffine3, DMat3, DVec3};
 use crate::progress::Progress;
 use crate::source::Source;
-use crate::source::field::{Block, FieldSource};
+use crate::source::field::{FieldSource, RoundedBox};
 use crate::source::group::{GroupSource, Part};
 use crate::source::layers::{LayersSource, Mode};
 use crate::source::materials::{UNNAMED, renamed};
@@ -139,7 +139,7 @@ fn tile_offsets(first: &Info, tile: [u32; 3]) -> Result<Vec<DVec3>> {
 
 /// The part of `source` in the box `crop`.
 fn cropped(source: Box<dyn Source>, crop: Aabb, metres_per_unit: f64) -> Result<Box<dyn Source>> {
-    let block = FieldSource::new(Box::new(Block { min: crop.min, max: crop.max, round: 0.0 }), None)?;
+    let block = FieldSource::new(Box::new(RoundedBox { min: crop.min, max: crop.max, round: 0.0 }), None)?;
     Ok(Box::new(LayersSource::new(vec![(Mode::Add, source), (Mode::Multiply, Box::new(block))], metres_per_unit)))
 }
 
