@@ -89,7 +89,7 @@ fn pass(tree: &Octree, depth: usize) -> Pass {
     let mut unused = MarchStats::default();
     let shaded = time(&mut || {
         for i in 0..n {
-            let mut shader = Shader::new(-dir, &sun, None, Vec3::ONE, tree.levels(), &mut groups);
+            let mut shader = Shader::new(-dir, &sun, None, Vec3::ONE, tree.brightness_factors(), &mut groups);
             march(tree, &stretch(i), choice, 1.0, &mut shader, &mut unused);
             shader.finish();
         }

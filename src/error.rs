@@ -84,11 +84,12 @@ impl Warnings {
         self.0.iter().map(|(text, &n)| (text.as_str(), n))
     }
 
+    /// Whether there are no warnings.
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()
     }
 
-    /// What is appended to an error's line where the warnings tell its cause: "; 3 × …; 1 × …".
+    /// Text to append to an error's line where the warnings tell its cause: "; 3 × …; 1 × …".
     pub fn as_reasons(&self) -> String {
         self.iter().map(|(text, n)| format!("; {n} × {text}")).collect()
     }

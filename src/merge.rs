@@ -7,12 +7,12 @@ use crate::bake::{MAX_RESOLUTION, Options, Report, calibrate, measure_and_fit};
 use crate::geom::{Aabb, DAffine3, DMat3, DVec3};
 use crate::progress::Progress;
 use crate::source::Source;
-use crate::source::field::{Block, FieldSource};
+use crate::source::field::{FieldSource, RoundedBox};
 use crate::source::group::{GroupSource, Part};
 use crate::source::layers::{LayersSource, Mode};
 use crate::source::materials::{UNNAMED, renamed};
 use crate::source::texel::{TexelSource, codes, own_grid, snapped};
-use crate::volume::level::{self, BrightnessFactors};
+use crate::volume::brightness::{self, BrightnessFactors};
 use crate::volume::{Info, MAX_DEPTH, Volume};
 use crate::{Error, Result, Warnings, morton};
 
@@ -100,7 +100,7 @@ fn inherited_factors(volume: &Volume, inputs: &[Volume], parts: &[Part]) -> Brig
         let own = input.info.bounds.size().x * libm::cbrt(part.transform.matrix3.determinant().abs());
         let depth = libm::log2(own / edge).round().clamp(0.0, input.depths.len().saturating_sub(1) as f64) as usize;
         let Some(weight) = input.depths.get(depth).map(|d| d.voxels.len() as f64) else { continue };
-        let factors = level::levels(&input.info)[depth.min(MAX_DEPTH)];
+        let factors = brightness::read(&input.info)[depth.min(MAX_DEPTH)];
         sum.iter_mut().zip(factors.light).for_each(|(s, f)| *s += weight * f64::from(f));
         weights += weight;
     }
@@ -139,7 +139,7 @@ fn tile_offsets(first: &Info, tile: [u32; 3]) -> Result<Vec<DVec3>> {
 
 /// The part of `source` in the box `crop`.
 fn cropped(source: Box<dyn Source>, crop: Aabb, metres_per_unit: f64) -> Result<Box<dyn Source>> {
-    let block = FieldSource::new(Box::new(Block { min: crop.min, max: crop.max, round: 0.0 }), None)?;
+    let block = FieldSource::new(Box::new(RoundedBox { min: crop.min, max: crop.max, round: 0.0 }), None)?;
     Ok(Box::new(LayersSource::new(vec![(Mode::Add, source), (Mode::Multiply, Box::new(block))], metres_per_unit)))
 }
 
@@ -279,18 +279,18 @@ mod tests {
     #[test]
     fn brightness_factors_are_kept() {
         let (a, w) = ball(DVec3::ZERO);
-        let own = level::levels(&a.info);
+        let own = brightness::read(&a.info);
         let again = merge(vec![(a.clone(), w.clone())], &MergeOptions::default(), &Quiet).unwrap().0;
-        assert_eq!(level::levels(&again.info), own, "nothing was changed");
+        assert_eq!(brightness::read(&again.info), own, "nothing was changed");
         // A depth that becomes the finest keeps the factor that it had against the depths below it, to a step of 1/256.
         let dimmed = BrightnessFactors::new([0.5, 0.75, 1.25]);
         let mut factors = own[..6].to_vec();
         factors[4] = dimmed;
         let mut other = a.clone();
-        level::store(&factors, &mut other.info.meta);
+        brightness::store(&factors, &mut other.info.meta);
         let options = MergeOptions { resolution: Some(16), ..MergeOptions::default() };
         let coarse = merge(vec![(other, w)], &options, &Quiet).unwrap().0;
-        assert_eq!(level::levels(&coarse.info)[4], dimmed);
+        assert_eq!(brightness::read(&coarse.info)[4], dimmed);
     }
 
     #[test]

@@ -155,7 +155,7 @@ pub fn with_threads<T: Send>(_threads: usize, f: impl FnOnce() -> T + Send) -> c
     Ok(f())
 }
 
-/// How many threads the loops of this module use here.
+/// Number of threads that the loops of this module use here.
 pub fn threads() -> usize {
     #[cfg(feature = "parallel")]
     return rayon::current_num_threads();

@@ -1,4 +1,4 @@
-//! How long work reports where it is: the library calls, the CLI draws.
+//! Progress reports of long work: the library calls, the CLI draws.
 
 /// Receives the progress of long work. Calls come from any thread.
 pub trait Progress: Sync {

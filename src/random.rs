@@ -8,6 +8,7 @@
 pub struct SplitMix64(u64);
 
 impl SplitMix64 {
+    /// Start the sequence that belongs to `seed`.
     pub fn new(seed: u64) -> SplitMix64 {
         SplitMix64(seed)
     }
@@ -31,7 +32,7 @@ impl SplitMix64 {
         2.0 * self.unit() - 1.0
     }
 
-    /// Of mean 0 and deviation 1.
+    /// Draw from the normal distribution of mean 0 and standard deviation 1.
     pub fn normal(&mut self) -> f64 {
         let radius = libm::sqrt(-2.0 * libm::log(1.0 - self.unit()));
         radius * libm::cos(std::f64::consts::TAU * self.unit())

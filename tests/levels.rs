@@ -11,7 +11,7 @@ use vtex::scene::shell::{Environment, Layer, ShellMaterial, TexelRef};
 use vtex::scene::{Instance, Light, LightKind, Material, Model, Part, Scene};
 use vtex::source;
 use vtex::source::OpenOptions;
-use vtex::volume::{Octree, Volume, level as levels};
+use vtex::volume::{Octree, Volume, brightness};
 
 const FINEST: u32 = 64;
 
@@ -91,8 +91,12 @@ fn a_change_of_depth_does_not_show() {
     let mut levelled = (*plain).clone();
     let measured = calibrate::measure(Octree::new(Arc::clone(&plain)).unwrap()).unwrap();
     assert_eq!(measured.len(), 7);
-    assert_eq!(measured[6], levels::BrightnessFactors::PLAIN, "the finest depth is what the others are held against");
-    levels::store(&measured, &mut levelled.info.meta);
+    assert_eq!(
+        measured[6],
+        brightness::BrightnessFactors::PLAIN,
+        "the finest depth is what the others are held against"
+    );
+    brightness::store(&measured, &mut levelled.info.meta);
     let levelled = Arc::new(levelled);
     let (mut before, mut after) = (0.0, 0.0);
     for eye in [DVec3::new(0.6, 0.3, 0.8), DVec3::new(-0.8, 0.1, 0.6), DVec3::new(0.05, 1.0, 0.1)] {

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use crate::Result;
 use crate::march::calibrate::measure;
-use crate::volume::level::{self, BrightnessFactors};
+use crate::volume::brightness::{self, BrightnessFactors};
 use crate::volume::{Octree, Volume};
 
 /// The texel with the factors that make its depths agree, in its META; rays are marched through every depth to find them.
@@ -21,6 +21,6 @@ pub fn calibrate(volume: Volume, finest: BrightnessFactors) -> Result<Volume> {
         *factor = BrightnessFactors::new([0, 1, 2].map(|k| f64::from(factor.light[k]) * f64::from(finest.light[k])));
     }
     let mut volume = Arc::unwrap_or_clone(volume);
-    level::store(&factors, &mut volume.info.meta);
+    brightness::store(&factors, &mut volume.info.meta);
     Ok(volume)
 }

@@ -46,7 +46,7 @@ use serde_json::json;
 use crate::geom::{Aabb, DVec3};
 use crate::progress::Progress;
 use crate::source::{Placement, Source, Staged};
-use crate::volume::level::BrightnessFactors;
+use crate::volume::brightness::BrightnessFactors;
 use crate::volume::{Channels, Info, Material, Model, Volume};
 use crate::{Error, Result, Warnings, morton, par};
 use output::{FitOptions, Output};

@@ -34,7 +34,7 @@ pub struct Options {
     /// Whether the texel stores which materials its voxels are of.
     pub materials: bool,
     /// Whether the brightness of the depths is measured against the finest, so that pictures do not step in brightness where the
-    /// depth changes ([`crate::volume::level`]).
+    /// depth changes ([`crate::volume::brightness`]).
     pub calibrate: bool,
 }
 

@@ -14,10 +14,15 @@ use crate::Result;
 /// What [`verify`] went through.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Report {
+    /// Number of depths.
     pub depths: u64,
+    /// Number of sections.
     pub sections: u64,
+    /// Number of pages.
     pub pages: u64,
+    /// Number of nodes over all depths.
     pub nodes: u64,
+    /// Bytes of the file.
     pub bytes: u64,
 }
 

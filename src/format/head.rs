@@ -18,9 +18,13 @@ pub const MAX_HEAD: usize = 1 << 20;
 #[derive(Debug, Clone, PartialEq)]
 pub struct Head {
     pub(super) header: Header,
+    /// Entries of the depths, root first.
     pub depths: Vec<DepthEntry>,
+    /// Entries of the streams.
     pub streams: Vec<StreamEntry>,
+    /// Entries of the sections, in the order of the file.
     pub sections: Vec<SectionEntry>,
+    /// Description of the texel.
     pub info: Info,
     /// META as its canonical JSON.
     pub(super) meta: Vec<u8>,

@@ -7,9 +7,13 @@ use super::{Channel, MAGIC};
 /// Largest META.
 pub const MAX_META: usize = 256 << 10;
 
+/// Bytes of a [`Header`], magic and version included.
 pub const HEADER_LEN: usize = 128;
+/// Bytes of a [`DepthEntry`].
 pub const DEPTH_LEN: usize = 64;
+/// Bytes of a [`StreamEntry`].
 pub const STREAM_LEN: usize = 32;
+/// Bytes of a [`SectionEntry`].
 pub const SECTION_LEN: usize = 48;
 /// Bytes of an entry in the index of a TOPO section.
 pub const TOPO_REF_LEN: usize = 24;
@@ -25,6 +29,7 @@ pub struct Fields<'a> {
 }
 
 impl<'a> Fields<'a> {
+    /// Start at the first of `bytes`.
     pub fn new(bytes: &'a [u8]) -> Self {
         Fields { bytes, at: 0 }
     }
@@ -36,21 +41,27 @@ impl<'a> Fields<'a> {
         out
     }
 
+    /// The next field, of 1 byte.
     pub fn u8(&mut self) -> u8 {
         u8::from_le_bytes(self.take())
     }
+    /// The next field, an integer of 2 bytes.
     pub fn u16(&mut self) -> u16 {
         u16::from_le_bytes(self.take())
     }
+    /// The next field, an integer of 4 bytes.
     pub fn u32(&mut self) -> u32 {
         u32::from_le_bytes(self.take())
     }
+    /// The next field, an integer of 8 bytes.
     pub fn u64(&mut self) -> u64 {
         u64::from_le_bytes(self.take())
     }
+    /// The next field, a float of 4 bytes.
     pub fn f32(&mut self) -> f32 {
         f32::from_le_bytes(self.take())
     }
+    /// The next field, a float of 8 bytes.
     pub fn f64(&mut self) -> f64 {
         f64::from_le_bytes(self.take())
     }
@@ -59,22 +70,39 @@ impl<'a> Fields<'a> {
 /// The first 128 bytes, magic and version apart.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Header {
+    /// Minor version.
     pub minor: u16,
+    /// Bytes of the head.
     pub head_length: u32,
+    /// Checksum of the head.
     pub crc: u32,
+    /// Bytes of the whole file.
     pub file_length: u64,
+    /// Feature flags that a reader must know to read the file.
     pub incompat: u32,
+    /// Feature flags that a reader may ignore.
     pub compat: u32,
+    /// Number of depths.
     pub depths: u8,
+    /// Number of streams.
     pub streams: u8,
+    /// log2 of the voxels per page.
     pub page_log2: u8,
+    /// log2 of the nodes per page of topology.
     pub topo_page_log2: u8,
+    /// Bits of the axes along which opposite faces match.
     pub cyclic: u8,
+    /// Source axis that became w: 0 x, 1 y, 2 z.
     pub up: u8,
+    /// Number of sections.
     pub sections: u16,
+    /// Box in source space that texel space covers.
     pub bounds: [f64; 6],
+    /// Metres per source unit; 0 where unknown.
     pub metres_per_unit: f64,
+    /// Number of nodes.
     pub nodes: u64,
+    /// Identifier of the content.
     pub content_id: [u8; 16],
 }
 
@@ -109,6 +137,7 @@ impl Header {
         })
     }
 
+    /// Append the bytes of this record to `out`.
     pub fn put(&self, out: &mut Vec<u8>) {
         out.extend(MAGIC);
         out.extend(super::MAJOR.to_le_bytes());
@@ -130,6 +159,7 @@ impl Header {
 /// One depth.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct DepthEntry {
+    /// Number of nodes.
     pub nodes: u64,
     /// Nodes with a non-zero child mask.
     pub internal: u64,
@@ -142,11 +172,13 @@ pub struct DepthEntry {
 }
 
 impl DepthEntry {
+    /// Read the record from its bytes, whose length the caller has checked.
     pub fn parse(bytes: &[u8]) -> DepthEntry {
         let mut f = Fields::new(bytes);
         DepthEntry { nodes: f.u64(), internal: f.u64(), block_offset: f.u64(), block_end: f.u64(), digest: f.take() }
     }
 
+    /// Append the bytes of this record to `out`.
     pub fn put(&self, out: &mut Vec<u8>) {
         for v in [self.nodes, self.internal, self.block_offset, self.block_end] {
             out.extend(v.to_le_bytes());
@@ -158,15 +190,23 @@ impl DepthEntry {
 /// One stream: a channel and how it is coded.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct StreamEntry {
+    /// Four letters that name the channel.
     pub semantic: [u8; 4],
+    /// Components per voxel.
     pub components: u8,
+    /// Bytes per component.
     pub component_bytes: u8,
+    /// Largest code of the quantisation.
     pub quant_max: u16,
+    /// Bits: the constants of this type.
     pub flags: u16,
+    /// Reserved for later versions.
     pub reserved: u16,
+    /// Largest absolute error that the quantisation makes.
     pub max_abs_error: f32,
     /// The codes of every voxel, where the flag [`StreamEntry::CONSTANT`] is set.
     pub constant: [u8; 8],
+    /// Reserved for later versions.
     pub reserved_tail: [u8; 8],
 }
 
@@ -178,6 +218,7 @@ impl StreamEntry {
     /// Every voxel has the same codes; there are no pages.
     pub const CONSTANT: u16 = 4;
 
+    /// Whether every voxel has the same codes, so that there are no pages.
     pub fn is_constant(&self) -> bool {
         self.flags & Self::CONSTANT != 0
     }
@@ -210,6 +251,7 @@ impl StreamEntry {
         (0..usize::from(self.components)).map(most).collect()
     }
 
+    /// Read the record from its bytes, whose length the caller has checked.
     pub fn parse(bytes: &[u8]) -> StreamEntry {
         let mut f = Fields::new(bytes);
         StreamEntry {
@@ -225,6 +267,7 @@ impl StreamEntry {
         }
     }
 
+    /// Append the bytes of this record to `out`.
     pub fn put(&self, out: &mut Vec<u8>) {
         out.extend(self.semantic);
         out.extend([self.components, self.component_bytes]);
@@ -240,10 +283,13 @@ impl StreamEntry {
 /// What a section holds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SectionKind {
+    /// JSON that describes the texel.
     Meta,
     /// Child masks of the depth above.
     Topo,
+    /// Codes of the voxels of a depth in a stream.
     Page,
+    /// A type that this version does not know.
     Other([u8; 4]),
 }
 
@@ -270,18 +316,29 @@ impl SectionKind {
 /// One section of the file.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct SectionEntry {
+    /// Type of the section.
     pub kind: SectionKind,
+    /// Bits: the constants of this type.
     pub flags: u16,
+    /// Depth of the section, or [`NONE`].
     pub depth: u8,
+    /// Index of the stream, or [`NONE`].
     pub stream: u8,
+    /// Byte of the file at which the section starts.
     pub offset: u64,
+    /// Bytes in the file.
     pub length: u64,
+    /// Bytes once decoded.
     pub decoded: u64,
+    /// Number of pages.
     pub pages: u32,
     /// META and unknown sections: of the body; TOPO and PAGE: of the index.
     pub crc: u32,
+    /// Number of the codec.
     pub codec: u8,
+    /// Number of the filter.
     pub filter: u8,
+    /// Reserved for later versions.
     pub reserved: [u8; 6],
 }
 
@@ -291,6 +348,7 @@ impl SectionEntry {
     /// An editor that does not know the type may copy it.
     pub const SAFE_TO_COPY: u16 = 2;
 
+    /// Read the record from its bytes, whose length the caller has checked.
     pub fn parse(bytes: &[u8]) -> SectionEntry {
         let mut f = Fields::new(bytes);
         SectionEntry {
@@ -309,6 +367,7 @@ impl SectionEntry {
         }
     }
 
+    /// Append the bytes of this record to `out`.
     pub fn put(&self, out: &mut Vec<u8>) {
         out.extend(self.kind.to_bytes());
         out.extend(self.flags.to_le_bytes());

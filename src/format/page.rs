@@ -18,7 +18,9 @@ pub const ZSTD: u8 = 1;
 pub struct PageRef {
     /// From the start of the section.
     pub offset: u64,
+    /// Bytes of the page in the file.
     pub length: u32,
+    /// Checksum of the page.
     pub crc: u32,
     /// TOPO: rank, one depth down, of the first child of the page's first node. PAGE: 0.
     pub first_child: u64,

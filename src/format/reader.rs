@@ -163,6 +163,7 @@ impl Reader {
         self.head.channel_sizes()
     }
 
+    /// Path of the file.
     pub fn path(&self) -> &Path {
         &self.path
     }

@@ -279,7 +279,7 @@ pub(super) fn canonical(v: &Voxel) -> Voxel {
 }
 
 /// [`canonical`], with the largest diagonal element brought to 1 at the rate's expense, as every file holds it.
-fn normal(v: &Voxel) -> Voxel {
+fn normalize_ndf(v: &Voxel) -> Voxel {
     let mut v = canonical(v);
     let most = v.ndf[largest(&v)];
     if most == 0 {
@@ -367,7 +367,7 @@ impl Quantiser {
 
     /// The voxel that a reader will see in place of `v`.
     pub fn quantise(&self, v: &Voxel) -> Voxel {
-        let v = normal(v);
+        let v = normalize_ndf(v);
         let mut out = Voxel::default();
         let mut codes = [0; MAX_COMPONENTS];
         for (channel, _, tables) in &self.streams {

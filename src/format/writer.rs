@@ -31,6 +31,7 @@ const WORTH: usize = 32;
 pub struct WriteOptions {
     /// zstd's level, 1 (quick) to 19 (small); lower where that saves next to nothing.
     pub level: i32,
+    /// Precision of the codes in the file.
     pub quality: Quality,
 }
 
@@ -44,9 +45,11 @@ impl Default for WriteOptions {
 /// What was written.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Written {
+    /// Bytes of the file.
     pub file_bytes: u64,
     /// Nodes of the finest depth.
     pub finest_voxels: u64,
+    /// Identifier of the content.
     pub content_id: [u8; 16],
     /// Bytes of each depth's block.
     pub depths: Vec<u64>,

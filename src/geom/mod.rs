@@ -9,7 +9,9 @@ pub use glam::{DAffine3, DMat3, DMat4, DVec2, DVec3, Mat3, Vec2, Vec3};
 /// An axis-aligned box; empty while any `min > max`.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Aabb {
+    /// Lower corner.
     pub min: DVec3,
+    /// Upper corner.
     pub max: DVec3,
 }
 
@@ -19,6 +21,7 @@ impl Aabb {
     /// The reference cube of a texel.
     pub const UNIT: Aabb = Aabb { min: DVec3::ZERO, max: DVec3::ONE };
 
+    /// The box between two corners.
     pub fn new(min: DVec3, max: DVec3) -> Self {
         Aabb { min, max }
     }
@@ -28,14 +31,17 @@ impl Aabb {
         points.into_iter().fold(Aabb::EMPTY, |b, p| b.grow(p))
     }
 
+    /// The smallest box around this one and `p`.
     pub fn grow(self, p: DVec3) -> Self {
         Aabb { min: self.min.min(p), max: self.max.max(p) }
     }
 
+    /// The smallest box around both boxes.
     pub fn union(self, other: Aabb) -> Self {
         Aabb { min: self.min.min(other.min), max: self.max.max(other.max) }
     }
 
+    /// The box that both boxes share; empty where they do not meet.
     pub fn intersection(self, other: Aabb) -> Self {
         Aabb { min: self.min.max(other.min), max: self.max.min(other.max) }
     }
@@ -51,6 +57,7 @@ impl Aabb {
         Aabb::around((0..8).map(|i| map.transform_point3(corner(i))))
     }
 
+    /// Whether the boxes share a point, faces included.
     pub fn overlaps(self, other: Aabb) -> bool {
         !self.intersection(other).is_empty()
     }
@@ -61,14 +68,17 @@ impl Aabb {
         Aabb { min: self.min - room, max: self.max + room }
     }
 
+    /// Whether the box holds no point.
     pub fn is_empty(&self) -> bool {
         !(self.min.cmple(self.max)).all()
     }
 
+    /// Edge lengths.
     pub fn size(&self) -> DVec3 {
         self.max - self.min
     }
 
+    /// Midpoint between the corners.
     pub fn centre(&self) -> DVec3 {
         0.5 * (self.min + self.max)
     }
@@ -94,11 +104,14 @@ impl Aabb {
 /// A half-line `origin + t * dir`, t ≥ 0; `dir` need not be of unit length.
 #[derive(Debug, Clone, Copy)]
 pub struct Ray {
+    /// Start of the ray.
     pub origin: DVec3,
+    /// Direction, of any length above 0.
     pub dir: DVec3,
 }
 
 impl Ray {
+    /// The point at parameter `t`.
     pub fn at(&self, t: f64) -> DVec3 {
         self.origin + t * self.dir
     }

@@ -1,4 +1,4 @@
-//! How much light each depth of a texel shows, against the finest: the factors of [`crate::volume::level`].
+//! How much light each depth of a texel shows, against the finest: the factors of [`crate::volume::brightness`].
 //!
 //! The same rays, evenly spread over places and directions, are marched at every depth by the renderer's own law and lit by
 //! the same lamps. Coarse matter that is clumped lets too much light in, and where the lamp stands behind the viewer it
@@ -14,7 +14,7 @@ use std::ops::AddAssign;
 use super::shade::{Group, Shader};
 use super::transmittance::{DepthChoice, MarchStats, Stretch, leaving, march};
 use crate::geom::{Aabb, Vec3};
-use crate::volume::level::BrightnessFactors;
+use crate::volume::brightness::BrightnessFactors;
 use crate::volume::{Model, Octree};
 use crate::{Result, par};
 

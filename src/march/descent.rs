@@ -13,7 +13,7 @@ use glam::{BVec3A, Vec3A};
 
 use crate::geom::Vec3;
 use crate::morton;
-use crate::volume::octree::{Block, Octree, Place};
+use crate::volume::octree::{Block, Octree, VoxelAddress};
 use crate::volume::{MAX_DEPTH, Voxel};
 
 /// A line in texel space, as the descent uses it; `s` is the distance along it from its origin, in cube edges.
@@ -78,7 +78,7 @@ pub(super) struct Piece<'a> {
     line: &'a Line,
     planes: Planes,
     /// The voxel, and the depth of the walk: deeper than the voxel's where a terminal node shows.
-    pub place: Place,
+    pub place: VoxelAddress,
     depth: u32,
     /// The cell's low corner in cells of the walk's depth, mirrored.
     corner: Vec3A,

@@ -1,7 +1,7 @@
 //! Shading of what a march meets: reflected sky at once, and sunlight gathered in groups that share one shadow ray.
 
 use crate::geom::{Mat3, Vec3};
-use crate::volume::level::BrightnessFactors;
+use crate::volume::brightness::BrightnessFactors;
 use crate::volume::{Sggx, Voxel};
 
 use super::transmittance::{Hit, Sink};

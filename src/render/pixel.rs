@@ -348,7 +348,7 @@ impl<'w> Tracer<'w> {
         let lights = std::mem::take(&mut self.lights);
         // They make up for what shadows lack.
         let levelled = world.texels[frame.texel].as_ref().filter(|_| self.options.shadows);
-        let levels = levelled.map_or(&[][..], |t| &t.tree.levels()[..]);
+        let levels = levelled.map_or(&[][..], |t| &t.tree.brightness_factors()[..]);
         let mut shader = Shader::new(turn(-cone.ray.dir), &lights, warp, frame.tint, levels, &mut groups);
         for event in run {
             if let Source::Voxel { voxel, depth, t, position, .. } = &event.source {

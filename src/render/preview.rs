@@ -92,7 +92,7 @@ fn shade(tree: &Octree, view: &View, at: Vec2, pixel: f32) -> Vec3 {
     let to_sun = [sun.normalize()];
     let mut groups = Vec::new();
     let lights = if view.lit { &to_sun[..] } else { &[] };
-    let mut shader = Shader::new(-view.into, lights, None, Vec3::ONE, tree.levels(), &mut groups);
+    let mut shader = Shader::new(-view.into, lights, None, Vec3::ONE, tree.brightness_factors(), &mut groups);
     let t = march(tree, &stretch, choice, 1.0, &mut shader, &mut stats);
     shader.finish();
     let ambient = if view.lit { SKY } else { 1.0 };

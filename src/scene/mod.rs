@@ -1,4 +1,4 @@
-//! What is rendered and baked: models read from files, as plain data with every default filled in.
+//! Scenes to render and models to bake: models read from files, as plain data with every default filled in.
 
 pub mod alpha;
 pub mod copies;
@@ -25,14 +25,17 @@ pub use texture::{Texture, Wrap};
 /// A landscape, ready to render: its geometry, and what its shells are filled with.
 #[derive(Debug, Clone, Default)]
 pub struct Scene {
+    /// Geometry, materials, cameras and lights.
     pub model: Model,
+    /// Texels that the layers of the shells refer to.
     pub texels: Vec<shell::TexelRef>,
     /// Rigid copies of the texels.
     pub copies: Vec<copies::CopySet>,
+    /// Sky and background.
     pub environment: shell::Environment,
 }
 
-/// What to take from a file, and how much of it.
+/// Selection from a file, and limits on its size.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ReadOptions {
     /// The scene by its name or, failing that, its index; by default the file's own choice.

@@ -10,14 +10,19 @@ use crate::geom::DAffine3;
 /// Everything that was found in the chosen scene of a file.
 #[derive(Debug, Clone, Default)]
 pub struct Model {
+    /// Primitives, each in its own space.
     pub parts: Vec<Part>,
     /// At least one; a part without a material uses a default that was appended.
     pub materials: Vec<Material>,
+    /// Placements of the parts in the world.
     pub instances: Vec<Instance>,
+    /// Cameras in world space.
     pub cameras: Vec<Camera>,
+    /// Punctual lights in world space.
     pub lights: Vec<Light>,
     /// Metres in a unit of the file: 1 for glTF, 0 (unknown) for OBJ.
     pub metres_per_unit: f64,
+    /// Warnings of the reader.
     pub warnings: Warnings,
 }
 
@@ -26,6 +31,7 @@ pub struct Model {
 pub struct Part {
     /// Mesh name, for messages.
     pub name: String,
+    /// Positions of the vertices, in part space.
     pub positions: Vec<[f32; 3]>,
     /// Unit length, or absent.
     pub normals: Option<Vec<[f32; 3]>>,
@@ -35,14 +41,19 @@ pub struct Part {
     pub colors: Option<Vec<[f32; 4]>>,
     /// Indices below `positions.len()`; strips, fans and loops are already taken apart.
     pub triangles: Vec<[u32; 3]>,
+    /// Pairs of indices below `positions.len()`.
     pub lines: Vec<[u32; 2]>,
+    /// Indices below `positions.len()`.
     pub points: Vec<u32>,
     /// Index into [`Model::materials`].
     pub material: usize,
-    /// `_VTEX_UVW`, `_VTEX_HEIGHT`, `_VTEX_DW`, `_VTEX_JITTER`.
+    /// `_VTEX_UVW` of each vertex: texel coordinates at the base of the shell.
     pub uvw: Option<Vec<[f32; 3]>>,
+    /// `_VTEX_HEIGHT` of each vertex.
     pub heights: Option<Vec<[f32; 3]>>,
+    /// `_VTEX_DW` of each vertex.
     pub dw: Option<Vec<f32>>,
+    /// `_VTEX_JITTER` of each vertex.
     pub jitter: Option<Vec<f32>>,
 }
 
@@ -57,9 +68,10 @@ pub struct Instance {
     pub node: String,
 }
 
-/// How alpha is understood.
+/// Interpretations of alpha.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum Alpha {
+    /// Alpha is ignored.
     #[default]
     Opaque,
     /// There where alpha ≥ the cutoff, not there elsewhere.
@@ -84,11 +96,15 @@ impl Alpha {
 /// A surface: base colour = factor · texture · vertex colour.
 #[derive(Debug, Clone)]
 pub struct Material {
+    /// Name in the file, for messages.
     pub name: String,
     /// Linear RGBA.
     pub base_color: [f32; 4],
+    /// Texture of the base colour.
     pub texture: Option<TextureRef>,
+    /// Interpretation of alpha.
     pub alpha: Alpha,
+    /// Whether both sides of a face are seen.
     pub double_sided: bool,
     /// Shown in its base colour whatever the light.
     pub unlit: bool,
@@ -113,6 +129,7 @@ impl Default for Material {
 /// A texture as a material uses it.
 #[derive(Debug, Clone)]
 pub struct TextureRef {
+    /// The image.
     pub texture: Arc<Texture>,
     /// Index into [`Part::uvs`], after KHR_texture_transform's override.
     pub tex_coord: usize,
@@ -130,13 +147,17 @@ impl TextureRef {
 /// A camera of the file, in world space. It looks along −z of `to_world`, +y up.
 #[derive(Debug, Clone)]
 pub struct Camera {
+    /// Name in the file, for messages.
     pub name: String,
+    /// Map from its own space to the world.
     pub to_world: DAffine3,
+    /// Projection of the view.
     pub projection: Projection,
     /// Width of its picture for a height of 1; `None` where the file leaves it to the viewer.
     pub aspect: Option<f64>,
 }
 
+/// Projection of a camera.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Projection {
     /// Vertical field of view, radians.
@@ -148,22 +169,25 @@ pub enum Projection {
 /// A punctual light (KHR_lights_punctual), in world space. It shines along −z of `to_world`.
 #[derive(Debug, Clone)]
 pub struct Light {
+    /// Name in the file, for messages.
     pub name: String,
+    /// Map from its own space to the world.
     pub to_world: DAffine3,
     /// Colour × intensity, linear: irradiance for a directional light, radiant intensity for the others.
     pub intensity: [f64; 3],
+    /// Kind of the light.
     pub kind: LightKind,
     /// Metres beyond which it gives nothing; infinite where absent.
     pub range: f64,
 }
 
+/// Kinds of punctual lights.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum LightKind {
+    /// Parallel rays.
     Directional,
+    /// Light from a point, the same in all directions.
     Point,
     /// Cone half-angles, radians.
-    Spot {
-        inner: f64,
-        outer: f64,
-    },
+    Spot { inner: f64, outer: f64 },
 }

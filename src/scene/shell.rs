@@ -1,4 +1,4 @@
-//! What `VTEX_volumetric_texture` says, as plain data with every default filled in (a glTF extension, see `docs/landscapes.md`).
+//! Content of the extension `VTEX_volumetric_texture`, as plain data with every default filled in (a glTF extension, see `docs/landscapes.md`).
 
 use std::sync::Arc;
 
@@ -7,6 +7,7 @@ use crate::volume::{Palette, Volume};
 /// A texel that the landscape's root names, in the colours that layers show it in: one for each palette.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct TexelRef {
+    /// Name of the texel.
     pub name: String,
     /// The `.vtex` files of its frames, in order; at least one, unless the texel is in `memory`. Paths are resolved against the
     /// landscape's folder.
@@ -15,7 +16,7 @@ pub struct TexelRef {
     pub geometry: Option<std::path::PathBuf>,
     /// Deepest depth to be used.
     pub max_depth: Option<u8>,
-    /// What the first frame's file says of its content, if the landscape was made for that alone.
+    /// Content identifier of the first frame's file, if the landscape was made for that alone.
     pub content_id: Option<[u8; 16]>,
     /// In which colours it is shown.
     pub palette: Palette,
@@ -42,8 +43,11 @@ pub struct Environment {
 /// The extension object of a material.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ShellMaterial {
+    /// Index of the set of texture coordinates that gives u and v.
     pub tex_coord: usize,
+    /// Texel coordinate w at the base of the shell.
     pub w: f64,
+    /// Difference of w between the top and the base of the shell.
     pub dw: f64,
     /// Metres: H = thickness · NORMAL where `_VTEX_HEIGHT` is absent.
     pub thickness: f64,
@@ -53,11 +57,14 @@ pub struct ShellMaterial {
     pub layers: Vec<Layer>,
 }
 
-/// How a texel continues beyond its unit cell, an axis.
+/// Continuation of a texel beyond its unit cell along an axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum CellWrap {
+    /// The cell is repeated.
     Repeat,
+    /// The cell is repeated, every second one mirrored.
     Mirror,
+    /// There is nothing beyond the cell.
     Empty,
 }
 
@@ -70,6 +77,7 @@ pub struct Layer {
     pub wrap: [CellWrap; 3],
     /// Texel coordinate = uvw · scale + offset.
     pub offset: [f64; 3],
+    /// Scale of the same map, along u, v, w.
     pub scale: [f64; 3],
     /// The part of the height vectors that the layer fills, from less to more in [0, 1]: w at the one end, w + dw at the other.
     pub skin_range: [f64; 2],
@@ -77,6 +85,7 @@ pub struct Layer {
     pub opacity_scale: f64,
     /// Multiplies the texel's albedo.
     pub diffuse: [f64; 3],
+    /// Variation per cell; `None` where all cells are alike.
     pub discrete: Option<Discrete>,
 }
 
@@ -99,7 +108,9 @@ impl Default for Layer {
 /// Per-cell variation of isolated objects, hashed from the integer cell and the seed.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Discrete {
+    /// Seed of the hash.
     pub seed: u32,
+    /// Orientations to choose from.
     pub orientations: Orientations,
     /// Uniform scale about the cell's base centre, [min, max], 0 < min ≤ max ≤ 1.
     pub scale: [f64; 2],
@@ -122,8 +133,10 @@ pub struct Variant {
     pub diffuse: [f64; 3],
 }
 
+/// Orientations that the objects of cells may take.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Orientations {
+    /// As the texel was baked.
     #[default]
     Identity,
     /// Quarter turns about w.

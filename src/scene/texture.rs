@@ -5,23 +5,30 @@
 
 use std::sync::{LazyLock, OnceLock};
 
-/// How a texture continues beyond [0, 1].
+/// Continuation of a texture beyond [0, 1].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Wrap {
+    /// The texture is repeated.
     #[default]
     Repeat,
+    /// The texture is repeated, every second copy mirrored.
     Mirror,
+    /// The texels at the edge continue.
     Clamp,
 }
 
 /// A decoded image: 8-bit RGBA, sRGB-encoded colour, linear alpha, row 0 at v = 0 (the top, as in glTF).
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Texture {
+    /// Name, for messages.
     pub name: String,
+    /// Texels per row.
     pub width: u32,
+    /// Number of rows.
     pub height: u32,
     /// `width * height` texels, row by row.
     pub texels: Vec<[u8; 4]>,
+    /// Continuation along u and v.
     pub wrap: [Wrap; 2],
     /// Nearest texel instead of bilinear.
     pub nearest: bool,

@@ -9,18 +9,20 @@ use crate::{Error, Result, morton, par};
 
 /// A triangle of a facet.
 #[derive(Debug, Clone, Copy)]
-pub struct Piece {
+pub struct FacetTriangle {
     /// Grid space.
     pub corners: [DVec3; 3],
     /// The source's own number for the facet.
     pub facet: u32,
+    /// Whether alpha cuts parts out of the facet.
     pub cut_out: bool,
 }
 
-/// What [`facets`] finds.
+/// Result of [`facets`].
 #[derive(Debug, Clone, Default)]
 pub struct Facets {
-    pub pieces: Vec<Piece>,
+    /// Triangles of all facets.
+    pub pieces: Vec<FacetTriangle>,
     /// Morton codes of finest voxels with the projected areas of what is in them along the 13 axes, in squares of their
     /// edge; in Morton order.
     pub areas: Vec<(u64, [f32; 13])>,
@@ -56,7 +58,7 @@ pub fn facets(staged: &dyn Staged, place: &Placement, max_bytes: u64, progress: 
             let cut_out = staged.has_alpha(facet.facet);
             let c = polygon.corners();
             for k in 2..c.len() {
-                found.pieces.push(Piece { corners: [c[0], c[k - 1], c[k]], facet: facet.facet, cut_out });
+                found.pieces.push(FacetTriangle { corners: [c[0], c[k - 1], c[k]], facet: facet.facet, cut_out });
             }
             polygon.split_voxels(&mut |piece, at| {
                 let cell = at.clamp(corner, corner + (width - 1.0)).as_uvec3();

@@ -23,7 +23,7 @@ pub struct Medium {
     pub flat: f64,
     /// Unit direction that the matter faces, in grid space; zero where there is none.
     pub normal: DVec3,
-    /// How far it faces that way, in [0, 1]: the length of the mean normal of what is seen.
+    /// One-sidedness, in [0, 1]: the length of the mean normal of what is seen.
     pub facing: f64,
     /// Whether chance alone has put its matter where it is, as in smoke; else it stands for surfaces, which go on from cube to
     /// cube and whose coverage is corrected as a surface's is.

@@ -31,7 +31,7 @@ pub use crate::geom::polygon::{MAX_CORNERS, Polygon};
 pub use crate::scene::alpha::AlphaClass;
 pub use curve::trajectory::TrajectoryOptions;
 pub use curve::{CurveOptions, CurveSource, Interpolation, Section, Strand};
-pub use facets::{Facets, Piece, facets};
+pub use facets::{FacetTriangle, Facets, facets};
 pub use group::{GroupSource, Part};
 pub use lsystem::LSystemOptions;
 pub use medium::Medium;

@@ -15,6 +15,7 @@ const CURVATURE: f64 = 14.6;
 /// Noise of one or several octaves over space.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Noise {
+    /// Seed of the lattice.
     pub seed: u32,
     /// Lattice cells in a source unit, along each axis.
     pub frequency: DVec3,
@@ -167,6 +168,7 @@ pub struct Bias {
 }
 
 impl Bias {
+    /// The bias that maps 1/2 to `b` in (0, 1).
     pub fn new(b: f64) -> Bias {
         Bias { exponent: if b == 0.5 { 1.0 } else { libm::log(b) / libm::log(0.5) } }
     }
@@ -191,6 +193,7 @@ pub struct Gain {
 }
 
 impl Gain {
+    /// The gain of strength `g` in (0, 1); 1/2 is the identity.
     pub fn new(g: f64) -> Gain {
         Gain { half: Bias::new(1.0 - g) }
     }

@@ -13,26 +13,37 @@ use crate::scene::gltf::ReadOptions;
 pub struct OpenOptions {
     /// Of every source: what is selected, and the limits.
     pub read: ReadOptions,
+    /// Options of mesh sources.
     pub mesh: MeshOptions,
+    /// Options of image stacks.
     pub stack: StackOptions,
     /// Recipes that are being read: none of them may draw itself.
     pub within: Vec<PathBuf>,
     /// Nodes of those recipes that the source lies within, and copies of it that they draw (0 is 1): their limits go on.
     pub depth: usize,
     pub copies: u64,
+    /// Options of trajectories.
     pub trajectory: TrajectoryOptions,
+    /// Options of L-systems.
     pub lsystem: LSystemOptions,
 }
 
 /// Kinds of sources, by how they are read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FileKind {
+    /// Triangle mesh.
     Mesh,
+    /// L-system.
     LSystem,
+    /// Trajectories, swept as curves.
     Curves,
+    /// Stack of images.
     Stack,
+    /// Texel that was baked before.
     Texel,
+    /// Recipe that combines sources.
     Recipe,
+    /// File of no known kind.
     Other,
 }
 

@@ -1,4 +1,4 @@
-//! Where a source lies in the grid of finest voxels.
+//! Placement of a source in the grid of finest voxels.
 
 use crate::geom::{Aabb, DAffine3, DMat3, DVec3};
 use crate::volume::Info;
@@ -6,7 +6,7 @@ use crate::volume::Info;
 /// log2 of the voxels a region is wide; a texel of fewer voxels is one region.
 pub const REGION_LOG2: usize = 4;
 
-/// Where a source lies in the grid of finest voxels.
+/// Placement of a source in the grid of finest voxels.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Placement {
     /// The box that the texel's cube is: a cube, or what wraps around along cyclic axes.

@@ -1,4 +1,4 @@
-//! What a bake needs of a source: its extent, and its matter as facets, a region at a time.
+//! Interface between a source and a bake: its extent, and its matter as facets, a region at a time.
 
 use super::medium::Medium;
 use super::placement::Placement;
@@ -8,7 +8,7 @@ use crate::progress::Progress;
 use crate::scene::alpha::AlphaClass;
 use crate::{Result, Warnings};
 
-/// What a facet looks like at a point.
+/// Appearance of a facet at a point.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Surface {
     /// Linear Rec. 709.
@@ -40,9 +40,9 @@ pub trait Source: Sync {
     fn materials(&self) -> &[String] {
         &[]
     }
-    /// What was mended or left out while the source was read.
+    /// Warnings of things that were mended or left out while the source was read.
     fn warnings(&self) -> &Warnings;
-    /// What was chosen where nothing was asked for, a line each.
+    /// Choices made where no option was given, one line per choice.
     fn notes(&self) -> &[String] {
         &[]
     }
@@ -62,14 +62,14 @@ pub trait Source: Sync {
 pub trait Staged: Sync {
     /// Morton codes of the regions that may hold matter, ascending. A region is 2^region_log2 voxels wide.
     fn regions(&self) -> &[u64];
-    /// How many facets are kept in memory for a region.
+    /// Number of facets that are kept in memory for a region.
     fn weight(&self, region: usize) -> u64;
     /// One more than the highest number of a facet.
     fn facets(&self) -> u32;
     /// Give the facets that may reach into `regions()[region]`, one by one: planar and convex, in grid space, in a fixed
     /// order. What reaches beyond the region is cut off by the caller.
     fn emit(&self, region: usize, each: &mut dyn FnMut(&Polygon));
-    /// What the facet looks like at `at` (grid space), averaged over about `width` voxels; with 0, a point sample.
+    /// Appearance of the facet at `at` (grid space), averaged over about `width` voxels; with 0, a point sample.
     fn surface(&self, facet: u32, at: DVec3, width: f64) -> Surface;
     /// The id of the facet's material, among [`Source::materials`]; 0 where it names none.
     fn material(&self, _facet: u32) -> u16 {

@@ -19,14 +19,15 @@ pub struct Material {
 pub const MOST_MATERIALS: usize = 255;
 /// Materials that a voxel tells apart.
 pub const SLOTS: usize = 4;
-/// What the shares of a voxel sum up to.
+/// Sum of the shares of a voxel.
 pub const WHOLE: u8 = 63;
-/// Steps of a share, in parts of [`WHOLE`]: the finest that there is, and that of finest voxels, of which most show one
-/// material (.4 bits a voxel less than by the finest step).
+/// Finest step of a share, in parts of [`WHOLE`].
 pub const FINE: u8 = 1;
+/// Step of the shares of the finest voxels, in parts of [`WHOLE`]. Most of them show one material, so that this step costs
+/// 0.4 bits per voxel less than [`FINE`].
 pub const COARSE: u8 = 9;
 
-/// What is seen of a voxel, by material: the largest share first, of equal ones the lower id; unused slots are 0.
+/// Visible shares of a voxel by material: the largest share first, of equal ones the lower id; unused slots are 0.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Mix {
     ids: [u8; SLOTS],
@@ -47,7 +48,7 @@ impl Mix {
     }
 
     /// The mix nearest to weights ≥ 0 of different materials, in steps of `step`; the first material where there are none.
-    /// What does not fit into the slots is left out.
+    /// Materials that do not fit into the slots are left out.
     pub fn new(weights: impl IntoIterator<Item = (u8, f64)>, step: u8) -> Mix {
         let mut all: Vec<(u8, f64)> = weights.into_iter().filter(|w| w.1 > 0.0 && w.1.is_finite()).collect();
         if let [(id, _)] = all[..] {

@@ -1,10 +1,10 @@
-//! What a texel is: voxels on a sparse octree, the law of opacity along a ray, and the descent that a ray makes.
+//! A texel in memory: voxels on a sparse octree, their materials, and the law of opacity along a ray.
 //!
 //! Texel space is the cube [0,1]^3 with axes (u, v, w), w up; at depth d it is cut into (2^d)^3 voxels. Depth 0 is the root.
 
+pub mod brightness;
 #[cfg(feature = "bake")]
 pub(crate) mod chord;
-pub mod level;
 pub mod material;
 pub mod ndf;
 pub mod octree;
@@ -20,10 +20,10 @@ pub use voxel::Voxel;
 
 use crate::geom::Aabb;
 
-/// Deepest depth that a texel may have: 65 536 voxels a side.
+/// Deepest depth that a texel may have: 65 536 voxels per side.
 pub const MAX_DEPTH: usize = 16;
 
-/// Which appearance model the voxels hold.
+/// Appearance models that voxels may hold.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Model {
@@ -34,12 +34,12 @@ pub enum Model {
     Neyret,
 }
 
-/// What the file says of a texel besides its voxels.
+/// Description of a texel besides its voxels.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Info {
     /// The box in source space (source axes and units) that texel space covers.
     pub bounds: Aabb,
-    /// Metres in a source unit; 0 where unknown.
+    /// Metres per source unit; 0 where unknown.
     pub metres_per_unit: f64,
     /// Source axis that became w: 0 x, 1 y, 2 z.
     pub up: u8,
@@ -59,7 +59,7 @@ pub struct Info {
     pub meta: serde_json::Map<String, serde_json::Value>,
 }
 
-/// Of a texel that fills the unit cube, +Y up, in metres, with none of the channels.
+/// Description of a texel that fills the unit cube, +Y up, in metres, with none of the channels.
 impl Default for Info {
     fn default() -> Info {
         Info {
@@ -80,9 +80,13 @@ impl Default for Info {
 /// Which of a voxel's fields were measured; a field that was not is left at its default by every reader.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
 pub struct Channels {
+    /// Block correlation.
     pub correlation: bool,
+    /// Support box.
     pub support: bool,
+    /// Albedo.
     pub albedo: bool,
+    /// Mean area vector.
     pub mean_normal: bool,
 }
 
@@ -94,20 +98,21 @@ pub struct Depth {
     pub masks: Vec<u8>,
     /// The voxel of each node, as long as `masks`.
     pub voxels: Vec<Voxel>,
-    /// What each node shows of the texel's materials, as long as `voxels`; empty where there are fewer than two.
+    /// Shares of the texel's materials that each node shows, as long as `voxels`; empty where there are fewer than two.
     pub mixes: Vec<Mix>,
 }
 
 /// A whole texel in memory: what a bake makes and a writer takes.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Volume {
+    /// Description of the texel.
     pub info: Info,
     /// `depths[0]` has the root (or nothing, for an empty texel); at most `MAX_DEPTH + 1`.
     pub depths: Vec<Depth>,
 }
 
 impl Volume {
-    /// Voxels a side at the finest depth.
+    /// Number of voxels per side at the finest depth.
     pub fn resolution(&self) -> u32 {
         1 << self.depths.len().saturating_sub(1)
     }

@@ -8,11 +8,17 @@ use crate::geom::Vec3;
 /// A symmetric positive matrix S; facets' projected area along the unit vector w is sqrt(w^T S w), relative to the largest axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sggx {
+    /// Element xx of the matrix.
     pub xx: f32,
+    /// Element yy of the matrix.
     pub yy: f32,
+    /// Element zz of the matrix.
     pub zz: f32,
+    /// Element xy of the matrix.
     pub xy: f32,
+    /// Element xz of the matrix.
     pub xz: f32,
+    /// Element yz of the matrix.
     pub yz: f32,
 }
 
@@ -45,6 +51,7 @@ impl Sggx {
         )
     }
 
+    /// The matrix times `s`.
     pub fn scaled(&self, s: f32) -> Sggx {
         let Sggx { xx, yy, zz, xy, xz, yz } = *self;
         Sggx { xx: xx * s, yy: yy * s, zz: zz * s, xy: xy * s, xz: xz * s, yz: yz * s }

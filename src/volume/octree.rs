@@ -10,7 +10,7 @@
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, OnceLock};
 
-use super::level::{BrightnessFactors, levels};
+use super::brightness::{self, BrightnessFactors};
 use super::{Info, MAX_DEPTH, Mix, Volume, Voxel};
 use crate::{Error, Result};
 
@@ -18,8 +18,9 @@ use crate::{Error, Result};
 pub const PAGE_LOG2: u32 = 12;
 const PAGE: usize = 1 << PAGE_LOG2;
 
-/// Where an [`Octree`] gets its content: a file's reader, or a volume in memory. Each call may be slow; each is made once.
+/// Provider of an [`Octree`]'s content: a file's reader, or a volume in memory. Each call may be slow; each is made once.
 pub trait Pages: Send + Sync {
+    /// Description of the texel.
     fn info(&self) -> &Info;
     /// Nodes at each depth, root first.
     fn counts(&self) -> Vec<usize>;
@@ -27,7 +28,7 @@ pub trait Pages: Send + Sync {
     fn masks(&self, depth: usize) -> Result<Vec<u8>>;
     /// Voxels `page * 4096 ..` of `depth`, 4096 or as many as are left.
     fn voxels(&self, depth: usize, page: usize) -> Result<Vec<Voxel>>;
-    /// What the voxels of a page show of the texel's materials; empty where there are fewer than two.
+    /// Shares of the texel's materials that the voxels of a page show; empty where there are fewer than two.
     fn mixes(&self, _depth: usize, _page: usize) -> Result<Vec<Mix>> {
         Ok(Vec::new())
     }
@@ -86,10 +87,12 @@ pub struct Block {
     child: u32,
 }
 
-/// Which voxel a cell shows.
+/// Address of a voxel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Place {
+pub struct VoxelAddress {
+    /// Depth of the voxel; 0 is the root.
     pub depth: u8,
+    /// Index of the voxel among those of its depth, in Morton order.
     pub rank: u32,
 }
 
@@ -109,20 +112,20 @@ impl Block {
     /// The voxel that the occupied `cell` shows; the block belongs to node `node` of `depth`, −2 and −1 for the virtual
     /// roots of even and odd descents.
     #[inline]
-    pub fn place(&self, depth: i32, node: u32, cell: u32) -> Place {
+    pub fn place(&self, depth: i32, node: u32, cell: u32) -> VoxelAddress {
         if self.terminal >> cell & 1 == 0 {
-            return Place { depth: (depth + 2) as u8, rank: self.rank(cell) };
+            return VoxelAddress { depth: (depth + 2) as u8, rank: self.rank(cell) };
         }
         self.terminal_place(depth, node, cell)
     }
 
     #[cold]
-    fn terminal_place(&self, depth: i32, node: u32, cell: u32) -> Place {
+    fn terminal_place(&self, depth: i32, node: u32, cell: u32) -> VoxelAddress {
         if self.child == SELF_TERMINAL {
-            return Place { depth: depth as u8, rank: node };
+            return VoxelAddress { depth: depth as u8, rank: node };
         }
         let earlier = (0..cell >> 3).filter(|j| self.mask >> (8 * j) & 255 != 0).count() as u32;
-        Place { depth: (depth + 1) as u8, rank: self.child + earlier }
+        VoxelAddress { depth: (depth + 1) as u8, rank: self.child + earlier }
     }
 
     /// Whether the whole block is one terminal node.
@@ -131,7 +134,7 @@ impl Block {
     }
 }
 
-/// What was opened so far.
+/// Counts of the pages and voxels that were decoded so far.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Opened {
     /// Voxel pages decoded.
@@ -155,7 +158,7 @@ pub struct Octree {
     blocks: Vec<OnceLock<Box<[Block]>>>,
     /// Indexed by depth, then page.
     pages: Vec<Box<[Page]>>,
-    levels: [BrightnessFactors; MAX_DEPTH + 1],
+    brightness_factors: [BrightnessFactors; MAX_DEPTH + 1],
     failure: OnceLock<Error>,
     pages_opened: AtomicU64,
     voxels_opened: AtomicU64,
@@ -163,7 +166,10 @@ pub struct Octree {
 }
 
 impl Octree {
-    /// Nothing is read but the counts.
+    /// Open a texel; only its counts are read.
+    ///
+    /// # Errors
+    /// [`Error::Limit`] where there are more depths, or more nodes in a depth, than an octree may have.
     pub fn new(source: impl Pages + 'static) -> Result<Octree> {
         let counts = source.counts();
         if counts.len() > MAX_DEPTH + 1 || counts.iter().any(|&n| n >= u32::MAX as usize) {
@@ -175,7 +181,7 @@ impl Octree {
         }
         let pages = counts.iter().map(|n| (0..n.div_ceil(PAGE)).map(|_| OnceLock::new()).collect()).collect();
         Ok(Octree {
-            levels: levels(source.info()),
+            brightness_factors: brightness::read(source.info()),
             source: Box::new(source),
             masks: counts.iter().map(|_| OnceLock::new()).collect(),
             blocks: (0..counts.len() + 1).map(|_| OnceLock::new()).collect(),
@@ -188,6 +194,7 @@ impl Octree {
         })
     }
 
+    /// Description of the texel.
     pub fn info(&self) -> &Info {
         self.source.info()
     }
@@ -197,9 +204,9 @@ impl Octree {
         (self.counts.first() == Some(&1)).then(|| self.counts.len() - 1)
     }
 
-    /// What the voxels of each depth are multiplied by, root first.
-    pub fn levels(&self) -> &[BrightnessFactors; MAX_DEPTH + 1] {
-        &self.levels
+    /// Brightness factors of each depth, root first.
+    pub fn brightness_factors(&self) -> &[BrightnessFactors; MAX_DEPTH + 1] {
+        &self.brightness_factors
     }
 
     /// Nodes at `depth`.
@@ -279,7 +286,7 @@ impl Octree {
     }
 
     /// The voxel that the cell of Morton code `code` at `depth` shows; `None` where it is empty, or there is no such depth.
-    pub fn find(&self, depth: usize, code: u64) -> Option<Place> {
+    pub fn find(&self, depth: usize, code: u64) -> Option<VoxelAddress> {
         if depth > self.finest()? || code >> (3 * depth) != 0 {
             return None;
         }
@@ -302,7 +309,7 @@ impl Octree {
 
     /// The voxel of `rank` at `depth`.
     #[inline]
-    pub fn voxel(&self, place: Place) -> &Voxel {
+    pub fn voxel(&self, place: VoxelAddress) -> &Voxel {
         let (page, slot) = (place.rank >> PAGE_LOG2, place.rank as usize & (PAGE - 1));
         let cell = &self.pages[place.depth as usize][page as usize];
         let voxels = match cell.get() {
@@ -328,7 +335,7 @@ impl Octree {
         })
     }
 
-    /// What was opened so far.
+    /// Counts of the pages and voxels that were decoded so far.
     pub fn opened(&self) -> Opened {
         Opened {
             pages: self.pages_opened.load(Ordering::Relaxed),
@@ -371,23 +378,23 @@ mod tests {
         assert_eq!(tree.finest(), Some(2));
         let block = tree.blocks(0)[0];
         assert_eq!(block.mask, 255 | 0b1010 << 56);
-        assert_eq!(block.place(0, 0, 3), Place { depth: 1, rank: 0 });
-        assert_eq!(block.place(0, 0, 57), Place { depth: 2, rank: 0 });
-        assert_eq!(block.place(0, 0, 59), Place { depth: 2, rank: 1 });
+        assert_eq!(block.place(0, 0, 3), VoxelAddress { depth: 1, rank: 0 });
+        assert_eq!(block.place(0, 0, 57), VoxelAddress { depth: 2, rank: 0 });
+        assert_eq!(block.place(0, 0, 59), VoxelAddress { depth: 2, rank: 1 });
         assert_eq!(tree.voxel(block.place(0, 0, 59)).rate, 2);
-        assert_eq!(tree.blocks(-1)[0].place(-1, 0, 7), Place { depth: 1, rank: 1 });
-        assert_eq!(tree.blocks(-2)[0].place(-2, 0, 0), Place { depth: 0, rank: 0 });
+        assert_eq!(tree.blocks(-1)[0].place(-1, 0, 7), VoxelAddress { depth: 1, rank: 1 });
+        assert_eq!(tree.blocks(-2)[0].place(-2, 0, 0), VoxelAddress { depth: 0, rank: 0 });
         assert_eq!(tree.opened().pages, 1);
     }
 
     #[test]
     fn cells_are_found_by_their_codes() {
         let tree = small();
-        assert_eq!(tree.find(0, 0), Some(Place { depth: 0, rank: 0 }));
-        assert_eq!([tree.find(1, 7), tree.find(1, 3)], [Some(Place { depth: 1, rank: 1 }), None]);
-        assert_eq!([tree.find(2, 57), tree.find(2, 58)], [Some(Place { depth: 2, rank: 0 }), None]);
+        assert_eq!(tree.find(0, 0), Some(VoxelAddress { depth: 0, rank: 0 }));
+        assert_eq!([tree.find(1, 7), tree.find(1, 3)], [Some(VoxelAddress { depth: 1, rank: 1 }), None]);
+        assert_eq!([tree.find(2, 57), tree.find(2, 58)], [Some(VoxelAddress { depth: 2, rank: 0 }), None]);
         // Within a terminal node, and outside of the texel.
-        assert_eq!([tree.find(2, 5), tree.find(2, 64)], [Some(Place { depth: 1, rank: 0 }), None]);
+        assert_eq!([tree.find(2, 5), tree.find(2, 64)], [Some(VoxelAddress { depth: 1, rank: 0 }), None]);
         assert_eq!(tree.find(3, 0), None);
     }
 

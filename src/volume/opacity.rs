@@ -1,4 +1,4 @@
-//! How matter takes light away along a ray.
+//! Transmittance of matter along a ray.
 //!
 //! Based on: F. Neyret, *Synthesizing Verdant Landscapes using Volumetric Textures*, INRIA RR-2846, 1996 (opacity per voxel);
 //! D. Vicini, W. Jakob, A. Kaplanyan, *A Non-Exponential Transmittance Model for Volumetric Scene Representations*, 2021

@@ -10,7 +10,7 @@ use super::{Info, Mix, Pages, Voxel};
 use crate::Result;
 use crate::geom::Vec3;
 
-/// What becomes of a material.
+/// Restyling of a material.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Style {
     /// Linear; multiplies the texel's own albedo, or is the albedo.
@@ -25,7 +25,7 @@ impl Style {
     /// White, for a factor to be put on.
     pub const BLANK: Style = Style { factor: [1.0; 3], keep: false };
 
-    /// What becomes of an albedo.
+    /// The restyled albedo.
     pub fn of(&self, albedo: Vec3) -> Vec3 {
         let factor = Vec3::from_array(self.factor.map(|v| v as f32));
         if self.keep { albedo * factor } else { factor }
@@ -35,8 +35,9 @@ impl Style {
 /// Styles by the names of materials.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Palette {
+    /// Style of each named material.
     pub styles: BTreeMap<String, Style>,
-    /// Of materials that are not named.
+    /// Style of the materials that are not named.
     pub rest: Style,
 }
 
@@ -64,7 +65,7 @@ impl Palette {
     }
 }
 
-/// What is read of a texel, restyled.
+/// Pages of a texel with its materials restyled.
 pub struct Restyled<P> {
     inner: P,
     /// By id: mean albedo and style.
@@ -72,6 +73,7 @@ pub struct Restyled<P> {
 }
 
 impl<P: Pages> Restyled<P> {
+    /// Show what `inner` holds in the styles of `palette`.
     pub fn new(inner: P, palette: &Palette) -> Restyled<P> {
         let of = |m: &super::Material| (Vec3::from_array(m.albedo.map(|v| v as f32)), palette.style(&m.name));
         let mut materials: Vec<(Vec3, Style)> = inner.info().materials.iter().map(of).collect();

@@ -13,7 +13,7 @@ use crate::source;
 use crate::source::OpenOptions;
 use crate::source::Placement;
 use crate::volume::voxel::encode_rate;
-use crate::volume::{Voxel, level};
+use crate::volume::{Voxel, brightness};
 use crate::{Error, Result};
 
 /// Bytes that the source's facets may take.
@@ -58,7 +58,7 @@ pub fn write(source: &Path, baked: &Path, out: &Path, ui: &Ui) -> Result<()> {
             same
         });
     }
-    volume.info.meta.remove(level::KEY);
+    volume.info.meta.remove(brightness::META_KEY);
     volume.info.meta.remove("error");
     format::write(&volume, out, &WriteOptions::default()).map(|_| ())
 }

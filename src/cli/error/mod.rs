@@ -114,7 +114,8 @@ pub fn against(
     let staged = source.stage(&place, ui)?;
     let source::Facets { pieces, areas, media } = source::facets(&*staged, &place, max_bytes, ui)?;
     let side = f64::from(place.side());
-    let facet = |p: source::Piece| Facet { corners: p.corners.map(|c| c / side), number: p.facet, cut_out: p.cut_out };
+    let facet =
+        |p: source::FacetTriangle| Facet { corners: p.corners.map(|c| c / side), number: p.facet, cut_out: p.cut_out };
     let look = |facet: u32, at: DVec3| {
         let seen = staged.surface(facet, at * side, 0.0);
         (seen.albedo, seen.alpha)

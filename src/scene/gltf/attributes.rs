@@ -13,10 +13,15 @@ const MAX_UV_SETS: u32 = 8;
 
 /// One primitive being read.
 pub struct Reader<'a> {
+    /// File that holds the primitive.
     pub document: &'a Document,
+    /// The primitive as the JSON has it.
     pub primitive: &'a Primitive,
+    /// Morph targets.
     pub targets: &'a [Target],
+    /// Weights of the morph targets.
     pub weights: &'a [f32],
+    /// Place in the file, for messages.
     pub at: String,
 }
 

@@ -20,7 +20,7 @@ pub struct Document {
     pub path: PathBuf,
     pub root: Root,
     /// Transforms of the nodes at full precision, in the order of `root.nodes`.
-    pub places: Vec<Place>,
+    pub places: Vec<NodeTransform>,
     /// Morph targets of each primitive of each mesh.
     pub targets: Vec<Vec<Vec<Target>>>,
     /// The BIN chunk of a GLB.
@@ -37,10 +37,14 @@ pub struct Document {
 /// The transform of a node as the JSON has it.
 #[derive(Debug, Default, Deserialize)]
 #[serde(default)]
-pub struct Place {
+pub struct NodeTransform {
+    /// Translation, in metres.
     pub translation: Option<[f64; 3]>,
+    /// Unit quaternion (x, y, z, w).
     pub rotation: Option<[f64; 4]>,
+    /// Factor along each axis.
     pub scale: Option<[f64; 3]>,
+    /// Matrix of 4 columns, which replaces the other three.
     pub matrix: Option<[f64; 16]>,
 }
 
@@ -48,7 +52,7 @@ pub struct Place {
 #[derive(Default, Deserialize)]
 #[serde(default)]
 struct Precise {
-    nodes: Vec<Place>,
+    nodes: Vec<NodeTransform>,
     meshes: Vec<PreciseMesh>,
 }
 
@@ -69,6 +73,7 @@ pub type Target = BTreeMap<String, usize>;
 
 /// A piece of a buffer.
 pub struct View<'a> {
+    /// Bytes of the view.
     pub bytes: &'a [u8],
     /// Distance between elements, where the file gives one.
     pub stride: Option<usize>,

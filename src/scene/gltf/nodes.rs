@@ -3,7 +3,7 @@
 use glam::{DMat3, DQuat, DVec3};
 use serde_json::Value;
 
-use super::document::{Document, Place, index};
+use super::document::{Document, NodeTransform, index};
 use super::{ReadOptions, light};
 use crate::geom::DAffine3;
 use crate::scene::model::{Camera, Light};
@@ -13,10 +13,13 @@ use crate::{Error, Result, Warnings};
 /// Visits of nodes: a file without shared nodes needs one each, one that shares them at every depth many more.
 const MAX_VISITS: usize = 1 << 22;
 
-/// What the chosen scene holds.
+/// Contents of the chosen scene, in world space.
 pub struct Graph {
+    /// Nodes that show a mesh.
     pub meshes: Vec<Placed>,
+    /// Cameras.
     pub cameras: Vec<Camera>,
+    /// Punctual lights.
     pub lights: Vec<Light>,
     /// Node → world, for the nodes of the scene.
     worlds: Vec<Option<DAffine3>>,
@@ -26,8 +29,11 @@ pub struct Graph {
 pub struct Placed {
     /// None where the file has no nodes at all.
     pub node: Option<usize>,
+    /// Name of the node.
     pub name: String,
+    /// Index of the mesh.
     pub mesh: usize,
+    /// Map from node space to the world.
     pub world: DAffine3,
 }
 
@@ -41,11 +47,12 @@ pub fn walk(
     let nodes = &document.root.nodes;
     let mut graph = Graph { meshes: vec![], cameras: vec![], lights: vec![], worlds: vec![None; nodes.len()] };
     let roots = roots(document, options, warnings)?;
-    let mut stack: Vec<Visit> = Vec::new();
-    let root = Visit { node: 0, depth: 0, parent: DAffine3::IDENTITY, taken: selection.takes_all(), left_out: false };
+    let mut stack: Vec<PendingNode> = Vec::new();
+    let root =
+        PendingNode { node: 0, depth: 0, parent: DAffine3::IDENTITY, taken: selection.takes_all(), left_out: false };
     let mut visits = 0;
-    stack.extend(roots.iter().rev().map(|&node| Visit { node, ..root }));
-    while let Some(Visit { node: id, depth, parent, taken, left_out }) = stack.pop() {
+    stack.extend(roots.iter().rev().map(|&node| PendingNode { node, ..root }));
+    while let Some(PendingNode { node: id, depth, parent, taken, left_out }) = stack.pop() {
         let at = || format!("nodes[{id}]");
         visits += 1;
         if depth > nodes.len() {
@@ -73,7 +80,7 @@ pub fn walk(
         let others = node.extensions.as_ref().map(|e| &e.others);
         let hidden =
             others.and_then(|o| o.get("KHR_node_visibility")?.get("visible")).is_some_and(|v| v == &Value::Bool(false));
-        let visit = Visit {
+        let visit = PendingNode {
             node: 0,
             depth: depth + 1,
             parent: world,
@@ -90,7 +97,7 @@ pub fn walk(
             graph.lights.extend(light::light(document, l.light.value(), &name, world, warnings)?);
         }
         let children = node.children.iter().flatten().rev();
-        stack.extend(children.map(|c| Visit { node: c.value(), ..visit }));
+        stack.extend(children.map(|c| PendingNode { node: c.value(), ..visit }));
     }
     if nodes.is_empty() && !document.root.meshes.is_empty() {
         warnings.add("the file has no nodes; each of its meshes is placed where it is");
@@ -109,7 +116,7 @@ pub fn walk(
 
 /// A node still to be visited, and what its ancestors pass down.
 #[derive(Clone, Copy)]
-struct Visit {
+struct PendingNode {
     node: usize,
     depth: usize,
     parent: DAffine3,
@@ -145,7 +152,7 @@ fn roots(document: &Document, options: &ReadOptions, warnings: &mut Warnings) ->
 }
 
 /// A node's own transform.
-fn local(place: &Place, warnings: &mut Warnings) -> DAffine3 {
+fn local(place: &NodeTransform, warnings: &mut Warnings) -> DAffine3 {
     if let Some(m) = place.matrix {
         if [m[3], m[7], m[11], m[15]] != [0.0, 0.0, 0.0, 1.0] {
             warnings.add("a node's matrix has a last row other than 0 0 0 1, which is ignored");

@@ -39,13 +39,13 @@ const OFF: f64 = 0.005;
 /// The facets in the cells `lo .. lo + size`; `size` cells beyond 0.
 pub fn contour(cells: &dyn Cells, lo: [i64; 3], size: i64, each: &mut dyn FnMut(&Polygon)) {
     // A margin of one cell: creases go on from cell to cell.
-    let mut block = Block::new(cells, lo.map(|v| v - 1), size + 2);
+    let mut block = CellBlock::new(cells, lo.map(|v| v - 1), size + 2);
     block.descend([1; 3], [size + 1; 3]);
     block.look_beyond();
     block.facets(each);
 }
 
-struct Block<'a> {
+struct CellBlock<'a> {
     cells: &'a dyn Cells,
     base: [i64; 3],
     /// Cells an edge.
@@ -76,10 +76,10 @@ struct Crossing {
     normal: DVec3,
 }
 
-impl<'a> Block<'a> {
-    fn new(cells: &'a dyn Cells, base: [i64; 3], size: i64) -> Block<'a> {
+impl<'a> CellBlock<'a> {
+    fn new(cells: &'a dyn Cells, base: [i64; 3], size: i64) -> CellBlock<'a> {
         let corners = ((size + 1) * (size + 1) * (size + 1)) as usize;
-        Block {
+        CellBlock {
             cells,
             base,
             size,

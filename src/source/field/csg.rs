@@ -9,7 +9,9 @@ use crate::geom::{Aabb, DAffine3, DMat3, DVec3};
 /// How parts are joined.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Operation {
+    /// Matter of any part.
     Union,
+    /// Matter that all parts share.
     Intersection,
     /// The first less all others.
     Difference,

@@ -13,7 +13,7 @@ mod spec;
 #[cfg(test)]
 pub(super) use contour::Cells;
 pub use csg::{Coloured, Csg, Grown, Operation, Placed};
-pub use shapes::{Block, Capsule, Cone, Ellipsoid, HalfSpace, Plane, Sphere, Torus, Triangle};
+pub use shapes::{Capsule, Cone, Ellipsoid, HalfSpace, Plane, RoundedBox, Sphere, Torus, Triangle};
 pub use skeleton::{Bone, Element, Kernel, Skeleton};
 pub use source::FieldSource;
 pub(super) use source::{Laid, Met};

@@ -8,7 +8,9 @@ use crate::geom::{Aabb, DVec2, DVec3};
 /// A ball. Exact.
 #[derive(Debug, Clone, Copy)]
 pub struct Sphere {
+    /// Centre.
     pub centre: DVec3,
+    /// Radius.
     pub radius: f64,
 }
 
@@ -44,7 +46,9 @@ fn reach(b: &Aabb, p: DVec3) -> (DVec3, DVec3) {
 /// surface, at most the distance elsewhere.
 #[derive(Debug, Clone, Copy)]
 pub struct Ellipsoid {
+    /// Centre.
     pub centre: DVec3,
+    /// Radii.
     pub radii: DVec3,
 }
 
@@ -76,14 +80,16 @@ impl Field for Ellipsoid {
 
 /// A box along the axes, its edges rounded by `round`. Exact.
 #[derive(Debug, Clone, Copy)]
-pub struct Block {
+pub struct RoundedBox {
+    /// Lower corner.
     pub min: DVec3,
+    /// Upper corner.
     pub max: DVec3,
     /// At most half the shortest edge.
     pub round: f64,
 }
 
-impl Field for Block {
+impl Field for RoundedBox {
     fn value(&self, p: DVec3) -> f64 {
         let d = (self.min + self.round - p).max(p - self.max + self.round);
         d.max(DVec3::ZERO).length() + d.max_element().min(0.0) - self.round
@@ -117,8 +123,11 @@ fn sign(low: f64, high: f64) -> f64 {
 /// All points within `radius` of a segment. Exact.
 #[derive(Debug, Clone, Copy)]
 pub struct Capsule {
+    /// First end of the axis.
     pub from: DVec3,
+    /// Second end of the axis.
     pub to: DVec3,
+    /// Radius.
     pub radius: f64,
 }
 
@@ -152,8 +161,11 @@ impl Field for Capsule {
 /// A truncated cone between two discs; a cylinder where both radii are the same. Exact.
 #[derive(Debug, Clone, Copy)]
 pub struct Cone {
+    /// First end of the axis.
     pub from: DVec3,
+    /// Second end of the axis.
     pub to: DVec3,
+    /// Radii.
     pub radii: [f64; 2],
 }
 
@@ -219,11 +231,13 @@ impl Field for Cone {
 /// A ring: all points within `thickness` of a circle. Exact.
 #[derive(Debug, Clone, Copy)]
 pub struct Torus {
+    /// Centre.
     pub centre: DVec3,
-    /// Unit.
+    /// Unit direction of the axis or normal.
     pub axis: DVec3,
-    /// Of the circle.
+    /// Radius of the circle.
     pub radius: f64,
+    /// Thickness.
     pub thickness: f64,
 }
 
@@ -261,6 +275,7 @@ impl Field for Torus {
 /// All that is below a plane. Exact; without end.
 #[derive(Debug, Clone, Copy)]
 pub struct HalfSpace {
+    /// A point of the plane.
     pub point: DVec3,
     /// Unit, out of the matter.
     pub normal: DVec3,
@@ -300,9 +315,11 @@ impl Field for HalfSpace {
 /// A plane `thickness` thick. Exact; without end.
 #[derive(Debug, Clone, Copy)]
 pub struct Plane {
+    /// A point of the plane.
     pub point: DVec3,
-    /// Unit.
+    /// Unit direction of the axis or normal.
     pub normal: DVec3,
+    /// Thickness.
     pub thickness: f64,
 }
 
@@ -333,7 +350,9 @@ impl Field for Plane {
 /// All points within half of `thickness` of a triangle. Exact.
 #[derive(Debug, Clone, Copy)]
 pub struct Triangle {
+    /// Corners.
     pub corners: [DVec3; 3],
+    /// Thickness.
     pub thickness: f64,
 }
 

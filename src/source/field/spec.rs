@@ -4,8 +4,8 @@ use serde::de::Error as _;
 use serde::{Deserialize, Deserializer, Serialize};
 
 use super::{
-    Block, Bone, Capsule, Coloured, Cone, Csg, Element, Ellipsoid, Field, Grown, HalfSpace, Kernel, Operation, Placed,
-    Plane, Skeleton, Sphere, Torus, Triangle,
+    Bone, Capsule, Coloured, Cone, Csg, Element, Ellipsoid, Field, Grown, HalfSpace, Kernel, Operation, Placed, Plane,
+    RoundedBox, Skeleton, Sphere, Torus, Triangle,
 };
 use crate::geom::{DAffine3, DMat3, DVec3};
 use crate::source::hypertexture::{Hypertexture, HypertextureSpec};
@@ -349,7 +349,7 @@ fn shape(shape: &Shape) -> Result<Box<dyn Field>> {
             if round > 0.5 * least {
                 return Err(wrong("round", &format!("{round}: at most half the shortest edge, {}", 0.5 * least)));
             }
-            Box::new(Block { min, max, round })
+            Box::new(RoundedBox { min, max, round })
         }
         Shape::Cylinder { from, to, radius } => {
             let (from, to) = segment(*from, *to)?;

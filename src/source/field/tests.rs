@@ -96,7 +96,7 @@ fn creases_are_kept() {
         (
             "box",
             errors(
-                Block { min: DVec3::ZERO, max: DVec3::new(1.0, 0.61, 0.37), round: 0.0 },
+                RoundedBox { min: DVec3::ZERO, max: DVec3::new(1.0, 0.61, 0.37), round: 0.0 },
                 2.0 * (0.61 + 0.37 + 0.61 * 0.37),
                 0.61 * 0.37,
             ),

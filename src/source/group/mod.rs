@@ -145,14 +145,15 @@ impl Source for GroupSource {
         let mut entries = Vec::new();
         for ((source, places), ids) in self.sources.iter().zip(&self.places).zip(&self.ids) {
             let few = FEW[usize::from(source.exact_inside())];
-            let often = if places.len() > few { Piece::often(&**source, places, place, progress)? } else { None };
+            let often =
+                if places.len() > few { StagedCopies::often(&**source, places, place, progress)? } else { None };
             if let Some(piece) = often {
-                staged.add(Piece { ids, ..piece }, &mut entries)?;
+                staged.add(StagedCopies { ids, ..piece }, &mut entries)?;
                 continue;
             }
             for transform in places {
-                let piece = Piece::once(source.stage(&place.within(*transform), progress)?);
-                staged.add(Piece { ids, ..piece }, &mut entries)?;
+                let piece = StagedCopies::once(source.stage(&place.within(*transform), progress)?);
+                staged.add(StagedCopies { ids, ..piece }, &mut entries)?;
             }
         }
         entries.sort_unstable();
@@ -170,13 +171,13 @@ impl Source for GroupSource {
 }
 
 /// A source in a grid, and its copies.
-struct Piece<'a> {
+struct StagedCopies<'a> {
     staged: Box<dyn Staged + 'a>,
-    /// Of its own numbers.
+    /// Number of facets of the source itself.
     facets: u32,
     /// Number of the first facet of its first copy.
     first: u32,
-    /// What its ids of materials become.
+    /// Material of the group for each material of the source.
     ids: &'a [u16],
     /// None where it is in the group's grid itself.
     copies: Vec<Copy>,
@@ -195,9 +196,9 @@ struct Copy {
     bounds: Aabb,
 }
 
-impl<'a> Piece<'a> {
-    fn once(staged: Box<dyn Staged + 'a>) -> Piece<'a> {
-        Piece { facets: staged.facets(), staged, first: 0, ids: &[], copies: Vec::new(), levels: 0 }
+impl<'a> StagedCopies<'a> {
+    fn once(staged: Box<dyn Staged + 'a>) -> StagedCopies<'a> {
+        StagedCopies { facets: staged.facets(), staged, first: 0, ids: &[], copies: Vec::new(), levels: 0 }
     }
 
     /// `None` for what has no matter, and for media: voxels are not carried from grid to grid.
@@ -206,7 +207,7 @@ impl<'a> Piece<'a> {
         places: &[DAffine3],
         place: &Placement,
         progress: &dyn Progress,
-    ) -> Result<Option<Piece<'a>>> {
+    ) -> Result<Option<StagedCopies<'a>>> {
         let bounds = source.bounds();
         if bounds.is_empty() {
             return Ok(None);
@@ -258,7 +259,7 @@ impl<'a> Piece<'a> {
                 });
             }
         }
-        Ok(Some(Piece { facets: staged.facets(), staged, first: 0, ids: &[], copies, levels }))
+        Ok(Some(StagedCopies { facets: staged.facets(), staged, first: 0, ids: &[], copies, levels }))
     }
 
     /// The copy of a facet, and its number in the piece.
@@ -321,7 +322,7 @@ fn cube(code: u64, levels: usize) -> Aabb {
 type Entry = (u64, u32, u32);
 
 struct StagedGroup<'a> {
-    pieces: Vec<Piece<'a>>,
+    pieces: Vec<StagedCopies<'a>>,
     facets: u32,
     regions: Vec<u64>,
     /// Where each region's entries start, and the end.
@@ -335,7 +336,7 @@ struct StagedGroup<'a> {
 }
 
 impl<'a> StagedGroup<'a> {
-    fn add(&mut self, mut piece: Piece<'a>, entries: &mut Vec<Entry>) -> Result<()> {
+    fn add(&mut self, mut piece: StagedCopies<'a>, entries: &mut Vec<Entry>) -> Result<()> {
         let index = self.pieces.len() as u32;
         piece.first = self.facets;
         let count = u64::from(piece.facets) * piece.copies.len().max(1) as u64;
@@ -389,7 +390,7 @@ impl<'a> StagedGroup<'a> {
         Ok(())
     }
 
-    fn find(&self, facet: u32) -> (&Piece<'a>, Option<&Copy>, u32) {
+    fn find(&self, facet: u32) -> (&StagedCopies<'a>, Option<&Copy>, u32) {
         let at = self.pieces.partition_point(|p| p.first <= facet) - 1;
         let piece = &self.pieces[at];
         let (copy, local) = piece.find(facet);

@@ -402,10 +402,10 @@ fn parallelepiped(b: &Box3) -> Result<Box<dyn Source>> {
     let size = DVec3::new(m.x_axis.x, m.y_axis.y, m.z_axis.z);
     if m == crate::geom::DMat3::from_diagonal(size) {
         let min = b.map.translation;
-        let block = field::Block { min, max: min + size, round: b.round };
+        let block = field::RoundedBox { min, max: min + size, round: b.round };
         return Ok(Box::new(FieldSource::new(Box::new(block), None)?));
     }
-    let cube = field::Block { min: DVec3::ZERO, max: DVec3::ONE, round: 0.0 };
+    let cube = field::RoundedBox { min: DVec3::ZERO, max: DVec3::ONE, round: 0.0 };
     let cube: Box<dyn Source> = Box::new(FieldSource::new(Box::new(cube), None)?);
     Ok(Box::new(GroupSource::new(vec![cube], &[Part { source: 0, transform: b.map }], 0.0)))
 }

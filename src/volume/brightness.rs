@@ -1,5 +1,5 @@
-//! Factors that make the depths of a texel agree: what a coarse voxel cannot hold of its matter's order changes how much of
-//! what is seen is lit. `render::level` measures them against the finest depth once a texel is baked, META keeps them, and
+//! Brightness factors, which make the depths of a texel agree: a coarse voxel cannot hold the order of its matter, and that
+//! changes how much of the visible matter is lit. `march::calibrate` measures them against the finest depth once a texel is baked, META keeps them, and
 //! shading applies them, so that no brightness steps where the depth changes.
 
 use serde_json::{Map, Value, json};
@@ -9,12 +9,12 @@ use super::{Info, MAX_DEPTH};
 /// The factors of one depth.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BrightnessFactors {
-    /// Of the light that a lamp's rays bring, where they come from behind the matter, from the side, and from the viewer.
+    /// Factors of the light that a lamp brings where it shines from behind the matter, from the side, and from the viewer.
     pub light: [f32; 3],
 }
 
 /// META's key: an array of `{"light": [behind, side, front]}`, root first.
-pub const KEY: &str = "levels";
+pub const META_KEY: &str = "levels";
 /// No factor is further from 1 than this.
 const LARGEST: f32 = 4.0;
 /// Factors are kept in steps of 1/256.
@@ -41,19 +41,19 @@ impl BrightnessFactors {
     }
 }
 
-/// Put the levels, root first, among what META holds.
-pub fn store(levels: &[BrightnessFactors], meta: &mut Map<String, Value>) {
-    let all: Vec<Value> = levels.iter().map(|l| json!({ "light": l.light })).collect();
-    meta.insert(KEY.into(), all.into());
+/// Store the factors of all depths, root first, in META.
+pub fn store(factors: &[BrightnessFactors], meta: &mut Map<String, Value>) {
+    let all: Vec<Value> = factors.iter().map(|f| json!({ "light": f.light })).collect();
+    meta.insert(META_KEY.into(), all.into());
 }
 
-/// The levels of a texel; plain where META has none.
-pub fn levels(info: &Info) -> [BrightnessFactors; MAX_DEPTH + 1] {
+/// Read the factors of all depths, root first; [`BrightnessFactors::PLAIN`] where META has none.
+pub fn read(info: &Info) -> [BrightnessFactors; MAX_DEPTH + 1] {
     let mut out = [BrightnessFactors::PLAIN; MAX_DEPTH + 1];
-    let stored = info.meta.get(KEY).and_then(Value::as_array).map_or(&[][..], Vec::as_slice);
-    for (level, value) in out.iter_mut().zip(stored) {
+    let stored = info.meta.get(META_KEY).and_then(Value::as_array).map_or(&[][..], Vec::as_slice);
+    for (factors, value) in out.iter_mut().zip(stored) {
         let number = |v: Option<&Value>| v.and_then(Value::as_f64).unwrap_or(1.0);
-        *level = BrightnessFactors::new([0, 1, 2].map(|k| number(value["light"].get(k))));
+        *factors = BrightnessFactors::new([0, 1, 2].map(|k| number(value["light"].get(k))));
     }
     out
 }
@@ -63,22 +63,22 @@ mod tests {
     use super::*;
 
     #[test]
-    fn stored_levels_read_back() {
-        let level = BrightnessFactors::new([0.5, 0.75, 1.25]);
+    fn stored_factors_read_back() {
+        let dimmed = BrightnessFactors::new([0.5, 0.75, 1.25]);
         let mut info = crate::volume::Info::default();
-        store(&[BrightnessFactors::PLAIN, level], &mut info.meta);
-        let back = levels(&info);
-        assert_eq!((back[0], back[1], back[2]), (BrightnessFactors::PLAIN, level, BrightnessFactors::PLAIN));
-        assert_eq!([-1.0, -0.5, 0.0, 0.5, 1.0].map(|c| level.lit(c)), [0.5, 0.625, 0.75, 1.0, 1.25]);
+        store(&[BrightnessFactors::PLAIN, dimmed], &mut info.meta);
+        let back = read(&info);
+        assert_eq!((back[0], back[1], back[2]), (BrightnessFactors::PLAIN, dimmed, BrightnessFactors::PLAIN));
+        assert_eq!([-1.0, -0.5, 0.0, 0.5, 1.0].map(|c| dimmed.lit(c)), [0.5, 0.625, 0.75, 1.0, 1.25]);
     }
 
     #[test]
     fn whatever_meta_holds_is_bounded() {
         let mut info = crate::volume::Info::default();
         for hostile in ["7", "[]", "[null]", r#"[{"light":[-1,"x",1e300]}]"#, r#"[{"light":{}}]"#] {
-            info.meta.insert(KEY.into(), serde_json::from_str(hostile).unwrap());
-            for level in levels(&info) {
-                assert!(level.light.iter().all(|v| (0.25..=4.0).contains(v)), "{hostile}: {level:?}");
+            info.meta.insert(META_KEY.into(), serde_json::from_str(hostile).unwrap());
+            for factors in read(&info) {
+                assert!(factors.light.iter().all(|v| (0.25..=4.0).contains(v)), "{hostile}: {factors:?}");
             }
         }
     }
