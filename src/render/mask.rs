@@ -147,7 +147,12 @@ mod tests {
             ..Model::default()
         };
         more(&mut model);
-        Scene { model, texels: vec![], copies: vec![], environment: Environment { sky: Some([0.0; 3]), background: Some([0.0; 3]) } }
+        Scene {
+            model,
+            texels: vec![],
+            copies: vec![],
+            environment: Environment { sky: Some([0.0; 3]), background: Some([0.0; 3]) },
+        }
     }
 
     fn mean(film: &Film) -> f64 {

@@ -417,7 +417,7 @@ fn copies_within_copies_are_counted_again() {
     // Those that are held take memory.
     let read = crate::scene::ReadOptions { max_bytes: 1 << 20, ..Default::default() };
     let options = OpenOptions { read, ..OpenOptions::default() };
-    let few = |n| open(&nested([1, 1, n]).0.path().join("r.toml"), &options).map(|_| ());
+    let few = |n| open(&nested([1, 1, n]).0.path().join("r.toml"), &options, crate::source::open).map(|_| ());
     assert!(few(4000).is_ok());
     assert!(matches!(few(5000), Err(Error::Limit { needed: 5002, allowed: 4096, .. })));
 }
