@@ -8,8 +8,9 @@ use std::time::Instant;
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
 
+use super::clap_name;
 use super::quantity::{bytes, count, finite, size};
-use super::source::{SourceArgs, clap_name};
+use super::source::SourceArgs;
 use super::ui::put_json;
 use super::{Ui, outputs};
 use crate::bake;

@@ -2,8 +2,8 @@
 
 use serde_json::{Value, json};
 
+use super::clap_name::Name;
 use super::quantity::positive;
-use super::source::clap_name::Name;
 use crate::source::curve::trajectory::TrajectoryOptions;
 use crate::source::curve::{CurveOptions, Interpolation};
 use crate::source::emitter::SectionKind;

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use serde_json::{Value, json};
 
+use super::clap_name::Name;
 use super::curves::CurveArgs;
 use super::lsystem::LSystemArgs;
 use super::quantity::{finite, positive};
@@ -151,7 +152,7 @@ impl SourceArgs {
 
     /// Add to `out` what decides on the content.
     pub fn provenance(&self, out: &mut Value) {
-        out["fill"] = json!(clap_name::Name::name(&self.fill));
+        out["fill"] = json!(Name::name(&self.fill));
         self.line_width.into_iter().for_each(|v| out["lineWidth"] = v.into());
         self.curves.provenance(out);
         self.scene.iter().for_each(|v| out["scene"] = v.as_str().into());
@@ -162,20 +163,5 @@ impl SourceArgs {
         }
         self.stack.provenance(out);
         self.lsystem.provenance(out);
-    }
-}
-
-pub mod clap_name {
-    use clap::ValueEnum;
-
-    /// The name of an argument's value, as it is typed.
-    pub trait Name {
-        fn name(&self) -> String;
-    }
-
-    impl<T: ValueEnum> Name for T {
-        fn name(&self) -> String {
-            self.to_possible_value().map(|v| v.get_name().to_owned()).unwrap_or_default()
-        }
     }
 }

@@ -4,6 +4,9 @@ use std::sync::Arc;
 
 use crate::volume::{Palette, Volume};
 
+/// Name of the extension in glTF files.
+pub const EXTENSION_NAME: &str = "VTEX_volumetric_texture";
+
 /// A texel that the landscape's root names, in the colours that layers show it in: one for each palette.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct TexelRef {

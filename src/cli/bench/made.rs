@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use super::points::{Bench, timed};
+use super::context::{Bench, timed};
 use super::scenes::{Layout, Matter, Place};
 use super::{density, land};
 use crate::bake::REFINE;

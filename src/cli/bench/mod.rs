@@ -1,5 +1,6 @@
-//! `vtex bench`: time against error, of bakes and of pictures, beside the baselines; every figure that the README quotes.
+//! `vtex bench`: time against error, of bakes and of pictures, beside the baselines; every figure that docs/measuring.md quotes.
 
+mod context;
 mod density;
 mod land;
 mod made;
@@ -14,7 +15,7 @@ use std::path::PathBuf;
 use super::Ui;
 use super::ui::put_json;
 use crate::{Error, Result, par};
-use points::Bench;
+use context::Bench;
 
 #[derive(clap::Args)]
 pub struct Args {

@@ -1,14 +1,12 @@
 //! The points of one scene: its texels are baked, its reference traced, and every way to make the picture is timed and compared.
 
-use std::path::Path;
-use std::time::Instant;
-
 use serde::Serialize;
 
+use super::context::{Bench, timed};
 use super::made::{Made, Recipe};
 use super::scenes::Place;
 use crate::bake::REFINE;
-use crate::cli::{Ui, reference};
+use crate::cli::reference;
 use crate::progress::Quiet;
 use crate::render::metrics;
 use crate::render::metrics::flip::DEFAULT_PPD;
@@ -47,13 +45,11 @@ pub struct Point {
     pub noise: f64,
 }
 
-pub struct Bench<'a> {
-    pub folder: &'a Path,
-    pub size: [u32; 2],
-    /// A pixel, of references.
-    pub samples: u32,
-    pub quick: bool,
-    pub ui: &'a Ui,
+impl Point {
+    /// Seconds that count: CPU time where it is known, as others' load does not count.
+    pub fn time(&self) -> f64 {
+        if self.cpu_seconds > 0.0 { self.cpu_seconds } else { self.seconds }
+    }
 }
 
 /// The first sample of traced baselines: none that a reference has.
@@ -212,18 +208,4 @@ fn compared(point: Point, film: &Film, reference: &Reference, [seconds, cpu_seco
         area: found.area.and_then(|a| a.ratio).unwrap_or(0.0),
         ..point
     })
-}
-
-/// What `f` gives, and its seconds and CPU seconds.
-pub fn timed<T>(f: impl FnOnce() -> T) -> ([f64; 2], T) {
-    let (start, cpu) = (Instant::now(), cpu_seconds());
-    let result = f();
-    ([start.elapsed().as_secs_f64(), cpu_seconds() - cpu], result)
-}
-
-/// User and system time of this process, where the system tells (Linux; a tick is a hundredth of a second); else 0.
-fn cpu_seconds() -> f64 {
-    let stat = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
-    let fields: Vec<&str> = stat.rsplit_once(')').map_or(Vec::new(), |(_, rest)| rest.split_whitespace().collect());
-    [11, 12].iter().filter_map(|&k| fields.get(k)?.parse::<f64>().ok()).sum::<f64>() / 100.0
 }

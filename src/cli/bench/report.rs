@@ -50,18 +50,13 @@ fn csv(points: &[Point]) -> String {
     out
 }
 
-/// CPU time where it is known: others' load does not count.
-pub fn time(p: &Point) -> f64 {
-    if p.cpu_seconds > 0.0 { p.cpu_seconds } else { p.seconds }
-}
-
 /// A scene each: time against FLIP of pictures; then one of all bakes.
 fn charts(points: &[Point]) -> Vec<Chart> {
     let mut scenes: Vec<&str> = points.iter().map(|p| p.scene).collect();
     scenes.dedup();
     let axis = |label: &str| Axis { label: label.into(), scale: Scale::Log };
     let series = |name: &str, line: bool, of: &dyn Fn(&&Point) -> bool| {
-        let mut list: Vec<(f64, f64)> = points.iter().filter(of).map(|p| (time(p), p.flip)).collect();
+        let mut list: Vec<(f64, f64)> = points.iter().filter(of).map(|p| (p.time(), p.flip)).collect();
         list.sort_by(|a, b| a.0.total_cmp(&b.0));
         Series { name: name.into(), points: list, line }
     };
@@ -193,7 +188,7 @@ pub mod tests {
         assert_eq!(text.lines().count(), 3);
         assert_eq!(text.lines().next().unwrap().split(',').count(), text.lines().nth(1).unwrap().split(',').count());
         assert!(dir.path().join("bench.svg").exists() && dir.path().join("bench.png").exists());
-        assert_eq!((time(&points[0]), time(&points[1])), (1.0, 2.0));
+        assert_eq!((points[0].time(), points[1].time()), (1.0, 2.0));
         assert!(table(&points).contains("tree"));
     }
 }

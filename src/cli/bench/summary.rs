@@ -1,7 +1,6 @@
 //! The few figures of a bench that decide, as tables to be quoted.
 
 use super::points::Point;
-use super::report::time;
 use super::texels::Texel;
 use crate::bake::REFINE;
 
@@ -80,7 +79,7 @@ impl<'a> Of<'a> {
         let known: Vec<(f64, f64)> = self
             .all()
             .filter(|p| p.kind == "reference")
-            .map(|p| (time(p).max(0.005).ln(), p.flip.max(1e-6).ln()))
+            .map(|p| (p.time().max(0.005).ln(), p.flip.max(1e-6).ln()))
             .collect();
         let pair = known.windows(2).find(|w| w[1].1 <= flip.ln()).or(known.windows(2).last())?;
         let slope = (pair[1].0 - pair[0].0) / (pair[1].1 - pair[0].1);
@@ -89,7 +88,7 @@ impl<'a> Of<'a> {
 }
 
 fn row(of: &Of) -> String {
-    let shown = |p: Option<&Point>| p.map_or("–".into(), |p| format!("{:.4} in {:.2}", p.flip, time(p)));
+    let shown = |p: Option<&Point>| p.map_or("–".into(), |p| format!("{:.4} in {:.2}", p.flip, p.time()));
     let lanes = |n: u32, near: bool| of.render("coverage", move |p| p.light == "all" && p.lanes == n && p.near == near);
     let (one, four) = (lanes(1, false), lanes(4, false));
     let worse = |model: &str| of.render(model, |p| p.lanes == 1 && !p.near);
@@ -98,7 +97,7 @@ fn row(of: &Of) -> String {
         .map_or("–".into(), |(a, b)| format!("{:.1} ({:.1})", b.flip / a.flip.max(1e-9), b.rmse / a.rmse.max(1e-9)));
     let rays = |p: Option<&Point>| {
         p.and_then(|p| Some((p, of.rays(p.flip)?)))
-            .map_or("–".into(), |(p, t)| format!("{t:.2} ({:.1}×)", t / time(p).max(0.005)))
+            .map_or("–".into(), |(p, t)| format!("{t:.2} ({:.1}×)", t / p.time().max(0.005)))
     };
     format!(
         "| {} | {} | {} | {}; {} | {} | {} | {ratio} | {} | {} | {:.4} |\n",

@@ -3,8 +3,8 @@
 
 use serde::Serialize;
 
+use super::context::Bench;
 use super::made::{Made, Recipe};
-use super::points::Bench;
 use super::scenes::{Layout, Place};
 use crate::cli::{Ui, error};
 use crate::format::{Limits, Reader};

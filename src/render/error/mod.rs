@@ -8,10 +8,12 @@
 //! A pixel is a square across the direction, anywhere over the texel and turned anyhow; both sides are the means over the
 //! same rays through it (a box filter). A pixel that neither side covers is background and does not count.
 
+mod options;
 mod pixels;
 mod sigma;
 mod truth;
 
+pub use options::{Options, SUN};
 pub use sigma::Areas;
 pub use truth::{Facet, Look, Soft, Truth};
 
@@ -22,28 +24,6 @@ use crate::progress::Progress;
 use crate::volume::Octree;
 use crate::{Error, Result, par};
 use pixels::{Batch, Pixel};
-
-/// How it is measured.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Options {
-    /// Pixels a direction, depth and size, 1 … 100 000.
-    pub pixels: u32,
-    /// Rays a pixel at the least, and at the most where it takes so many for [`Options::noise`]; powers of two, 2 … 65 536.
-    pub rays: [u32; 2],
-    /// The noise of |ΔT| that is good enough.
-    pub noise: f64,
-    /// Turn the 26 directions, so that none of them is one that a bake measures along.
-    pub turned: bool,
-    /// Depths to measure, finest first.
-    pub depths: usize,
-    pub seed: u32,
-}
-
-impl Default for Options {
-    fn default() -> Self {
-        Options { pixels: 32, rays: [64, 4096], noise: 0.005, turned: false, depths: usize::MAX, seed: 1 }
-    }
-}
 
 /// A distribution of errors: mean and 95th percentile of their size, and their mean with the sign (texel − truth).
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
@@ -113,9 +93,6 @@ pub struct DepthError {
     /// Both together, as a picture shows it: with the factors of light that the texel has for its depths.
     pub light: Spread,
 }
-
-/// Where the light of [`DepthError::shading`] and `shadow` comes from, texel space.
-pub const SUN: DVec3 = DVec3::new(-0.435_540_526_646_244_54, -0.532_327_310_345_41, 0.725_900_877_743_740_9);
 
 /// 26 unit directions through the faces, edges and corners of the cube.
 fn directions(turned: bool) -> [DVec3; 26] {

@@ -1,7 +1,7 @@
 //! Pixels of one direction, depth and size, by rays through the texel and through the truth.
 
+use super::options::{Options, SUN};
 use super::truth::{Layer, Truth};
-use super::{Options, SUN};
 use crate::geom::{Aabb, DVec3, Ray, Vec3};
 use crate::march::shade::{Group, Shader};
 use crate::march::transmittance::{DepthChoice, Hit, MarchStats, Sink, Stretch, leaving, march, transmittance};

@@ -13,6 +13,7 @@ use super::meshopt;
 use crate::format::open_file;
 use crate::scene::ReadOptions;
 use crate::scene::files;
+use crate::scene::shell::EXTENSION_NAME;
 use crate::{Error, Result};
 
 /// The file, and whatever of it has been read so far.
@@ -244,7 +245,7 @@ pub fn named_files(path: &Path) -> Vec<PathBuf> {
     for (key, anywhere) in [("buffers", false), ("images", true)] {
         uris.extend(list(json.get(key)).iter().filter_map(uri).map(|uri| (uri, anywhere)));
     }
-    for texel in list(json.pointer(&format!("/extensions/{}/texels", super::extension::NAME))) {
+    for texel in list(json.pointer(&format!("/extensions/{}/texels", EXTENSION_NAME))) {
         let named = list(texel.get("frames")).into_iter().chain(texel.get("geometry").cloned());
         uris.extend(named.filter_map(|value| uri(&value)).map(|uri| (uri, false)));
     }
@@ -258,7 +259,7 @@ pub fn named_files(path: &Path) -> Vec<PathBuf> {
 
 /// Whether a file is a landscape already: a mesh that is covered with texels.
 pub fn is_landscape(path: &Path) -> bool {
-    overview(path).pointer(&format!("/extensions/{}", super::extension::NAME)).is_some()
+    overview(path).pointer(&format!("/extensions/{}", EXTENSION_NAME)).is_some()
 }
 
 /// The JSON of a file; nothing of what cannot be read.

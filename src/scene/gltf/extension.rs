@@ -8,13 +8,11 @@ use serde_json::{Map, Value};
 
 use super::document::Document;
 use crate::scene::files;
+pub use crate::scene::shell::EXTENSION_NAME as NAME;
 use crate::scene::shell::{CellWrap, Discrete, Environment, Layer, Orientations, ShellMaterial, TexelRef, Variant};
 use crate::volume::material::MOST_MATERIALS;
 use crate::volume::{Palette, Style};
 use crate::{Error, Result, Warnings};
-
-/// Name of the extension in the file.
-pub const NAME: &str = "VTEX_volumetric_texture";
 
 /// What the root says.
 #[derive(Debug, Default)]

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::StackOptions;
+use super::options::StackOptions;
 use crate::{Error, Result, Warnings};
 
 /// Entries that a list names.

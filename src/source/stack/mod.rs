@@ -17,6 +17,7 @@ mod metaimage;
 mod natural;
 mod nifti;
 mod nrrd;
+mod options;
 mod ranges;
 mod samples;
 mod slice;
@@ -27,6 +28,7 @@ mod split;
 mod tests;
 mod transfer;
 
+pub use options::StackOptions;
 pub use source::StackSource;
 pub use transfer::{GradientPoint, TransferPoint, TransferSpec};
 
@@ -36,39 +38,6 @@ use crate::geom::{DAffine3, DVec3};
 use crate::{Error, Result, Warnings};
 use choice::Choice;
 use samples::Samples;
-
-/// How a stack is taken.
-#[derive(Debug, Clone, PartialEq)]
-pub struct StackOptions {
-    /// What is matter; where it says nothing, values from Otsu's threshold on are opaque.
-    pub transfer: TransferSpec,
-    /// A file of a transfer function, which is added to `transfer`.
-    pub table: Option<PathBuf>,
-    /// Standard deviation of the Gaussian that values are filtered with, in distances of samples.
-    pub sigma: f64,
-    /// Distances of samples in millimetres, in place of all that the file says of how it lies.
-    pub spacing: Option<[f64; 3]>,
-    /// Series of a DICOM folder, by UID or number; after a colon the number of a stack, where the series holds several.
-    pub series: Option<String>,
-    /// Channel, by name or by its number from 1 on; `None`: the colours, or the first channel.
-    pub channel: Option<String>,
-    /// Frame (time, volume) by its number from 1 on; `None`: the first.
-    pub frame: Option<usize>,
-}
-
-impl Default for StackOptions {
-    fn default() -> Self {
-        StackOptions {
-            transfer: TransferSpec::default(),
-            table: None,
-            sigma: 0.6,
-            spacing: None,
-            series: None,
-            channel: None,
-            frame: None,
-        }
-    }
-}
 
 /// Samples and where they lie. A sample is at the centre of its cell, which is as wide as samples are apart.
 pub struct Stack {

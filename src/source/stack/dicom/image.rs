@@ -1,0 +1,144 @@
+//! One DICOM file: its frames, where they lie, and what their numbers mean.
+//!
+//! Based on: NEMA PS3.3, sections C.7.6.2 (image plane) and C.7.6.16 (multi-frame functional groups).
+
+use std::path::{Path, PathBuf};
+
+use super::dataset::{Dataset, File};
+use super::pixels::Layout;
+use super::tables::{Palette, Table};
+use super::{attributes, dataset, tables};
+use crate::geom::DVec3;
+use crate::source::stack::bytes::Bytes;
+use crate::source::stack::coding::Coding;
+use crate::source::stack::samples::Samples;
+use crate::{Error, Result};
+
+/// What one file says of its images.
+pub struct Image {
+    pub path: PathBuf,
+    pub series: String,
+    pub number: String,
+    /// Modality and description.
+    pub title: String,
+    pub instance: f64,
+    pub layout: Layout,
+    pub frames: Vec<Frame>,
+    /// Thickness, or distance of slices.
+    pub thickness: Option<f64>,
+    pub syntax: String,
+    /// Trigger and acquisition time, which sort as text.
+    pub when: String,
+    pub modality: Option<Table>,
+    pub palette: Option<Palette>,
+    /// Least and greatest stored number that are no values.
+    pub padding: Option<[f32; 2]>,
+}
+
+/// One slice.
+#[derive(Clone)]
+pub struct Frame {
+    /// Millimetres; of the middle of the first pixel.
+    pub position: Option<DVec3>,
+    /// Along a row, and along a column.
+    pub axes: Option<[DVec3; 2]>,
+    /// Distance of columns, and of rows.
+    pub spacing: Option<[f64; 2]>,
+    pub rescale: (f64, f64),
+    /// By which frames of a series belong to different stacks.
+    pub attributes: Vec<Option<String>>,
+}
+
+impl Image {
+    pub fn read(path: &Path) -> Result<Option<Image>> {
+        let file = File::open(path)?;
+        let pixels = [dataset::PIXEL_DATA, dataset::FLOAT_PIXEL_DATA, dataset::DOUBLE_PIXEL_DATA];
+        if !pixels.iter().any(|tag| file.data.0.contains_key(tag)) {
+            return Ok(None);
+        }
+        let data = &file.data;
+        let layout = Layout::new(&file).map_err(|e| Error::input(path, "", e))?;
+        let text = |tag| file.text(data, tag).unwrap_or_default();
+        let number = |tag| file.numbers(data, tag).and_then(|l| l.first().copied());
+        let count = number(0x0028_0008).unwrap_or(1.0);
+        // Eight bytes a frame at least, be they pixels or the head of a piece.
+        if !(1.0..=(file.bytes.len() / 8).max(1) as f64).contains(&count) {
+            return Err(Error::input(path, "", format!("{count} frames cannot be in it")));
+        }
+        let shared = data.items(0x5200_9229).first();
+        let each = data.items(0x5200_9230);
+        let frames = (0..count as usize).map(|n| Frame::new(&file, &[each.get(n), shared, Some(data)])).collect();
+        let thickness = [0x0018_0088, 0x0018_0050].iter().find_map(|&t| {
+            let own = number(t);
+            let deep = || file.numbers(shared?.items(0x0028_9110).first()?, t).and_then(|l| l.first().copied());
+            own.or_else(deep).map(f64::abs).filter(|&v| v > 0.0)
+        });
+        Ok(Some(Image {
+            path: path.to_path_buf(),
+            series: text(0x0020_000e),
+            number: text(0x0020_0011),
+            title: format!("{} {}", text(0x0008_0060), text(0x0008_103e)).trim().to_owned(),
+            instance: number(0x0020_0013).unwrap_or(0.0),
+            when: format!("{:020.3} {}", number(0x0018_1060).unwrap_or(0.0), text(0x0008_0032)),
+            modality: tables::modality(&file, layout.is_signed()).filter(|_| layout.channels == 1),
+            palette: Palette::read(&file, layout.is_signed()).filter(|_| layout.is_palette()),
+            padding: tables::padding(&file, |bits| layout.number(bits)).filter(|_| layout.channels == 1),
+            layout,
+            frames,
+            thickness,
+            syntax: file.syntax,
+        }))
+    }
+}
+
+impl Frame {
+    /// From what is said of the frame itself, of all frames, and of the file, in this order.
+    pub fn new(file: &File, places: &[Option<&Dataset>]) -> Frame {
+        let find = |sequence, tag, count: usize| {
+            places.iter().flatten().find_map(|place| {
+                let deep = place.items(sequence).first().and_then(|d| file.numbers(d, tag));
+                deep.or_else(|| file.numbers(place, tag)).filter(|l| l.len() >= count)
+            })
+        };
+        let vector = |l: &[f64]| DVec3::new(l[0], l[1], l[2]);
+        let spacing = find(0x0028_9110, 0x0028_0030, 2).or_else(|| find(0, 0x0018_1164, 2));
+        let one = |tag, otherwise| find(0x0028_9145, tag, 1).map_or(otherwise, |l| l[0]);
+        Frame {
+            position: find(0x0020_9113, 0x0020_0032, 3).map(|l| vector(&l)),
+            axes: find(0x0020_9116, 0x0020_0037, 6).map(|l| [vector(&l), vector(&l[3..])]),
+            spacing: spacing.map(|l| [l[1], l[0]]),
+            rescale: (one(0x0028_1053, 1.0), one(0x0028_1052, 0.0)),
+            attributes: attributes::attributes(file, places),
+        }
+    }
+}
+
+impl Image {
+    /// A frame's stored numbers, row by row.
+    pub fn numbers(&self, bytes: Vec<u8>) -> Result<Vec<f32>, String> {
+        let dims = [self.layout.columns * self.layout.channels, self.layout.rows, 1];
+        let one = Coding { channels: 1, ..self.layout.coding() };
+        let samples = Samples::new(Bytes::Memory(bytes), 0, one, dims)?;
+        let mut out = vec![0.0; dims[0] * dims[1]];
+        out.chunks_mut(dims[0]).enumerate().for_each(|(j, row)| samples.row_with_nan(0, j, 0, row));
+        Ok(out)
+    }
+
+    /// What the numbers of the frame `frame` mean, as f32; padding is NaN.
+    pub fn values(&self, bytes: Vec<u8>, frame: usize) -> Result<Vec<u8>, String> {
+        let (slope, intercept) = self.frames[frame].rescale;
+        let is_padding = |v: f32| self.padding.is_some_and(|[lo, hi]| (lo..=hi).contains(&v));
+        let value = |v: f32| match &self.modality {
+            _ if is_padding(v) => f32::NAN,
+            Some(table) => f32::from(table.get(v)),
+            None => (f64::from(v) * slope + intercept) as f32,
+        };
+        Ok(self.numbers(bytes)?.into_iter().flat_map(|v| value(v).to_ne_bytes()).collect())
+    }
+
+    /// A frame's colours by its palette.
+    pub fn colours(&self, bytes: Vec<u8>) -> Result<Vec<u8>, String> {
+        let palette = self.palette.as_ref().ok_or("it has no palette, or one in segments")?;
+        Ok(self.numbers(bytes)?.into_iter().flat_map(|v| palette.colour(v)).collect())
+    }
+}
