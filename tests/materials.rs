@@ -106,7 +106,7 @@ fn one_material_is_told_and_takes_nothing() {
     let names: Vec<&str> = names.iter().map(String::as_str).collect();
     let source = MeshSource::new(strips(&ends, &names), &MeshOptions::default());
     let error = bake::bake(&source, &Options::default(), &Quiet, &mut |_| ()).err().unwrap().to_string();
-    assert!(error.contains("256") && error.contains("255") && error.contains("--material"), "{error}");
+    assert!(error.contains("256") && error.contains("255") && error.contains("number of materials"), "{error}");
 }
 
 #[test]

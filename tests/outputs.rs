@@ -83,8 +83,9 @@ impl Folder {
     /// The one line that says why it fails.
     fn fails(&self, code: i32, args: &[&str]) -> String {
         let (found, _, err) = self.run(args);
-        let errors: Vec<_> = err.lines().filter(|line| !line.starts_with("warning: ")).collect();
-        assert!(found == code && errors.len() == 1 && errors[0].starts_with("error: "), "{args:?}: {found} {err}");
+        let errors: Vec<_> = err.lines().filter(|line| line.starts_with("error: ")).collect();
+        let is_last = err.lines().last() == errors.last().copied();
+        assert!(found == code && errors.len() == 1 && is_last, "{args:?}: {found} {err}");
         errors[0].to_owned()
     }
 

@@ -185,8 +185,9 @@ mod tests {
             for (side, high) in [(64, 1.0), (16, 1.0), (16, 2.0), (16, 4.0)] {
                 let (found, truth) = means(&scene(card, high, |_| ()), side);
                 // The truth has 16384 samples on the smallest card, which tell a share of a half to .8 %; the camera stands
-                // a little aside, so that rows of texels at a card's edge are counted twice or not at all.
-                assert!((found / truth - 1.0).abs() < 0.02, "{name}, {high} m, {side} pixels: {found} {truth}");
+                // a little aside, so that rows of texels at a card's edge are counted twice or not at all. At a high cutoff a
+                // quarter is left, of which the rows at the edge are 2 %.
+                assert!((found / truth - 1.0).abs() < 0.03, "{name}, {high} m, {side} pixels: {found} {truth}");
             }
         }
     }
@@ -210,7 +211,10 @@ mod tests {
                 // The open ground has radiance 1.
                 let (found, truth) = means(&scene(Card { alpha, ..SQUARE }, high, ground), side);
                 let (found, truth) = (1.0 - found, 1.0 - truth);
-                assert!((found / truth - 1.0).abs() < 0.03, "{name}, {high} m, {side} pixels: {found} {truth}");
+                // A shadow of two pixels lies across those beside it, and a pixel has one shadow ray: of its eight edges each is
+                // off by up to a sixteenth of a pixel in the mean.
+                let most = if high > 4.0 { 0.12 } else { 0.03 };
+                assert!((found / truth - 1.0).abs() < most, "{name}, {high} m, {side} pixels: {found} {truth}");
             }
         }
     }

@@ -2,7 +2,7 @@
 //!
 //! A cone through a texel is prefiltered, but a mesh is met by rays. Tests against a wall of any height, length and
 //! distance, seen from the ground (root mean square and largest error of the share that is open): the corners of a turned
-//! cube, weighted by the cosine, .126 and .37, and .05 too dark in the mean, since none of them is near the zenith; eight
+//! cube, weighted by the cosine, .126 and .34, and .05 too dark in the mean, since none of them is near the zenith; eight
 //! rays that share the cosine .063 and .23; four rays in each of these cones .024 and .09.
 
 use std::f64::consts::TAU;
@@ -29,7 +29,7 @@ impl SkyCone {
 static HALF: LazyLock<[SkyCone; 8]> = LazyLock::new(|| {
     std::array::from_fn(|k| {
         // Equal weights are equal areas of the unit disc below; `u` is the square of the distance from its middle.
-        let (u0, u1, count, first) = if k < 3 { (0.0, 0.375, 3.0, 0.0) } else { (0.375, 1.0, 5.0, 0.5) };
+        let (u0, u1, count, first) = if k < 3 { (0.0, 0.345, 3.0, 0.0) } else { (0.345, 1.0, 5.0, 0.5) };
         let sector = if k < 3 { k as f64 } else { k as f64 - 3.0 };
         let at = |i: f64, j: f64| {
             let u: f64 = u0 + (u1 - u0) * i;

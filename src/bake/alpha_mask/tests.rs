@@ -144,8 +144,8 @@ fn a_fine_checkerboard_is_half_there() {
     // 51 texels a voxel in squares of 3: what point samples alias.
     let square = |x: f64, y: f64| if ((x * 341.0) as u32 + (y * 341.0) as u32).is_multiple_of(2) { 255 } else { 0 };
     let f = find(image(1023, square), Alpha::Mask(0.5));
-    // The share of a voxel's 17 × 17 squares, with those that its rim cuts.
-    assert!((f.area / 200.0 - 1.0).abs() < 3e-3, "{}", f.area);
+    // The share of a voxel's 17 × 17 squares, with those that its rim cuts; a texel's share is stored in 255ths.
+    assert!((f.area / 200.0 - 1.0).abs() < 4e-3, "{}", f.area);
     assert!((f.lines / 200.0 - 1.0).abs() < 1e-2, "{}", f.lines);
     assert!(f.error[0] < 0.03 && f.error[0] < 0.5 * f.error[1], "{:?}", f.error);
 }

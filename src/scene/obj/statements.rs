@@ -260,6 +260,9 @@ impl<'a> Statements<'a> {
             outside |= corner[0].is_none();
             // tobj takes the neighbour's texture coordinate or normal where a corner has none and others have.
             as_it_stands &= (1..3).all(|k| corner[k].is_some() == (self.totals[k] > 0));
+            // And it takes no index that does not exist.
+            as_it_stands &=
+                word.split('/').filter(|field| !field.is_empty()).count() == corner.iter().flatten().count();
             corners.push(corner);
         }
         if outside {

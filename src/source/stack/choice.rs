@@ -69,7 +69,7 @@ impl<'a> Choice<'a> {
             }
             return Ok(0);
         };
-        let by_name = names.iter().position(|n| n == wanted);
+        let by_name = names.iter().position(|n| n == wanted && !n.is_empty());
         let by_number = || wanted.parse::<usize>().ok()?.checked_sub(1).filter(|n| *n < names.len());
         by_name.or_else(by_number).ok_or_else(|| {
             let what = format!("--channel {wanted} is not in it; there are: {}", listed(names));

@@ -118,6 +118,8 @@ fn imagej_writes_large_stacks_behind_one_page() {
     let page = Page { tags: vec![(270, Value::Text(text))], data };
     let path = dir.save("large.tif", &tiff(&[page]));
     assert_eq!(slices(&open_with(&path, Some("2"), None).unwrap()), [1.0, 3.0, 5.0]);
+    // More than the file is long.
+    let text = "ImageJ=1.53t\nimages=6000\nslices=6000\nspacing=2\nunit=micron\n";
     let short = Page { tags: vec![(270, Value::Text(text))], data: vec![0; 16] };
     assert!(error(&dir.save("short.tif", &tiff(&[short]))).contains("no more follows"));
 }
