@@ -29,7 +29,7 @@ impl SkyCone {
 static HALF: LazyLock<[SkyCone; 8]> = LazyLock::new(|| {
     std::array::from_fn(|k| {
         // Equal weights are equal areas of the unit disc below; `u` is the square of the distance from its middle.
-        let (u0, u1, count, first) = if k < 3 { (0.0, 0.345, 3.0, 0.0) } else { (0.345, 1.0, 5.0, 0.5) };
+        let (u0, u1, count, first) = if k < 3 { (0.0, 0.375, 3.0, 0.0) } else { (0.375, 1.0, 5.0, 0.5) };
         let sector = if k < 3 { k as f64 } else { k as f64 - 3.0 };
         let at = |i: f64, j: f64| {
             let u: f64 = u0 + (u1 - u0) * i;
