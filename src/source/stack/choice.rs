@@ -130,6 +130,8 @@ impl Outer {
         }
         let (mut index, mut stride) = (0u64, 1u64);
         for &(size, is_channel) in &self.axes {
+            // An axis without samples is an error elsewhere.
+            let size = size.max(1);
             let rest = &mut left[usize::from(is_channel)];
             index = index.saturating_add(stride.saturating_mul((*rest % size) as u64));
             *rest /= size;
