@@ -16,6 +16,7 @@ mod bake;
 #[cfg(all(feature = "bake", feature = "render", feature = "plot"))]
 mod bench;
 #[cfg(feature = "render")]
+#[cfg(feature = "bake")]
 mod clap_name;
 mod compare;
 #[cfg(feature = "bake")]

@@ -217,7 +217,8 @@ fn the_writer_keeps_the_readers_rules() {
     let info = Reader::open(&path, &Limits::default()).unwrap().info().clone();
     assert_eq!((info.facet_size, info.content), (2.0, Aabb::UNIT));
     let before = std::fs::read(&path).unwrap();
-    let refused: [(&str, &dyn Fn(&mut Info)); 5] = [
+    type Change<'a> = &'a dyn Fn(&mut Info);
+    let refused: [(&str, Change); 5] = [
         ("facet_size", &|info| info.facet_size = f64::NAN),
         ("metres per unit", &|info| info.metres_per_unit = -1.0),
         ("up axis", &|info| info.up = 3),

@@ -186,8 +186,10 @@ mod tests {
                 let (found, truth) = means(&scene(card, high, |_| ()), side);
                 // The truth has 16384 samples on the smallest card, which tell a share of a half to .8 %; the camera stands
                 // a little aside, so that rows of texels at a card's edge are counted twice or not at all. At a high cutoff a
-                // quarter is left, of which the rows at the edge are 2 %.
-                assert!((found / truth - 1.0).abs() < 0.03, "{name}, {high} m, {side} pixels: {found} {truth}");
+                // quarter is left, of which the rows at the edge are 2 %; in an atlas the truth also reads half a texel of the
+                // neighbours of 32 × 24 texels, up to 7 % of them, half of which are there.
+                let most = if name == "atlas" { 0.05 } else { 0.03 };
+                assert!((found / truth - 1.0).abs() < most, "{name}, {high} m, {side} pixels: {found} {truth}");
             }
         }
     }

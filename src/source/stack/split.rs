@@ -69,7 +69,7 @@ fn groups(files: &[PathBuf], names: &[Vec<&str>], at: &[usize]) -> Option<(Vec<S
         group.0.insert(rest);
         group.1.push(file.clone());
     }
-    let mut all: Vec<(&str, (BTreeSet<String>, Vec<PathBuf>))> = by_value.into_iter().collect();
+    let mut all: Vec<_> = by_value.into_iter().collect();
     let alike = all.iter().all(|g| g.1.0 == all[0].1.0 && g.1.1.len() > 1);
     all.sort_by(|a, b| natural(a.0, b.0));
     (all.len() > 1 && alike).then(|| all.into_iter().map(|(value, (_, files))| (value.to_owned(), files)).unzip())

@@ -76,7 +76,7 @@ impl Plan {
         let groups = groups(surfaces, &coordinates, up);
         // Rigid copies need coordinates where they are counted by them alone.
         let counted = !rigid || matches!(options.cells, Cells::Repeat(_));
-        let unusable = |g: &Group| counted && !g.stats.usable() && !(g.coordinates == Coordinates::Own && !options.add);
+        let unusable = |g: &Group| counted && !g.stats.usable() && (options.add || g.coordinates != Coordinates::Own);
         if let Some(group) = groups.iter().find(|g| unusable(g)) {
             let name = surfaces.get(group.members[0]).map_or(0, |s| s.mesh);
             let what = match planar {

@@ -106,7 +106,7 @@ fn choose(choice: &Choice, files: &[PathBuf], warnings: &mut Warnings) -> Result
         return Err(Error::input(path, "", what));
     }
     let series = choice.series.map(|wanted| match wanted.rsplit_once(':') {
-        Some((series, stack)) => (series, stack.parse::<usize>().ok().map_or(Err(stack), Ok)),
+        Some((series, stack)) => (series, stack.parse::<usize>().ok().ok_or(stack)),
         None => (wanted, Ok(0)),
     });
     let there = list(&all);
@@ -165,12 +165,7 @@ fn list(all: &BTreeMap<String, Vec<Image>>) -> String {
 }
 
 /// Sort the slices along their normal and say where they lie: index → millimetres.
-fn arrange(
-    path: &Path,
-    images: &[Image],
-    slices: &mut Vec<(usize, usize)>,
-    warnings: &mut Warnings,
-) -> Result<DAffine3> {
+fn arrange(path: &Path, images: &[Image], slices: &mut [(usize, usize)], warnings: &mut Warnings) -> Result<DAffine3> {
     let frame = |&(i, f): &(usize, usize)| &images[i].frames[f];
     let wrong = |what: String| Err(Error::input(path, "", what));
     slices.sort_by(|a, b| images[a.0].instance.total_cmp(&images[b.0].instance).then(a.1.cmp(&b.1)));

@@ -91,7 +91,8 @@ fn mixed(attribute: impl Fn(usize) -> Vec<Element>) -> Dir {
 fn a_series_of_several_stacks_gives_one_whole() {
     let number = |n: usize| n.to_string();
     let double = |v: f64| v.to_le_bytes().to_vec();
-    let cases: [(&str, Box<dyn Fn(usize) -> Vec<Element>>); 8] = [
+    type Elements = Box<dyn Fn(usize) -> Vec<Element>>;
+    let cases: [(&str, Elements); 8] = [
         ("echo 1", Box::new(move |n| vec![text(0x18, 0x86, b"IS", &number(n + 1))])),
         ("echo time 30", Box::new(move |n| vec![text(0x18, 0x81, b"DS", &number(30 * (n + 1)))])),
         ("time 1", Box::new(move |n| vec![text(0x20, 0x100, b"IS", &number(n + 1))])),
