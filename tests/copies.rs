@@ -363,7 +363,7 @@ fn grass_is_added_among_trees() {
     tree(&folder.path().join("tree.vtex"), 5.0, 10.0);
     let info = Info { cyclic: [true, true, false], facet_size: 0.01, ..Info::default() };
     let depths = vec![Depth { masks: vec![0], voxels: vec![Voxel::default()], mixes: Vec::new() }];
-    format::write(&Volume { info, depths }, &folder.path().join("grass.vtex"), &Default::default()).unwrap();
+    format::write(&Volume { info, depths }, folder.path().join("grass.vtex"), &Default::default()).unwrap();
     slope(&folder.path().join("in.gltf"), 100.0);
     map(folder.path(), "map in.gltf --texel tree.vtex --density 50 -o out.glb");
     let (said, both) = map(folder.path(), "map out.glb --texel grass.vtex --add -o out.glb");

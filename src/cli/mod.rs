@@ -15,9 +15,9 @@ macro_rules! outln {
 mod bake;
 #[cfg(all(feature = "bake", feature = "render", feature = "plot"))]
 mod bench;
-#[cfg(feature = "render")]
 #[cfg(feature = "bake")]
 mod clap_name;
+#[cfg(feature = "render")]
 mod compare;
 #[cfg(feature = "bake")]
 mod curves;
