@@ -188,7 +188,8 @@ mod tests {
                 // a little aside, so that rows of texels at a card's edge are counted twice or not at all. At a high cutoff a
                 // quarter is left, of which the rows at the edge are 2 %; in an atlas the truth also reads half a texel of the
                 // neighbours of 32 × 24 texels, up to 7 % of them, half of which are there.
-                let most = if name == "atlas" { 0.05 } else { 0.03 };
+                // Alpha of vertices is looked up at 8 × 8 points of a pixel, so what it cuts off a card of 4 × 4 is a stair.
+                let most = if matches!(name, "atlas" | "alpha of vertices") { 0.05 } else { 0.03 };
                 assert!((found / truth - 1.0).abs() < most, "{name}, {high} m, {side} pixels: {found} {truth}");
             }
         }
