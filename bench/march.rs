@@ -6,8 +6,8 @@
 use std::time::Instant;
 
 use vtex::geom::{DVec3, Vec3};
-use vtex::march::shade::{Group, Shader};
-use vtex::render::{DepthChoice, MarchStats, Stretch, march, transmittance};
+use vtex::march::shade::{Shader, ShadowGroup};
+use vtex::render::{DepthChoice, MarchSegment, MarchStats, march, transmittance};
 use vtex::volume::{Channels, Depth, Info, Octree, Sggx, Volume, Voxel, voxel};
 use vtex::{format, morton};
 
@@ -67,7 +67,7 @@ fn pass(tree: &Octree, depth: usize) -> Pass {
     let stretch = |i: usize| {
         let at = |k: usize| (k as f32 + 0.5) / side as f32 - 0.5;
         let origin = Vec3::splat(0.5) + right * at(i % side) + up * at(i / side) - dir * 0.9;
-        Stretch { origin, dir, length: 1.8, footprint: (-(depth as f32)).exp2(), growth: 0.0, opacity_scale: 1.0 }
+        MarchSegment { origin, dir, length: 1.8, footprint: (-(depth as f32)).exp2(), growth: 0.0, opacity_scale: 1.0 }
     };
     let n = side * side;
     let choice = DepthChoice::default();
@@ -85,7 +85,7 @@ fn pass(tree: &Octree, depth: usize) -> Pass {
         }
     });
     let sun = [Vec3::new(-0.45, -0.55, 0.75).normalize()];
-    let mut groups: Vec<Group> = Vec::new();
+    let mut groups: Vec<ShadowGroup> = Vec::new();
     let mut unused = MarchStats::default();
     let shaded = time(&mut || {
         for i in 0..n {
@@ -98,7 +98,7 @@ fn pass(tree: &Octree, depth: usize) -> Pass {
     let mut light = 0.0;
     let shadow = time(&mut || {
         for g in &groups {
-            let s = Stretch { origin: g.position + sun[0] * 0.002, dir: sun[0], ..stretch(0) };
+            let s = MarchSegment { origin: g.position + sun[0] * 0.002, dir: sun[0], ..stretch(0) };
             let t = transmittance(tree, &s, DepthChoice { bias: -1.0, ..choice }, 1.0 / 256.0, &mut shadows);
             light += f64::from(g.energy.y * t);
         }

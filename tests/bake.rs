@@ -5,7 +5,7 @@ use std::sync::Arc;
 use vtex::bake::{self, Options};
 use vtex::geom::{Aabb, DAffine3, DVec3};
 use vtex::progress::Quiet;
-use vtex::render::{DepthChoice, MarchStats, Stretch, transmittance};
+use vtex::render::{DepthChoice, MarchSegment, MarchStats, transmittance};
 use vtex::scene::{Alpha, Instance, Material, Model, Part, Texture, TextureRef};
 use vtex::source::{Fill, MeshOptions, MeshSource};
 use vtex::volume::{Octree, Volume};
@@ -58,7 +58,7 @@ fn at(resolution: u32) -> Options {
 /// Transmittance along `dir` at `depth`, from a point of texel space outside the cube.
 fn through(tree: &Octree, origin: DVec3, dir: DVec3, depth: usize) -> f64 {
     let Some((t0, t1)) = Aabb::UNIT.hit(origin, 1.0 / dir, 0.0, 9.0) else { return 1.0 };
-    let stretch = Stretch {
+    let stretch = MarchSegment {
         origin: (origin + t0 * dir).as_vec3(),
         dir: dir.as_vec3(),
         length: (t1 - t0) as f32,

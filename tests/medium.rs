@@ -3,7 +3,7 @@
 use vtex::bake::{self, Options};
 use vtex::geom::{Aabb, DVec3, directions13};
 use vtex::progress::Progress;
-use vtex::render::{DepthChoice, MarchStats, Stretch, transmittance};
+use vtex::render::{DepthChoice, MarchSegment, MarchStats, transmittance};
 use vtex::source::{Medium, Placement, Polygon, Source, Staged, Surface};
 use vtex::volume::{Octree, Volume};
 use vtex::{Result, Warnings, morton};
@@ -97,7 +97,7 @@ fn baked(source: &dyn Source, resolution: u32) -> Octree {
 fn through(tree: &Octree, middle: DVec3, dir: DVec3, depth: usize) -> (f64, f64) {
     let origin = middle - 2.0 * dir;
     let (t0, t1) = Aabb::UNIT.hit(origin, 1.0 / dir, 0.0, 9.0).unwrap();
-    let stretch = Stretch {
+    let stretch = MarchSegment {
         origin: (origin + t0 * dir).as_vec3(),
         dir: dir.as_vec3(),
         length: (t1 - t0) as f32,

@@ -6,7 +6,7 @@ use assert_cmd::Command;
 use vtex::bake::{self, Options};
 use vtex::geom::{Aabb, DVec3};
 use vtex::progress::Quiet;
-use vtex::render::{DepthChoice, MarchStats, Stretch, transmittance};
+use vtex::render::{DepthChoice, MarchSegment, MarchStats, transmittance};
 use vtex::source;
 use vtex::source::stack::{self, StackOptions, StackSource, TransferSpec};
 use vtex::volume::{Octree, Volume};
@@ -35,7 +35,7 @@ fn area(tree: &Octree, dir: DVec3, depth: usize) -> f64 {
         let at = |v: usize| (v as f64 + 0.5) * step - 0.9;
         let origin = DVec3::splat(0.5) + at(i % 96) * a + at(i / 96) * b - 2.0 * dir;
         let Some((t0, t1)) = Aabb::UNIT.hit(origin, 1.0 / dir, 0.0, 9.0) else { continue };
-        let stretch = Stretch {
+        let stretch = MarchSegment {
             origin: (origin + t0 * dir).as_vec3(),
             dir: dir.as_vec3(),
             length: (t1 - t0) as f32,
@@ -116,7 +116,7 @@ fn soft_matter_takes_away_what_its_table_says() {
         for i in 0..49 {
             let (a, b) = dir.any_orthonormal_pair();
             let shift = 0.04 * (f64::from(i % 7 - 3) * a + f64::from(i / 7 - 3) * b) / 3.0;
-            let stretch = Stretch {
+            let stretch = MarchSegment {
                 origin: (origin + shift + t0 * dir).as_vec3(),
                 dir: dir.as_vec3(),
                 length: (t1 - t0) as f32,

@@ -5,7 +5,7 @@ use std::path::Path;
 use vtex::bake::{self, Options};
 use vtex::geom::{Aabb, DAffine3, DVec3, directions13};
 use vtex::progress::Quiet;
-use vtex::render::{DepthChoice, MarchStats, Stretch, transmittance};
+use vtex::render::{DepthChoice, MarchSegment, MarchStats, transmittance};
 use vtex::source;
 use vtex::source::{OpenOptions, Placement, Source};
 use vtex::volume::Octree;
@@ -67,7 +67,7 @@ impl Texel {
     pub fn through(&self, origin: DVec3, dir: DVec3) -> f64 {
         let (o, d) = (self.into.transform_point3(origin), self.into.transform_vector3(dir).normalize());
         let Some((t0, t1)) = Aabb::UNIT.hit(o, 1.0 / d, 0.0, 1e9) else { return 1.0 };
-        let stretch = Stretch {
+        let stretch = MarchSegment {
             origin: (o + t0 * d).as_vec3(),
             dir: d.as_vec3(),
             length: (t1 - t0) as f32,

@@ -8,7 +8,7 @@ use super::Ui;
 use crate::format::read_file;
 use crate::render::metrics::flip::DEFAULT_PPD;
 use crate::render::reference::{Reference, reference};
-use crate::render::{Film, Near, Options};
+use crate::render::{Film, Options, SourceLod};
 use crate::scene::Scene;
 use crate::{Error, Result};
 
@@ -85,7 +85,7 @@ impl Job<'_> {
             lanes: 1,
             depth_bias: 0.0,
             shadow_bias: 0.0,
-            near: Near::default(),
+            source_lod: SourceLod::default(),
             ..self.options.clone()
         };
         let choices = format!("{:?} {options:?}", self.scene_name);

@@ -8,7 +8,7 @@ use super::ui::put_json;
 use super::{Ui, outputs, reference};
 use crate::geom::DVec3;
 use crate::render;
-use crate::render::{Ambient, CameraChoice, Met, Near, Options, Stats};
+use crate::render::{Ambient, CameraChoice, Options, SourceLod, Stats, TraceEvent};
 use crate::scene::{Scene, gltf};
 use crate::{Error, Result};
 
@@ -182,9 +182,9 @@ impl Args {
             threads: self.threads,
             depth_bias: self.depth_bias,
             shadow_bias: self.shadow_bias,
-            near: match self.near {
-                NearArg::Geometry => Near::Geometry,
-                NearArg::Voxels => Near::Voxels,
+            source_lod: match self.near {
+                NearArg::Geometry => SourceLod::Geometry,
+                NearArg::Voxels => SourceLod::Voxels,
             },
             shadows: !self.no_shadows,
         })
@@ -286,7 +286,7 @@ fn print_stats(stats: &Stats, json: bool) -> Result<()> {
             "shell_boxes": stats.shell_boxes,
             "cones": c.cones,
             "boxes_entered": c.boxes,
-            "copies_marched": c.march.stretches,
+            "copies_marched": c.march.segments,
             "cells_marched": c.march.cells,
             "voxels_met": c.march.voxels,
             "near_copies": c.near_copies,
@@ -303,7 +303,7 @@ fn print_stats(stats: &Stats, json: bool) -> Result<()> {
     row("boxes entered", format!("{} of {} in the scene", c.boxes, stats.shell_boxes))?;
     row(
         "cells marched",
-        format!("{} in {} copies of texels, {} voxels met", c.march.cells, c.march.stretches, c.march.voxels),
+        format!("{} in {} copies of texels, {} voxels met", c.march.cells, c.march.segments, c.march.voxels),
     )?;
     let (copies, triangles) = (c.near_copies, stats.near_triangles);
     row("near", format!("{copies} copies traced as triangles of their source, of which {triangles} were read"))?;
@@ -317,34 +317,36 @@ fn print_stats(stats: &Stats, json: bool) -> Result<()> {
     Ok(())
 }
 
-fn print_trace(trace: &[Met], json: bool) -> Result<()> {
+fn print_trace(trace: &[TraceEvent], json: bool) -> Result<()> {
     if json {
         return put_json(&trace);
     }
     for met in trace {
         match met {
-            Met::Cone { direction: [x, y, z], width, growth } => {
+            TraceEvent::Cone { direction: [x, y, z], width, growth } => {
                 outln!("cone      along {x:.4} {y:.4} {z:.4}, {width:.3e} m wide, growing {growth:.3e} a metre")?;
             }
-            Met::Box { index, layer, metres: [a, b] } => {
+            TraceEvent::Box { index, layer, metres: [a, b] } => {
                 outln!("box       {index}, layer {layer}: {a:.4} … {b:.4} m")?;
             }
-            Met::Cell { texel, cell: [u, v, w], metres: [a, b], depth, voxels, before, after } => {
+            TraceEvent::Cell { texel, cell: [u, v, w], metres: [a, b], depth, voxels, before, after } => {
                 let depth = depth.map_or("nothing".into(), |d| format!("{voxels} voxels at depth {d}"));
                 outln!(
                     "  copy    {texel} in cell {u} {v} {w}: {a:.4} … {b:.4} m, {depth}, T {before:.4} → {after:.4}"
                 )?;
             }
-            Met::Near { texel, cell: [u, v, w], metres: [a, b], contacts, before, after } => outln!(
+            TraceEvent::Near { texel, cell: [u, v, w], metres: [a, b], contacts, before, after } => outln!(
                 "  near    {texel} in cell {u} {v} {w}: {a:.4} … {b:.4} m, {contacts} triangles, T {before:.4} → {after:.4}"
             )?,
-            Met::Surface { metres, albedo: [r, g, b], normal: [x, y, z], through } => outln!(
+            TraceEvent::Surface { metres, albedo: [r, g, b], normal: [x, y, z], through } => outln!(
                 "surface   at {metres:.4} m, albedo {r:.3} {g:.3} {b:.3}, normal {x:.3} {y:.3} {z:.3}, {through:.4} of the light"
             )?,
-            Met::Shadow { origin: [x, y, z], light: [r, g, b], seen } => {
+            TraceEvent::Shadow { origin: [x, y, z], light: [r, g, b], seen } => {
                 outln!("  shadow  from {x:.3} {y:.3} {z:.3}: {seen:.4} of {r:.4} {g:.4} {b:.4}")?;
             }
-            Met::Radiance { rgb: [r, g, b], alpha } => outln!("radiance  {r:.5} {g:.5} {b:.5}, alpha {alpha:.4}")?,
+            TraceEvent::Radiance { rgb: [r, g, b], alpha } => {
+                outln!("radiance  {r:.5} {g:.5} {b:.5}, alpha {alpha:.4}")?
+            }
         }
     }
     Ok(())

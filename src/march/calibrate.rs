@@ -11,8 +11,8 @@
 
 use std::ops::AddAssign;
 
-use super::shade::{Group, Shader};
-use super::transmittance::{DepthChoice, MarchStats, Stretch, leaving, march};
+use super::shade::{Shader, ShadowGroup};
+use super::transmittance::{DepthChoice, MarchSegment, MarchStats, march, transmittance_from_own_matter};
 use crate::geom::{Aabb, Vec3};
 use crate::volume::brightness::BrightnessFactors;
 use crate::volume::{Model, Octree};
@@ -47,7 +47,7 @@ pub fn measure(tree: Octree) -> Result<Vec<BrightnessFactors>> {
 
 /// A ray, and its share in the means.
 struct Sample {
-    stretch: Stretch,
+    stretch: MarchSegment,
     weight: f64,
     lamps: [Vec3; LAMPS],
 }
@@ -64,7 +64,7 @@ fn sample(n: usize, content: &Aabb) -> Sample {
     let chord = a.max(b).min_element() - a.min(b).max_element();
     // Rays meet the box as often as their chord is long; all shall count alike.
     let weight = f64::from(reach / chord.max(0.05 * reach));
-    let stretch = Stretch { origin, dir, length: 2.0 * reach, footprint: 0.0, growth: 0.0, opacity_scale: 1.0 };
+    let stretch = MarchSegment { origin, dir, length: 2.0 * reach, footprint: 0.0, growth: 0.0, opacity_scale: 1.0 };
     let lamps = std::array::from_fn(|k| {
         let turn = (at(13) + k as f32 / LAMPS as f32).fract();
         on_sphere(turn, at(17))
@@ -131,7 +131,7 @@ fn hats(cosine: f64) -> [f64; 3] {
 fn lit(tree: &Octree, deepest: usize) -> Vec<Lit> {
     let facet = tree.info().facet_size as f32;
     let one = |ray: Sample| {
-        let mut groups: Vec<Group> = Vec::new();
+        let mut groups: Vec<ShadowGroup> = Vec::new();
         let mut stats = MarchStats::default();
         let mut depth = |depth: usize| {
             let choice = DepthChoice { finest: depth as u8, ..DepthChoice::default() };
@@ -144,8 +144,8 @@ fn lit(tree: &Octree, deepest: usize) -> Vec<Lit> {
             for group in &groups {
                 let lamp = ray.lamps[group.light];
                 let origin = group.position + group.start(facet, lamp);
-                let shadow = Stretch { origin, dir: lamp, ..stretch };
-                let open = leaving(tree, &shadow, choice, 1.0 / 256.0, &mut stats);
+                let shadow = MarchSegment { origin, dir: lamp, ..stretch };
+                let open = transmittance_from_own_matter(tree, &shadow, choice, 1.0 / 256.0, &mut stats);
                 let light = ray.weight * f64::from(group.energy.dot(LUMINANCE) * open);
                 let h = hats(f64::from(-stretch.dir.dot(lamp)));
                 for j in 0..3 {

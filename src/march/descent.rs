@@ -73,8 +73,8 @@ impl Planes {
     }
 }
 
-/// A stretch of the line in a voxel.
-pub(super) struct Piece<'a> {
+/// The part of a line in one voxel.
+pub(super) struct VoxelSegment<'a> {
     line: &'a Line,
     planes: Planes,
     /// The voxel, and the depth of the walk: deeper than the voxel's where a terminal node shows.
@@ -88,9 +88,9 @@ pub(super) struct Piece<'a> {
 }
 
 /// What a walk calls.
-pub(super) trait Visit {
+pub(super) trait VoxelVisitor {
     /// Each occupied voxel on the way. `false` ends the walk.
-    fn piece(&mut self, piece: &Piece<'_>) -> bool;
+    fn segment(&mut self, segment: &VoxelSegment<'_>) -> bool;
     /// Between the 4^3 blocks that pieces belong to, and terminal nodes as large; also where there was none.
     fn block_end(&mut self);
     /// How many cells and empty cubes were crossed, once a walk.
@@ -122,18 +122,18 @@ const fn reach() -> [[u64; 64]; 8] {
 
 /// How a walk ended.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum End {
-    /// At the end of the line, or behind the last voxel.
+pub(super) enum WalkEnd {
+    /// At the end of the line, or after the last voxel.
     Done,
-    /// At the first end of a block at or behind `turn`, at this s.
+    /// At the first end of a block at or after `turn`, at this s.
     Turned(f32),
-    /// `Visit` ended it.
+    /// The visitor ended it.
     Stopped,
 }
 
-/// Where a walk is in the block of one node.
+/// Where a walk is in the block of one node: a cell of it, and where the line leaves that cell.
 #[derive(Clone, Copy)]
-struct Frame<'a> {
+struct BlockCursor<'a> {
     block: &'a Block,
     node: u32,
     /// Morton code of the cell in the block, mirrored.
@@ -148,7 +148,13 @@ static EMPTY: Block = Block::EMPTY;
 /// Visit the voxels of `depth` that the line crosses between `s0` and `s1`, in order; of a terminal node above `depth`, one
 /// piece for each cell on the way. `depth` at most the finest; `turn`: where to hand back for another choice of depth.
 #[inline]
-pub(super) fn walk(tree: &Octree, line: &Line, depth: u32, [s0, s1, turn]: [f32; 3], visit: &mut impl Visit) -> End {
+pub(super) fn walk(
+    tree: &Octree,
+    line: &Line,
+    depth: u32,
+    [s0, s1, turn]: [f32; 3],
+    visitor: &mut impl VoxelVisitor,
+) -> WalkEnd {
     let start = -line.origin * line.inverse;
     let reach = &REACH[line.mirrored as usize & 7];
     let all = line.mirrored | line.mirrored << 3;
@@ -161,7 +167,7 @@ pub(super) fn walk(tree: &Octree, line: &Line, depth: u32, [s0, s1, turn]: [f32;
     };
     let (mut shift, mut scale, mut flip) = (first_shift, side, first_flip);
     let mut step = line.inverse * (1.0 / scale);
-    // The frame of a node's block that the line is in at s; `low` is the block's low corner in its cells.
+    // The cursor into a node's block at the cell that the line is in at s; `low` is the block's low corner in its cells.
     let enter = |shift: u32, node: u32, low: Vec3A, scale: f32, step: Vec3A, s: f32, most: f32| {
         let blocks = tree.blocks(depth as i32 - shift as i32 - 2);
         let at = ((line.origin + line.ahead * s) * scale - low).min(Vec3A::splat(most));
@@ -169,7 +175,7 @@ pub(super) fn walk(tree: &Octree, line: &Line, depth: u32, [s0, s1, turn]: [f32;
         let half = Vec3A::select(upper, Vec3A::splat(2.0), Vec3A::ZERO);
         let odd = (at - half).cmpge(Vec3A::ONE);
         let end = low + half + Vec3A::select(odd, Vec3A::splat(2.0), Vec3A::ONE);
-        Frame {
+        BlockCursor {
             block: blocks.get(node as usize).unwrap_or(&EMPTY),
             node,
             cell: odd.bitmask() | upper.bitmask() << 3,
@@ -178,37 +184,37 @@ pub(super) fn walk(tree: &Octree, line: &Line, depth: u32, [s0, s1, turn]: [f32;
         }
     };
     let mut s = s0;
-    let mut frame = enter(shift, 0, Vec3A::ZERO, scale, step, s, side - 0.5);
-    let mut stack = [frame; MAX_DEPTH / 2];
+    let mut cursor = enter(shift, 0, Vec3A::ZERO, scale, step, s, side - 0.5);
+    let mut stack = [cursor; MAX_DEPTH / 2];
     let mut terminal = None;
     let mut cells = 0u64;
     let end = 'walk: loop {
-        let cell = frame.cell ^ flip;
-        let mask = frame.block.mask;
+        let cell = cursor.cell ^ flip;
+        let mask = cursor.block.mask;
         let mut leaving = false;
         if mask >> cell & 1 != 0 {
-            if shift != 0 && frame.block.terminal >> cell & 1 == 0 {
-                stack[(shift / 2) as usize & (MAX_DEPTH / 2 - 1)] = frame;
-                let node = frame.block.rank(cell);
+            if shift != 0 && cursor.block.terminal >> cell & 1 == 0 {
+                stack[(shift / 2) as usize & (MAX_DEPTH / 2 - 1)] = cursor;
+                let node = cursor.block.rank(cell);
                 shift -= 2;
                 scale *= 4.0;
                 step *= 0.25;
                 flip = all;
-                frame = enter(shift, node, (frame.end - 1.0) * 4.0, scale, step, s, 3.5);
-                visit.block_end();
+                cursor = enter(shift, node, (cursor.end - 1.0) * 4.0, scale, step, s, 3.5);
+                visitor.block_end();
                 continue;
             }
-            let place = frame.block.place(depth as i32 - shift as i32 - 2, frame.node, cell);
+            let place = cursor.block.place(depth as i32 - shift as i32 - 2, cursor.node, cell);
             if shift != 0 && terminal != Some(place) {
-                visit.block_end();
+                visitor.block_end();
                 terminal = Some(place);
             }
-            let leave = frame.meets.min_element().min(s1);
+            let leave = cursor.meets.min_element().min(s1);
             if leave > s {
                 let planes = Planes { step, start };
-                let piece = Piece { line, planes, place, depth, corner: frame.end - 1.0, enter: s, leave };
-                if !visit.piece(&piece) {
-                    break End::Stopped;
+                let segment = VoxelSegment { line, planes, place, depth, corner: cursor.end - 1.0, enter: s, leave };
+                if !visitor.segment(&segment) {
+                    break WalkEnd::Stopped;
                 }
             }
         } else {
@@ -218,46 +224,46 @@ pub(super) fn walk(tree: &Octree, line: &Line, depth: u32, [s0, s1, turn]: [f32;
         loop {
             if !leaving {
                 cells += 1;
-                let leave = frame.meets.min_element();
+                let leave = cursor.meets.min_element();
                 if leave >= s1 || leave.is_nan() {
-                    break 'walk End::Done;
+                    break 'walk WalkEnd::Done;
                 }
                 s = s.max(leave);
-                let crossed = frame.meets.cmple(Vec3A::splat(leave));
+                let crossed = cursor.meets.cmple(Vec3A::splat(leave));
                 // Each axis counts 0 … 3 in two bits; one that was 3 leaves the block.
                 let add = crossed.bitmask();
-                let carry = frame.cell & add;
-                leaving = frame.cell >> 3 & carry != 0;
-                frame.cell ^= add | carry << 3;
-                frame.end += Vec3A::select(crossed, Vec3A::ONE, Vec3A::ZERO);
-                frame.meets = frame.end * step + start;
+                let carry = cursor.cell & add;
+                leaving = cursor.cell >> 3 & carry != 0;
+                cursor.cell ^= add | carry << 3;
+                cursor.end += Vec3A::select(crossed, Vec3A::ONE, Vec3A::ZERO);
+                cursor.meets = cursor.end * step + start;
             }
             if !leaving {
                 break;
             }
             if shift == 0 {
-                visit.block_end();
+                visitor.block_end();
             }
             if shift == first_shift {
-                break 'walk End::Done;
+                break 'walk WalkEnd::Done;
             }
             shift += 2;
             scale *= 0.25;
             step *= 4.0;
             flip = if shift == first_shift { first_flip } else { all };
-            frame = stack[(shift / 2) as usize & (MAX_DEPTH / 2 - 1)];
+            cursor = stack[(shift / 2) as usize & (MAX_DEPTH / 2 - 1)];
             leaving = false;
         }
         if shift != 0 && s >= turn {
-            break End::Turned(s);
+            break WalkEnd::Turned(s);
         }
     };
-    visit.block_end();
-    visit.stepped(cells);
+    visitor.block_end();
+    visitor.stepped(cells);
     end
 }
 
-impl Piece<'_> {
+impl VoxelSegment<'_> {
     /// The part of the piece within the voxel's support; empty where not `.0 < .1`.
     #[inline]
     pub fn support(&self, voxel: &Voxel) -> (f32, f32) {

@@ -4,17 +4,17 @@ use crate::geom::{Mat3, Vec3};
 use crate::volume::brightness::BrightnessFactors;
 use crate::volume::{Sggx, Voxel};
 
-use super::transmittance::{Hit, Sink};
+use super::transmittance::{Sink, VoxelHit};
 use super::vndf::{EQUAL, visible_normals};
 
 /// Weight of a group of voxels that share a shadow ray.
 pub const GROUP_WEIGHT: f32 = 0.2;
 /// And how far from their mean place a voxel may lie, in voxels.
-const GROUP_WIDTH: f32 = 2.0;
+const MAX_FROM_MEAN: f32 = 2.0;
 
 /// A share of the ray's light that one light shines on: to be multiplied by the light's irradiance / π and what of it arrives.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Group {
+pub struct ShadowGroup {
     /// Index into the lights that [`Shader::new`] was given.
     pub light: usize,
     /// Weighted mean of the ray's parameter, and of the position in texel space: the shadow ray's origin.
@@ -28,7 +28,7 @@ pub struct Group {
     pub energy: Vec3,
 }
 
-impl Group {
+impl ShadowGroup {
     /// From the group's position to where its shadow ray begins, in cube edges, in the space of the light's direction
     /// `towards`: a little of the way to the light (see [`shadow_start`]), and out of the voxels of a wall, which would shade
     /// itself where the light grazes it.
@@ -39,7 +39,7 @@ impl Group {
 
 /// Sums of one light's voxels that have no shadow ray yet.
 #[derive(Clone, Copy, Default)]
-struct Open {
+struct OpenGroup {
     weight: f32,
     t: f32,
     position: Vec3,
@@ -48,23 +48,23 @@ struct Open {
     energy: Vec3,
 }
 
-impl Open {
+impl OpenGroup {
     /// Squared distance of `position` from the mean, cube edges; 0 where there is none yet.
-    fn apart(&self, position: Vec3) -> f32 {
+    fn distance_squared_from_mean(&self, position: Vec3) -> f32 {
         if self.weight > 0.0 { (self.position / self.weight).distance_squared(position) } else { 0.0 }
     }
 }
 
 /// A voxel of a solid's surface.
 #[derive(Clone, Copy)]
-struct Skin {
+struct SolidSurface {
     voxel: Voxel,
     t: f32,
     position: Vec3,
 }
 
 /// How far within a solid its surface is still seen, in voxels.
-const SKIN_DEPTH: f32 = 3.0;
+const SURFACE_SEEN_WITHIN: f32 = 3.0;
 
 /// The sink that shades. Directions are in the space in which normals are to be taken: texel space, or with a `warp` the
 /// space that it leads to.
@@ -73,12 +73,12 @@ pub struct Shader<'a> {
     lights: &'a [Vec3],
     warp: Option<Mat3>,
     tint: Vec3,
-    levels: &'a [BrightnessFactors],
+    brightness: &'a [BrightnessFactors],
     /// The last voxel that was met of a solid's surface: what comes through it and ends within the solid is seen of it too.
-    skin: Option<Skin>,
+    solid: Option<SolidSurface>,
     /// One a light, from the first voxel on.
-    open: Vec<Open>,
-    groups: &'a mut Vec<Group>,
+    open: Vec<OpenGroup>,
+    groups: &'a mut Vec<ShadowGroup>,
     /// Sum of weight · albedo: times the radiance of a constant sky, the ambient light reflected.
     pub albedo: Vec3,
     /// Sum of weights: the coverage.
@@ -87,7 +87,7 @@ pub struct Shader<'a> {
 
 impl<'a> Shader<'a> {
     /// `view`: unit direction from the matter to the viewer; `lights`: unit directions from the matter to each light;
-    /// `tint` multiplies albedos, `levels` the lights by depth (plain where it ends); finished groups are appended to `groups`. `warp`: the cofactor matrix of the map from
+    /// `tint` multiplies albedos, `brightness` the lights by depth (plain where it ends); finished groups are appended to `groups`. `warp`: the cofactor matrix of the map from
     /// texel space to where `view` and `lights` are given; `None` where that map is a similarity that they were brought
     /// through.
     pub fn new(
@@ -95,16 +95,16 @@ impl<'a> Shader<'a> {
         lights: &'a [Vec3],
         warp: Option<Mat3>,
         tint: Vec3,
-        levels: &'a [BrightnessFactors],
-        groups: &'a mut Vec<Group>,
+        brightness: &'a [BrightnessFactors],
+        groups: &'a mut Vec<ShadowGroup>,
     ) -> Self {
         Shader {
             view,
             lights,
             warp,
             tint,
-            levels,
-            skin: None,
+            brightness,
+            solid: None,
             open: Vec::new(),
             groups,
             albedo: Vec3::ZERO,
@@ -125,24 +125,24 @@ impl<'a> Shader<'a> {
             let inverse = 1.0 / open.weight;
             let (t, position, voxel) = (open.t * inverse, open.position * inverse, open.voxel * inverse);
             let outside = open.outside * inverse;
-            self.groups.push(Group { light, t, position, voxel, outside, energy: open.energy });
+            self.groups.push(ShadowGroup { light, t, position, voxel, outside, energy: open.energy });
         }
-        *open = Open::default();
+        *open = OpenGroup::default();
     }
 }
 
 impl Sink for Shader<'_> {
-    fn voxel(&mut self, hit: &Hit<'_>) {
+    fn voxel(&mut self, hit: &VoxelHit<'_>) {
         let voxel = hit.voxel;
         let edge = (-f32::from(hit.depth)).exp2();
-        let own = Skin { voxel: *voxel, t: hit.t, position: hit.position };
-        let near = |s: &Skin| s.position.distance_squared(hit.position) <= (SKIN_DEPTH * edge).powi(2);
-        let Skin { voxel, t, position } = match self.skin {
-            Some(skin) if voxel.is_inside() && near(&skin) => skin,
+        let own = SolidSurface { voxel: *voxel, t: hit.t, position: hit.position };
+        let near = |s: &SolidSurface| s.position.distance_squared(hit.position) <= (SURFACE_SEEN_WITHIN * edge).powi(2);
+        let SolidSurface { voxel, t, position } = match self.solid {
+            Some(solid) if voxel.is_inside() && near(&solid) => solid,
             _ => own,
         };
         if voxel.one_sidedness() > 0.0 {
-            self.skin = Some(Skin { voxel, t, position });
+            self.solid = Some(SolidSurface { voxel, t, position });
         }
         let albedo = voxel.albedo() * self.tint * hit.weight;
         self.albedo += albedo;
@@ -151,7 +151,7 @@ impl Sink for Shader<'_> {
             return;
         }
         if self.open.is_empty() {
-            self.open.resize(self.lights.len(), Open::default());
+            self.open.resize(self.lights.len(), OpenGroup::default());
         }
         let decoded = Sggx::decode(voxel.ndf);
         let s = self.warp.map_or(decoded, |j| warped(&decoded, j));
@@ -165,18 +165,18 @@ impl Sink for Shader<'_> {
         };
         // The ellipsoid is that of the opacity: where all normals are one, it is known better.
         let flat = share.powi(4);
-        let level = self.levels.get(usize::from(hit.depth)).unwrap_or(&BrightnessFactors::PLAIN);
+        let factors = self.brightness.get(usize::from(hit.depth)).unwrap_or(&BrightnessFactors::PLAIN);
         for light in 0..self.lights.len() {
             let towards = self.lights[light];
             let all = normals.diffuse(&weights, towards);
-            let cosine = (all + flat * (mean.dot(towards).max(0.0) - all)) * level.lit(self.view.dot(towards));
+            let cosine = (all + flat * (mean.dot(towards).max(0.0) - all)) * factors.lit(self.view.dot(towards));
             let lit = hit.weight * cosine;
             if lit <= 0.0 {
                 continue;
             }
             // The mean of places far apart is a place that nothing is seen of.
-            let gap = self.open[light].apart(position);
-            if gap > (GROUP_WIDTH * edge).powi(2) {
+            let gap = self.open[light].distance_squared_from_mean(position);
+            if gap > (MAX_FROM_MEAN * edge).powi(2) {
                 self.close(light);
             }
             let open = &mut self.open[light];
@@ -217,7 +217,7 @@ const SHADOW_START: f32 = 0.4;
 
 /// How far from the matter that it starts in a shadow ray begins, in cube edges, so that a strand doesn't shade itself: less than
 /// half a facet, beyond which the facet's own neighbours are missed, and within the voxel. What of the rest is its own flat
-/// matter is known by its c (see [`super::transmittance::leaving`]). FLIP of one lane with a quarter, .4 and a half: a tree .0396, –,
+/// matter is known by its c (see [`super::transmittance::transmittance_from_own_matter`]). FLIP of one lane with a quarter, .4 and a half: a tree .0396, –,
 /// .0409; clumps .0474, –, .0485; fur .142, –, .111; near .0405, –, .0414. `facet_size`: [`crate::volume::Info::facet_size`];
 /// 0 where it is unknown.
 pub fn shadow_start(facet_size: f32, voxel: f32) -> f32 {
@@ -229,8 +229,8 @@ mod tests {
     use super::*;
     use crate::volume::voxel::RATE_MAX;
 
-    fn hit(voxel: &Voxel, weight: f32, t: f32) -> Hit<'_> {
-        Hit { t, weight, depth: 3, voxel, position: Vec3::splat(t) }
+    fn hit(voxel: &Voxel, weight: f32, t: f32) -> VoxelHit<'_> {
+        VoxelHit { t, weight, depth: 3, voxel, position: Vec3::splat(t) }
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! The march: what a straight stretch of a ray loses to the matter of one texel, and where.
+//! The march: what a straight segment of a ray loses to the matter of one texel, and where.
 //!
 //! Based on: F. Neyret, *Synthesizing Verdant Landscapes using Volumetric Textures*, INRIA RR-2846, 1996 (one ray a pixel, the
 //! depth by the size of its cone); M. Levoy, *Efficient Ray Tracing of Volume Data*, TOG 1990 (early termination).
@@ -8,16 +8,16 @@ use crate::volume::octree::Octree;
 use crate::volume::opacity::advance;
 use crate::volume::{Model, Voxel};
 
-use super::descent::{End, Line, Piece, Visit, walk};
+use super::descent::{Line, VoxelSegment, VoxelVisitor, WalkEnd, walk};
 
-/// A straight stretch of ray through one texel's cube [0,1]^3.
+/// A straight segment of a ray through one texel's cube [0,1]^3.
 #[derive(Debug, Clone, Copy)]
-pub struct Stretch {
+pub struct MarchSegment {
     /// Texel space, at t = 0: best at or near the cube's face, since positions are f32.
     pub origin: Vec3,
     /// Texel units per unit of the ray's parameter t; any length but 0.
     pub dir: Vec3,
-    /// The stretch is t in [0, length].
+    /// The segment is t in [0, length].
     pub length: f32,
     /// Width of the ray's cone at t = 0, in cube edges.
     pub footprint: f32,
@@ -34,14 +34,14 @@ pub struct DepthChoice {
     pub bias: f32,
     /// In [0, 1): the share of fractional depths that go to the coarser side. 0.5 rounds to the nearest; neighbouring pixels
     /// or lanes that take ordered thresholds instead dither between two depths, so that no switch shows.
-    pub threshold: f32,
+    pub lod_dither: f32,
     /// Never deeper than this.
     pub finest: u8,
 }
 
 impl Default for DepthChoice {
     fn default() -> Self {
-        DepthChoice { bias: 0.0, threshold: 0.5, finest: u8::MAX }
+        DepthChoice { bias: 0.0, lod_dither: 0.5, finest: u8::MAX }
     }
 }
 
@@ -50,20 +50,20 @@ impl DepthChoice {
     fn depth(&self, width: f32, finest: usize) -> u32 {
         let finest = finest.min(usize::from(self.finest)) as f32;
         let ideal = self.bias - width.max(f32::MIN_POSITIVE).log2();
-        (ideal + 1.0 - self.threshold).floor().clamp(0.0, finest) as u32
+        (ideal + 1.0 - self.lod_dither).floor().clamp(0.0, finest) as u32
     }
 
     /// The width at which `depth` is given up for the next coarser one.
     fn width_limit(&self, depth: u32) -> f32 {
-        if depth == 0 { f32::INFINITY } else { (self.bias + 1.0 - self.threshold - depth as f32).exp2() }
+        if depth == 0 { f32::INFINITY } else { (self.bias + 1.0 - self.lod_dither - depth as f32).exp2() }
     }
 }
 
 /// What the marches of a thread met.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct MarchStats {
-    /// Stretches marched.
-    pub stretches: u64,
+    /// Segments marched.
+    pub segments: u64,
     /// Steps of the descent: voxels, and empty cubes skipped.
     pub cells: u64,
     /// Voxels that lay on the way.
@@ -75,7 +75,7 @@ pub struct MarchStats {
 impl MarchStats {
     /// Add what another thread met.
     pub fn merge(&mut self, other: &MarchStats) {
-        self.stretches += other.stretches;
+        self.segments += other.segments;
         self.cells += other.cells;
         self.voxels += other.voxels;
         self.deepest = self.deepest.max(other.deepest);
@@ -84,67 +84,73 @@ impl MarchStats {
 
 /// Light that a voxel stops: what a [`Sink`] is given.
 #[derive(Debug, Clone, Copy)]
-pub struct Hit<'a> {
-    /// The ray's parameter in the middle of the piece.
+pub struct VoxelHit<'a> {
+    /// The ray's parameter in the middle of its segment in the voxel.
     pub t: f32,
-    /// Share of the ray's light that ends here, > 0: the T before it less the T behind it.
+    /// Share of the ray's light that ends here, > 0: the transmittance before it less that after it.
     pub weight: f32,
     /// Depth of the voxel: its edge is 2^−depth cube edges.
     pub depth: u8,
     pub voxel: &'a Voxel,
-    /// The middle of the piece, texel space.
+    /// The middle of that segment, texel space.
     pub position: Vec3,
 }
 
 /// Takes the voxels that stop light, front to back.
 pub trait Sink {
-    fn voxel(&mut self, hit: &Hit<'_>);
+    fn voxel(&mut self, hit: &VoxelHit<'_>);
 }
 
 /// Below this transmittance a camera ray ends, and what was left goes to its last voxel.
 pub const OPAQUE_BELOW: f32 = 1.0 / 512.0;
 
-/// March a stretch with the transmittance `t_in` in [0, 1] at its start; the transmittance at its end. It is 0 once it falls
+/// March a segment with the transmittance `t_in` in [0, 1] at its start; the transmittance at its end. It is 0 once it falls
 /// below [`OPAQUE_BELOW`].
 pub fn march(
     tree: &Octree,
-    stretch: &Stretch,
+    segment: &MarchSegment,
     choice: DepthChoice,
     t_in: f32,
     sink: &mut impl Sink,
     stats: &mut MarchStats,
 ) -> f32 {
-    run(tree, stretch, choice, t_in, OPAQUE_BELOW, sink, stats)
+    run(tree, segment, choice, t_in, OPAQUE_BELOW, sink, stats)
 }
 
-/// The share of light that comes through a stretch; 0 once it falls below `stop_below`.
+/// The share of light that comes through a segment; 0 once it falls below `stop_below`.
 pub fn transmittance(
     tree: &Octree,
-    stretch: &Stretch,
+    segment: &MarchSegment,
     choice: DepthChoice,
     stop_below: f32,
     stats: &mut MarchStats,
 ) -> f32 {
-    run(tree, stretch, choice, 1.0, stop_below, &mut Nothing, stats)
+    run(tree, segment, choice, 1.0, stop_below, &mut NoSink, stats)
 }
 
-/// [`transmittance`] of a stretch that starts on the texel's own matter.
+/// [`transmittance`] of a segment that starts on the texel's own matter.
 ///
 /// The law's c is the share of matter that no ray meets after other matter of the same block. So what a ray that starts on
 /// matter meets of its block is less: dT/ds = −(1 − c) r T. Else a leaf, or a hair, would stand in its own light.
-pub fn leaving(tree: &Octree, stretch: &Stretch, choice: DepthChoice, stop_below: f32, stats: &mut MarchStats) -> f32 {
-    through(tree, stretch, choice, [1.0, stop_below], Own::Ahead, &mut Nothing, stats)
+pub fn transmittance_from_own_matter(
+    tree: &Octree,
+    segment: &MarchSegment,
+    choice: DepthChoice,
+    stop_below: f32,
+    stats: &mut MarchStats,
+) -> f32 {
+    march_from(tree, segment, choice, [1.0, stop_below], StartBlock::Ahead, &mut NoSink, stats)
 }
 
-struct Nothing;
+struct NoSink;
 
-impl Sink for Nothing {
-    fn voxel(&mut self, _: &Hit<'_>) {}
+impl Sink for NoSink {
+    fn voxel(&mut self, _: &VoxelHit<'_>) {}
 }
 
 /// Where a ray is that starts on matter: its own block is that of the first voxel, if that is within a voxel's width.
 #[derive(Clone, Copy, PartialEq)]
-enum Own {
+enum StartBlock {
     Ahead,
     Inside,
     Past,
@@ -153,49 +159,49 @@ enum Own {
 /// [`march`] that ends where the transmittance falls below `stop_below`.
 pub(crate) fn run(
     tree: &Octree,
-    stretch: &Stretch,
+    segment: &MarchSegment,
     choice: DepthChoice,
     t_in: f32,
     stop_below: f32,
     sink: &mut impl Sink,
     stats: &mut MarchStats,
 ) -> f32 {
-    through(tree, stretch, choice, [t_in, stop_below], Own::Past, sink, stats)
+    march_from(tree, segment, choice, [t_in, stop_below], StartBlock::Past, sink, stats)
 }
 
-fn through(
+fn march_from(
     tree: &Octree,
-    stretch: &Stretch,
+    segment: &MarchSegment,
     choice: DepthChoice,
     [t_in, stop_below]: [f32; 2],
-    own: Own,
+    start_block: StartBlock,
     sink: &mut impl Sink,
     stats: &mut MarchStats,
 ) -> f32 {
     let info = tree.info();
-    let speed = stretch.dir.length();
+    let speed = segment.dir.length();
     let Some(finest) = tree.finest() else { return t_in };
-    let usable = stretch.origin.is_finite() && speed.is_normal() && stretch.opacity_scale > 0.0 && t_in > 0.0;
+    let usable = segment.origin.is_finite() && speed.is_normal() && segment.opacity_scale > 0.0 && t_in > 0.0;
     if !usable {
         return t_in;
     }
-    stats.stretches += 1;
-    let line = Line::new(stretch.origin, stretch.dir / speed);
+    stats.segments += 1;
+    let line = Line::new(segment.origin, segment.dir / speed);
     let min = (info.content.min.as_vec3() - CONTENT_PAD).max(Vec3::ZERO);
     let max = (info.content.max.as_vec3() + CONTENT_PAD).min(Vec3::ONE);
-    let (mut s, end) = line.clip(min, max, 0.0, stretch.length * speed);
-    let (width, growth) = (stretch.footprint, stretch.growth / speed);
-    let mut law = Law {
+    let (mut s, end) = line.clip(min, max, 0.0, segment.length * speed);
+    let (width, growth) = (segment.footprint, segment.growth / speed);
+    let mut law = OpacityLaw {
         tree,
-        origin: stretch.origin,
+        origin: segment.origin,
         dir: line.dir,
         per_speed: 1.0 / speed,
-        scale: stretch.opacity_scale,
+        scale: segment.opacity_scale,
         isotropic: info.model == Model::Neyret,
-        behind: t_in,
+        before_block: t_in,
         block: 1.0,
         stop_below,
-        own,
+        start_block,
         sink,
         stats,
     };
@@ -206,12 +212,12 @@ fn through(
         let turn = if growth > 0.0 { (limit - width) / growth } else { f32::INFINITY };
         match walk(tree, &line, depth, [s, end, turn.max(s)], &mut law) {
             // A turn at s itself would choose the same depth again when the width is within rounding of the limit.
-            End::Turned(at) => s = at.max(s.next_up()),
-            End::Done => break,
-            End::Stopped => return 0.0,
+            WalkEnd::Turned(at) => s = at.max(s.next_up()),
+            WalkEnd::Done => break,
+            WalkEnd::Stopped => return 0.0,
         }
     }
-    law.behind
+    law.before_block
 }
 
 /// Texel units: the content's box is kept in f64, and a voxel's own faces must not fall outside it in f32. The cube's own
@@ -219,7 +225,7 @@ fn through(
 const CONTENT_PAD: f32 = 1e-6;
 
 /// The law of opacity along one line.
-struct Law<'a, S> {
+struct OpacityLaw<'a, S> {
     tree: &'a Octree,
     origin: Vec3,
     dir: Vec3,
@@ -227,60 +233,60 @@ struct Law<'a, S> {
     scale: f32,
     isotropic: bool,
     /// Transmittance up to the current block.
-    behind: f32,
+    before_block: f32,
     /// Transmittance within the current block.
     block: f32,
     stop_below: f32,
     /// Whether the current block is the one that the ray starts in.
-    own: Own,
+    start_block: StartBlock,
     sink: &'a mut S,
     stats: &'a mut MarchStats,
 }
 
-impl<S: Sink> Visit for Law<'_, S> {
+impl<S: Sink> VoxelVisitor for OpacityLaw<'_, S> {
     #[inline]
-    fn piece(&mut self, piece: &Piece<'_>) -> bool {
+    fn segment(&mut self, segment: &VoxelSegment<'_>) -> bool {
         self.stats.voxels += 1;
-        let voxel = self.tree.voxel(piece.place);
+        let voxel = self.tree.voxel(segment.place);
         if voxel.rate == 0 {
             return true;
         }
-        let (enter, leave) = piece.support(voxel);
+        let (enter, leave) = segment.support(voxel);
         let length = leave - enter;
         if length.is_nan() || length <= 0.0 {
             return true;
         }
         let sigma = if self.isotropic { 1.0 } else { projected_area(voxel, self.dir) };
-        let depth = piece.place.depth;
+        let depth = segment.place.depth;
         let edges = length * (1u32 << depth) as f32;
         let tau = RATE[usize::from(voxel.rate)] * self.scale * sigma * edges;
         let before = self.block;
-        if self.own == Own::Ahead {
-            let near = piece.enter * (1u32 << depth) as f32 <= 1.0;
-            self.own = if near { Own::Inside } else { Own::Past };
+        if self.start_block == StartBlock::Ahead {
+            let near = segment.enter * (1u32 << depth) as f32 <= 1.0;
+            self.start_block = if near { StartBlock::Inside } else { StartBlock::Past };
         }
         let c = voxel.c();
-        let own = self.own == Own::Inside && !voxel.is_inside();
-        self.block = if own { advance(before, (1.0 - c) * tau, 0.0) } else { advance(before, tau, c) };
-        let stopped = self.behind * self.block < self.stop_below;
+        let own_matter = self.start_block == StartBlock::Inside && !voxel.is_inside();
+        self.block = if own_matter { advance(before, (1.0 - c) * tau, 0.0) } else { advance(before, tau, c) };
+        let stopped = self.before_block * self.block < self.stop_below;
         if stopped {
             self.block = 0.0;
         }
-        let weight = self.behind * (before - self.block);
+        let weight = self.before_block * (before - self.block);
         if weight > 0.0 {
             let s = 0.5 * (enter + leave);
             let position = self.origin + s * self.dir;
-            self.sink.voxel(&Hit { t: s * self.per_speed, weight, depth, voxel, position });
+            self.sink.voxel(&VoxelHit { t: s * self.per_speed, weight, depth, voxel, position });
         }
         !stopped
     }
 
     #[inline]
     fn block_end(&mut self) {
-        self.behind *= self.block;
+        self.before_block *= self.block;
         self.block = 1.0;
-        if self.own == Own::Inside {
-            self.own = Own::Past;
+        if self.start_block == StartBlock::Inside {
+            self.start_block = StartBlock::Past;
         }
     }
 

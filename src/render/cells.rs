@@ -4,38 +4,42 @@
 //! M. Jarzynski, M. Olano, *Hash Functions for GPU Rendering*, JCGT 2020 (pcg4d); J. Amanatides, A. Woo, *A Fast Voxel
 //! Traversal Algorithm for Ray Tracing*, 1987.
 
-use super::shell::Piece;
-use crate::geom::{Aabb, DMat3, DVec3, Vec3};
+use super::shell::ShellSegment;
+use crate::geom::{Aabb, DMat3, DVec3, Ray, Vec3};
 use crate::scene::shell::{CellWrap, Discrete, Layer, Orientations};
 
 /// A layer, ready for rays.
 #[derive(Debug, Clone)]
-pub struct Skin {
+pub struct TexelLayer {
     pub layer: Layer,
-    /// Texels to choose from with their cumulative share of the weight, and each one's content box.
-    pub choice: Vec<Choice>,
+    /// Texels that the hash chooses from, at least one.
+    pub choices: Vec<TexelChoice>,
 }
 
+/// A texel that a cell may hold.
 #[derive(Debug, Clone)]
-pub struct Choice {
+pub struct TexelChoice {
+    /// Index into the scene's texels.
     pub texel: usize,
     /// The chance of this or an earlier one, rising to 1.
-    pub below: f64,
+    pub cumulative: f64,
+    /// The box of its content, texel space.
     pub content: Aabb,
     /// Multiplies its albedo.
     pub tint: Vec3,
 }
 
-/// A straight stretch of ray in one copy of a texel.
+/// A copy of a texel that a ray hits, and the straight segment of the ray in the copy's cell.
 #[derive(Debug, Clone, Copy)]
-pub struct Visit {
+pub struct CopyHit {
     pub texel: usize,
     /// Multiplies the texel's albedo.
     pub tint: Vec3,
+    /// The cell that holds the copy, or for a rigid copy its number: what tells copies apart.
     pub cell: [i64; 3],
     pub t0: f64,
     pub t1: f64,
-    /// Texel space, the cube [0,1]^3: where the ray is at t0, and what it runs a unit of t.
+    /// Texel space, the cube [0,1]^3: where the ray is at t0, and how far it goes per unit of t.
     pub origin: DVec3,
     pub dir: DVec3,
     /// Cell space → texel space: a signed permutation over the copy's scale.
@@ -44,8 +48,13 @@ pub struct Visit {
     pub zoom: f64,
 }
 
-impl Visit {
-    /// Whether the stretch passes by `content`, a box in texel space; where it only just does, it may say no.
+impl CopyHit {
+    /// The ray in texel space, from t0 on.
+    pub fn ray(&self) -> Ray {
+        Ray { origin: self.origin, dir: self.dir }
+    }
+
+    /// Whether the segment passes by `content`, a box in texel space; where it only just does, it may say no.
     pub fn misses(&self, content: &Aabb) -> bool {
         // More than what a march allows for by rounding.
         const PAD: f64 = 1e-5;
@@ -77,28 +86,28 @@ fn unit(x: u32) -> f64 {
     f64::from(x) * (1.0 / 4_294_967_296.0)
 }
 
-/// More copies than this along one straight stretch are not walked.
-const MOST_CELLS: u32 = 1 << 16;
+/// At most so many cells along one straight segment are looked into.
+const MAX_CELLS_PER_SEGMENT: u32 = 1 << 16;
 
-impl Skin {
-    /// The copies that a piece (in the layer's texel coordinates) runs through, in order, until `each` returns false.
+impl TexelLayer {
+    /// The copies that a segment (in the layer's texel coordinates) runs through, in order, until `each` returns false.
     /// False if stopped.
-    pub fn walk(&self, piece: &Piece, each: &mut dyn FnMut(&Visit) -> bool) -> bool {
-        let dir = (piece.q1 - piece.q0) / (piece.t1 - piece.t0);
+    pub fn for_each_copy(&self, segment: &ShellSegment, each: &mut dyn FnMut(&CopyHit) -> bool) -> bool {
+        let dir = (segment.q1 - segment.q0) / (segment.t1 - segment.t0);
         if !dir.is_finite() {
             return true;
         }
-        let at = |t: f64| piece.q0 + (t - piece.t0) * dir;
-        let (mut t0, mut t1) = (piece.t0, piece.t1);
+        let at = |t: f64| segment.q0 + (t - segment.t0) * dir;
+        let (mut t0, mut t1) = (segment.t0, segment.t1);
         for k in (0..3).filter(|&k| self.layer.wrap[k] == CellWrap::Empty) {
-            let (q, d) = (piece.q0[k], dir[k]);
+            let (q, d) = (segment.q0[k], dir[k]);
             if d == 0.0 {
                 if !(0.0..1.0).contains(&q) {
                     return true;
                 }
                 continue;
             }
-            let (a, b) = (piece.t0 - q / d, piece.t0 + (1.0 - q) / d);
+            let (a, b) = (segment.t0 - q / d, segment.t0 + (1.0 - q) / d);
             t0 = t0.max(a.min(b));
             t1 = t1.min(a.max(b));
         }
@@ -120,15 +129,15 @@ impl Skin {
                 return f64::INFINITY;
             }
             let edge = cell[k] as f64 + if dir[k] > 0.0 { 1.0 } else { 0.0 };
-            piece.t0 + (edge - piece.q0[k]) / dir[k]
+            segment.t0 + (edge - segment.q0[k]) / dir[k]
         };
         let mut next = [leave(&cell, 0), leave(&cell, 1), leave(&cell, 2)];
-        for _ in 0..MOST_CELLS {
+        for _ in 0..MAX_CELLS_PER_SEGMENT {
             let axis = (0..3).fold(0, |best, k| if next[k] < next[best] { k } else { best });
             let end = next[axis].min(t1);
             if end > t0 {
-                if let Some(visit) = self.visit(cell, at(t0), dir, t0, end)
-                    && !each(&visit)
+                if let Some(hit) = self.hit(cell, at(t0), dir, t0, end)
+                    && !each(&hit)
                 {
                     return false;
                 }
@@ -144,7 +153,7 @@ impl Skin {
     }
 
     /// The copy in `cell`, for the ray at `q` going along `dir` (cell space); `None` where the cell is empty.
-    fn visit(&self, cell: [i64; 3], q: DVec3, dir: DVec3, t0: f64, t1: f64) -> Option<Visit> {
+    fn hit(&self, cell: [i64; 3], q: DVec3, dir: DVec3, t0: f64, t1: f64) -> Option<CopyHit> {
         let origin = DVec3::new(cell[0] as f64, cell[1] as f64, cell[2] as f64);
         // A start on a face may lie outside by rounding.
         let mut p = (q - origin).clamp(DVec3::ZERO, DVec3::ONE);
@@ -155,15 +164,15 @@ impl Skin {
                 sign[k] = -1.0;
             }
         }
-        let first = self.choice.first()?;
+        let first = self.choices.first()?;
         let Some(discrete) = &self.layer.discrete else {
             let linear = DMat3::from_diagonal(sign);
             let (texel, tint) = (first.texel, first.tint);
-            return Some(Visit { texel, tint, cell, t0, t1, origin: p, dir: sign * dir, linear, zoom: 1.0 });
+            return Some(CopyHit { texel, tint, cell, t0, t1, origin: p, dir: sign * dir, linear, zoom: 1.0 });
         };
         let (choice, Placed { linear: m, origin, zoom }) = self.place(discrete, cell)?;
         let linear = DMat3::from_cols(m.x_axis * sign.x, m.y_axis * sign.y, m.z_axis * sign.z);
-        Some(Visit {
+        Some(CopyHit {
             texel: choice.texel,
             tint: choice.tint,
             cell,
@@ -177,12 +186,12 @@ impl Skin {
     }
 
     /// Where the hash puts the object of `cell`.
-    fn place(&self, discrete: &Discrete, cell: [i64; 3]) -> Option<(&Choice, Placed)> {
+    fn place(&self, discrete: &Discrete, cell: [i64; 3]) -> Option<(&TexelChoice, Placed)> {
         let h = hash(cell, discrete.seed).map(unit);
         if h[0] >= discrete.presence {
             return None;
         }
-        let choice = self.choice.iter().find(|c| h[1] < c.below).or(self.choice.last())?;
+        let choice = self.choices.iter().find(|c| h[1] < c.cumulative).or(self.choices.last())?;
         let turn = match discrete.orientations {
             Orientations::Identity => 0,
             Orientations::W4 => (h[2] * 4.0) as usize,
@@ -222,14 +231,14 @@ struct Placed {
 mod tests {
     use super::*;
 
-    fn skin(wrap: [CellWrap; 3], discrete: Option<Discrete>) -> Skin {
+    fn layer(wrap: [CellWrap; 3], discrete: Option<Discrete>) -> TexelLayer {
         let layer = Layer { wrap, discrete, ..Layer::default() };
         let content = Aabb::new(DVec3::new(0.3, 0.2, 0.0), DVec3::new(0.6, 0.9, 0.8));
-        Skin { layer, choice: vec![Choice { texel: 0, below: 1.0, content, tint: Vec3::ONE }] }
+        TexelLayer { layer, choices: vec![TexelChoice { texel: 0, cumulative: 1.0, content, tint: Vec3::ONE }] }
     }
 
-    fn piece(q0: DVec3, q1: DVec3) -> Piece {
-        Piece { t0: 2.0, t1: 5.0, q0, q1, to_texel: DMat3::IDENTITY }
+    fn segment(q0: DVec3, q1: DVec3) -> ShellSegment {
+        ShellSegment { t0: 2.0, t1: 5.0, q0, q1, to_texel: DMat3::IDENTITY }
     }
 
     const REPEAT: [CellWrap; 3] = [CellWrap::Repeat, CellWrap::Repeat, CellWrap::Empty];
@@ -262,7 +271,7 @@ mod tests {
 
     /// Copies abut exactly, cover the part inside w in [0, 1], and stay in the cube.
     #[test]
-    fn cells_partition_a_stretch() {
+    fn cells_partition_a_segment() {
         let cases = [
             (DVec3::new(-2.3, 0.4, -0.5), DVec3::new(3.1, 2.2, 1.5)),
             (DVec3::new(3.0, 2.0, 0.5), DVec3::new(-3.0, -2.0, 0.5)),
@@ -272,7 +281,7 @@ mod tests {
         for (q0, q1) in cases {
             for wrap in [CellWrap::Repeat, CellWrap::Mirror] {
                 let (mut total, mut last) = (0.0, None);
-                let walked = skin([wrap, wrap, CellWrap::Empty], None).walk(&piece(q0, q1), &mut |v| {
+                let walked = layer([wrap, wrap, CellWrap::Empty], None).for_each_copy(&segment(q0, q1), &mut |v| {
                     assert!(last.is_none_or(|t| t == v.t0));
                     last = Some(v.t1);
                     total += v.t1 - v.t0;
@@ -301,11 +310,11 @@ mod tests {
             presence: 0.7,
             variants: vec![],
         };
-        let skin = skin(REPEAT, Some(discrete.clone()));
+        let layer = layer(REPEAT, Some(discrete.clone()));
         let mut present = 0;
         for u in -20..20 {
             for v in -20..20 {
-                let Some((choice, placed)) = skin.place(&discrete, [u, v, 0]) else { continue };
+                let Some((choice, placed)) = layer.place(&discrete, [u, v, 0]) else { continue };
                 present += 1;
                 let back = placed.linear.inverse();
                 for corner in [choice.content.min, choice.content.max] {
@@ -322,10 +331,10 @@ mod tests {
     #[test]
     fn endless_rows_are_left_after_a_bound() {
         let mut n = 0u32;
-        skin(REPEAT, None).walk(&piece(DVec3::new(0.0, 0.5, 0.5), DVec3::new(1e12, 0.5, 0.5)), &mut |_| {
+        layer(REPEAT, None).for_each_copy(&segment(DVec3::new(0.0, 0.5, 0.5), DVec3::new(1e12, 0.5, 0.5)), &mut |_| {
             n += 1;
             true
         });
-        assert_eq!(n, MOST_CELLS);
+        assert_eq!(n, MAX_CELLS_PER_SEGMENT);
     }
 }

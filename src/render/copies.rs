@@ -1,7 +1,7 @@
 //! Rigid copies of texels, ready for rays: the texel's cube under one affine map each, worked out from the placement when a
 //! ray asks for it, so that a million copies take no more memory than their placements and a hierarchy over their bounds.
 
-use super::cells::Visit;
+use super::cells::CopyHit;
 use crate::geom::{Aabb, DAffine3, DMat3, DVec3, Ray, Vec3};
 use crate::scene::Scene;
 use crate::scene::copies::{CopySet, to_texel};
@@ -45,7 +45,7 @@ pub struct Copy {
     pub to_texel: DAffine3,
 }
 
-/// The third coordinate of the cells that stand for copies in a [`Visit`]: no shell has a cell there.
+/// The third coordinate of the cells that stand for copies in a [`CopyHit`]: no shell has a cell there.
 const CELL: i64 = i64::MIN;
 
 impl<'a> Copies<'a> {
@@ -130,10 +130,10 @@ impl Copy {
         (near < far).then_some((near, far))
     }
 
-    /// The stretch of the ray from t0 to t1, which lies in [`Copy::span`].
-    pub fn visit(&self, ray: &Ray, t0: f64, t1: f64) -> Visit {
+    /// The segment of the ray from t0 to t1, which lies in [`Copy::span`].
+    pub fn hit(&self, ray: &Ray, t0: f64, t1: f64) -> CopyHit {
         let origin = self.to_texel.transform_point3(ray.at(t0));
-        Visit {
+        CopyHit {
             texel: self.texel,
             tint: self.tint,
             cell: [i64::from(self.index), 0, CELL],
@@ -185,8 +185,8 @@ mod tests {
             assert!((own.min - bounds.min).abs().max((own.max - bounds.max).abs()).max_element() < 1e-9, "{i}");
             let through = Ray { origin: bounds.centre() - 9.0 * DVec3::X, dir: DVec3::X };
             let (t0, t1) = copy.span(&through, f64::INFINITY).unwrap();
-            let visit = copy.visit(&through, t0, t1);
-            let end = visit.origin + (t1 - t0) * visit.dir;
+            let hit = copy.hit(&through, t0, t1);
+            let end = hit.origin + (t1 - t0) * hit.dir;
             assert!((end.clamp(DVec3::ZERO, DVec3::ONE) - end).abs().max_element() < 1e-9, "{i}: {end}");
         }
         assert!(Copies::new(&scene, |i| Some(&info).filter(|_| i == 0), |world| world).is_err());

@@ -5,7 +5,7 @@ use crate::scene::{Light, LightKind, Scene};
 
 /// A light in the renderer's space.
 #[derive(Debug, Clone)]
-pub struct Lamp {
+pub struct PunctualLight {
     /// Linear Rec. 709: irradiance of a directional light, radiant intensity of the others.
     intensity: DVec3,
     position: DVec3,
@@ -20,7 +20,7 @@ pub struct Lamp {
 
 /// A light as a point sees it.
 #[derive(Debug, Clone, Copy)]
-pub struct Sight {
+pub struct IncidentLight {
     /// Unit, towards the light.
     pub dir: DVec3,
     /// Infinite for a directional light.
@@ -29,22 +29,22 @@ pub struct Sight {
     pub irradiance: Vec3,
 }
 
-impl Lamp {
+impl PunctualLight {
     /// The light times `scale`, in the renderer's space, which is (world − eye) / unit. `None` for a light that gives
     /// nothing or has no direction.
-    pub fn new(light: &Light, scale: f64, eye: DVec3, unit: f64) -> Option<Lamp> {
+    pub fn new(light: &Light, scale: f64, eye: DVec3, unit: f64) -> Option<PunctualLight> {
         let intensity = scale * DVec3::from_array(light.intensity);
         let axis = (-light.to_world.matrix3.z_axis).try_normalize().unwrap_or(DVec3::NEG_Z);
         let position = (light.to_world.translation - eye) / unit;
         let shines = intensity.is_finite() && intensity.max_element() > 0.0 && position.is_finite();
-        shines.then_some(Lamp { intensity, position, axis, kind: light.kind, range: light.range, unit })
+        shines.then_some(PunctualLight { intensity, position, axis, kind: light.kind, range: light.range, unit })
     }
 
     /// The light from `x`; `None` where it gives nothing.
-    pub fn sight(&self, x: DVec3) -> Option<Sight> {
+    pub fn incident(&self, x: DVec3) -> Option<IncidentLight> {
         if self.kind == LightKind::Directional {
             let irradiance = self.intensity.as_vec3();
-            return Some(Sight { dir: -self.axis, distance: f64::INFINITY, irradiance });
+            return Some(IncidentLight { dir: -self.axis, distance: f64::INFINITY, irradiance });
         }
         let to = self.position - x;
         let distance = to.length();
@@ -61,7 +61,11 @@ impl Lamp {
             fall *= cone * cone;
         }
         let irradiance = (fall * self.intensity).as_vec3();
-        (irradiance.is_finite() && irradiance.max_element() > 0.0).then_some(Sight { dir, distance, irradiance })
+        (irradiance.is_finite() && irradiance.max_element() > 0.0).then_some(IncidentLight {
+            dir,
+            distance,
+            irradiance,
+        })
     }
 }
 
@@ -80,7 +84,8 @@ const PLACES: usize = 1 << 14;
 /// on the view, so all pictures of a scene are exposed alike.
 pub fn photometric(scene: &Scene) -> Option<f64> {
     let model = &scene.model;
-    let lamps: Vec<Lamp> = model.lights.iter().filter_map(|light| Lamp::new(light, 1.0, DVec3::ZERO, 1.0)).collect();
+    let lights: Vec<PunctualLight> =
+        model.lights.iter().filter_map(|light| PunctualLight::new(light, 1.0, DVec3::ZERO, 1.0)).collect();
     let step = (9 * model.instances.len()).div_ceil(PLACES).max(1);
     let places = model.instances.iter().step_by(step).flat_map(|instance| {
         let part = model.parts.get(instance.part).filter(|part| !part.triangles.is_empty());
@@ -94,7 +99,11 @@ pub fn photometric(scene: &Scene) -> Option<f64> {
         all.filter(move |_| !own.is_empty()).map(|p| instance.transform.transform_point3(p))
     });
     let at = |place: DVec3| -> f64 {
-        lamps.iter().filter_map(|lamp| lamp.sight(place)).map(|sight| f64::from(sight.irradiance.max_element())).sum()
+        lights
+            .iter()
+            .filter_map(|light| light.incident(place))
+            .map(|incident| f64::from(incident.irradiance.max_element()))
+            .sum()
     };
     let mut found: Vec<f64> = places.map(at).collect();
     found.sort_unstable_by(f64::total_cmp);
@@ -129,21 +138,21 @@ mod tests {
 
     #[test]
     fn falls_off_with_the_square_in_metres() {
-        let lamp = Lamp::new(&light(LightKind::Point, f64::INFINITY), 1.0, DVec3::ZERO, 2.0).unwrap();
-        let sight = lamp.sight(DVec3::new(0.0, 0.0, 3.0)).unwrap();
-        assert_eq!(sight.distance, 2.0);
-        assert_eq!(sight.irradiance, Vec3::new(8.0, 4.0, 2.0) / 16.0);
-        assert_eq!(sight.dir, DVec3::Z);
+        let point = PunctualLight::new(&light(LightKind::Point, f64::INFINITY), 1.0, DVec3::ZERO, 2.0).unwrap();
+        let incident = point.incident(DVec3::new(0.0, 0.0, 3.0)).unwrap();
+        assert_eq!(incident.distance, 2.0);
+        assert_eq!(incident.irradiance, Vec3::new(8.0, 4.0, 2.0) / 16.0);
+        assert_eq!(incident.dir, DVec3::Z);
     }
 
     #[test]
     fn range_and_cone_end() {
-        let ranged = Lamp::new(&light(LightKind::Point, 5.0), 1.0, DVec3::ZERO, 1.0).unwrap();
-        assert!(ranged.sight(DVec3::new(0.0, 0.0, 4.9)).is_none());
-        assert!(ranged.sight(DVec3::new(0.0, 0.0, 5.1)).is_some());
+        let ranged = PunctualLight::new(&light(LightKind::Point, 5.0), 1.0, DVec3::ZERO, 1.0).unwrap();
+        assert!(ranged.incident(DVec3::new(0.0, 0.0, 4.9)).is_none());
+        assert!(ranged.incident(DVec3::new(0.0, 0.0, 5.1)).is_some());
         let spot = LightKind::Spot { inner: 0.2, outer: 0.4 };
-        let spot = Lamp::new(&light(spot, f64::INFINITY), 1.0, DVec3::ZERO, 1.0).unwrap();
-        let at = |angle: f64| spot.sight(DVec3::new(angle.tan(), 0.0, 9.0)).map_or(0.0, |s| s.irradiance.x);
+        let spot = PunctualLight::new(&light(spot, f64::INFINITY), 1.0, DVec3::ZERO, 1.0).unwrap();
+        let at = |angle: f64| spot.incident(DVec3::new(angle.tan(), 0.0, 9.0)).map_or(0.0, |s| s.irradiance.x);
         assert_eq!(at(0.0), 8.0);
         assert_eq!(at(0.41), 0.0);
         assert!(at(0.3) > 0.0 && at(0.3) < at(0.19));
@@ -166,7 +175,7 @@ mod tests {
             let lux = LUMENS_PER_WATT * strength;
             assert_eq!(photometric(&ground(LightKind::Directional, lux)), Some(lux));
         }
-        // A lamp of 2 kW and one of 20 kW: 1.6 and 16 W / m² right below, a third of that at the corners.
+        // A light of 2 kW and one of 20 kW: 1.6 and 16 W / m² right below, a third of that at the corners.
         for watts in [2e3, 2e4] {
             let intensity = watts / (4.0 * std::f64::consts::PI);
             assert_eq!(photometric(&ground(LightKind::Point, intensity)), None);
@@ -179,8 +188,8 @@ mod tests {
 
     #[test]
     fn the_sun_is_the_same_everywhere() {
-        let sun = Lamp::new(&default_sun(), 1.0, DVec3::splat(1e6), 1e3).unwrap();
-        let a = sun.sight(DVec3::ZERO).unwrap();
+        let sun = PunctualLight::new(&default_sun(), 1.0, DVec3::splat(1e6), 1e3).unwrap();
+        let a = sun.incident(DVec3::ZERO).unwrap();
         assert!(a.dir.y > 0.5 && a.distance.is_infinite());
     }
 }

@@ -135,14 +135,14 @@ impl Mesh {
     }
 
     /// The nearest contact in (0, t1) that lets nothing through; those before it that let light through are appended to
-    /// `veils`, in no order. `width_at(t)` is the width of the ray there.
+    /// `blended`, in no order. `width_at(t)` is the width of the ray there.
     pub fn nearest(
         &self,
         model: &Model,
         ray: &Ray,
         t1: f64,
         width_at: impl Fn(f64) -> f64,
-        veils: &mut Vec<Contact>,
+        blended: &mut Vec<Contact>,
     ) -> Option<Contact> {
         let mut found = None;
         let shear = Shear::new(ray.dir);
@@ -153,12 +153,12 @@ impl Mesh {
                     contact.t
                 }
                 Some(contact) => {
-                    veils.push(contact);
+                    blended.push(contact);
                     t1
                 }
                 None => t1,
             });
-        veils.retain(|v| v.t < end);
+        blended.retain(|v| v.t < end);
         found
     }
 

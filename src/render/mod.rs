@@ -8,23 +8,26 @@ mod camera;
 mod cells;
 mod copies;
 pub mod error;
+mod events;
 mod faces;
 mod film;
 pub mod image_io;
 mod light;
+mod lighting;
 mod mask;
 mod mesh;
 pub mod metrics;
-mod near;
 mod options;
-mod passage;
 mod pixel;
 mod prepare;
 pub mod preview;
 pub mod reference;
+mod segments;
+mod shadow;
 mod shell;
 mod sky;
-mod source;
+mod source_lod;
+mod source_mesh;
 mod stats;
 pub mod stress;
 #[cfg(test)]
@@ -38,12 +41,12 @@ use std::time::Instant;
 pub use cells::hash;
 pub use film::Film;
 pub use light::{LUMENS_PER_WATT, photometric};
-pub use options::{Ambient, CameraChoice, Near, Options};
+pub use options::{Ambient, CameraChoice, Options, SourceLod};
 pub use prepare::picture_size;
 pub use stats::{Counts, Stats, peak_memory};
-pub use trace::{Met, Trace};
+pub use trace::{Trace, TraceEvent};
 
-pub use crate::march::transmittance::{DepthChoice, Hit, MarchStats, Sink, Stretch, march, transmittance};
+pub use crate::march::transmittance::{DepthChoice, MarchSegment, MarchStats, Sink, VoxelHit, march, transmittance};
 
 use crate::format::{Limits, Reader};
 use glam::Vec4;
@@ -102,8 +105,8 @@ pub fn render_with(
             stats.bricks += opened.pages;
             stats.voxels += opened.voxels;
             stats.deepest = stats.deepest.max(opened.deepest);
-            if let Some(near) = texel.near {
-                stats.near_triangles += near.finish(&mut world.warnings);
+            if let Some(source) = texel.source {
+                stats.near_triangles += source.finish(&mut world.warnings);
             }
             if let Some(failure) = texel.tree.into_failure() {
                 return Err(failure);
@@ -272,7 +275,7 @@ const ALIKE: f32 = 1.0 / 256.0;
 /// The mean over the pixel's lanes, before exposure.
 fn pixel_of(tracer: &mut Tracer<'_>, x: u32, y: u32) -> [f32; 4] {
     let lanes = tracer.options.lanes;
-    tracer.near = false;
+    tracer.uses_source_geometry = false;
     let mut sum = Vec4::ZERO;
     let mut count = 0;
     let mut add = |tracer: &mut Tracer<'_>, lane: u32, lanes: u32| {
@@ -285,12 +288,12 @@ fn pixel_of(tracer: &mut Tracer<'_>, x: u32, y: u32) -> [f32; 4] {
     if lanes > 1 {
         let last = add(tracer, lanes - 1, lanes);
         let apart = (first - last).abs() * Vec3::splat((tracer.options.exposure as f32).exp2()).extend(1.0);
-        if tracer.near || apart.max_element() > ALIKE {
+        if tracer.uses_source_geometry || apart.max_element() > ALIKE {
             (1..lanes - 1).for_each(|lane| {
                 add(tracer, lane, lanes);
             });
         }
-    } else if tracer.near {
+    } else if tracer.uses_source_geometry {
         (0..NEAR_LANES).for_each(|lane| {
             add(tracer, lane, NEAR_LANES);
         });
@@ -305,12 +308,12 @@ fn lane_of(tracer: &mut Tracer<'_>, [x, y]: [u32; 2], lane: u32, lanes: u32) -> 
     let cone = world.view.cone(f64::from(x) + dx, f64::from(y) + dy, world.unit);
     if let Some(trace) = &mut tracer.trace {
         let width = cone.width * world.unit;
-        trace.push(Met::Cone { direction: cone.ray.dir.to_array(), width, growth: cone.growth });
+        trace.push(TraceEvent::Cone { direction: cone.ray.dir.to_array(), width, growth: cone.growth });
     }
-    let threshold = threshold(x, y, lane, lanes);
-    let (radiance, alpha) = tracer.cone(&cone, threshold);
+    let lod_dither = lod_dither(x, y, lane, lanes);
+    let (radiance, alpha) = tracer.cone(&cone, lod_dither);
     if let Some(trace) = &mut tracer.trace {
-        trace.push(Met::Radiance { rgb: radiance.to_array(), alpha });
+        trace.push(TraceEvent::Radiance { rgb: radiance.to_array(), alpha });
     }
     radiance.extend(alpha)
 }
@@ -322,9 +325,9 @@ fn lane_offset(lane: u32, lanes: u32) -> [f64; 2] {
     [f64::from(column), f64::from(lane)].map(|k| (k + 0.5) / f64::from(lanes))
 }
 
-/// The threshold in [0, 1) between two depths: ordered over a pixel's lanes, and over neighbouring pixels by interleaved
+/// The number in [0, 1) that chooses between two depths: ordered over a pixel's lanes, and over neighbouring pixels by interleaved
 /// gradient noise (J. Jimenez, *Next Generation Post Processing in Call of Duty*, SIGGRAPH 2014 courses).
-fn threshold(x: u32, y: u32, lane: u32, lanes: u32) -> f32 {
+fn lod_dither(x: u32, y: u32, lane: u32, lanes: u32) -> f32 {
     let ramp = 0.067_110_56 * f64::from(x) + 0.005_837_15 * f64::from(y);
     let noise = (52.982_918_9 * ramp.fract()).fract();
     ((noise + f64::from(lane)) / f64::from(lanes)) as f32 % 1.0

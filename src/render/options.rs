@@ -27,7 +27,7 @@ pub struct Options {
     /// Added to the depth of what is seen for what shades it: −1 is one coarser, which is faster and darker.
     pub shadow_bias: f64,
     /// What is seen where a pixel is smaller than a texel's finest voxel.
-    pub near: Near,
+    pub source_lod: SourceLod,
     /// Whether lights are tested for what stands before them.
     pub shadows: bool,
 }
@@ -46,7 +46,7 @@ impl Default for Options {
             threads: 0,
             depth_bias: 0.0,
             shadow_bias: 0.0,
-            near: Near::Geometry,
+            source_lod: SourceLod::Geometry,
             shadows: true,
         }
     }
@@ -67,7 +67,7 @@ pub enum CameraChoice {
 
 /// What stands for a texel where a pixel is smaller than its finest voxel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Near {
+pub enum SourceLod {
     /// The mesh that it was baked from, where the scene names it; read when a cone first needs it.
     #[default]
     Geometry,

@@ -1,78 +1,39 @@
-//! One cone: the nearest surface, and before it every copy of a texel in order of depth.
+//! One camera cone: the nearest surface, and before it every copy of a texel in order of distance.
 //!
-//! Boxes may overlap (trees that stand close): each box's ray is marched on its own, which keeps its matter together, and
-//! what voxels stop light is then merged by depth, each as a share of the light that reaches it. So two boxes in one place
-//! interleave voxel by voxel, and the transmittance is the product of theirs.
-
-use std::f32::consts::FRAC_1_PI;
+//! Based on: J. Amanatides, *Ray Tracing with Cones*, SIGGRAPH 1984; F. Neyret, *Synthesizing Verdant Landscapes using
+//! Volumetric Textures*, INRIA RR-2846, 1996 (one cone a pixel through boxes full of texels).
+//!
+//! Boxes are visited in order of where the ray enters them. Before the next box is marched, all that lies before it is
+//! composited ([`super::events`]) and lit ([`super::lighting`]), so that the cone ends as soon as nothing comes through.
 
 use super::bvh::{Pending, Sweep};
 use super::camera::Cone;
-use super::cells::Visit;
-use super::mesh::{Contact, Surface};
-use super::options::{Ambient, Options};
-use super::passage::{ShadowCone, Start, Stretched, passage};
-use super::prepare::World;
-use super::sky::sky_cones;
+use super::events::{Event, EventLists, EventOrigin, Recorder, composite, sort};
+use super::mesh::Contact;
+use super::options::Options;
+use super::prepare::{Texel, World};
+use super::segments::{BoxInterval, CopySegment, for_each_segment};
+use super::source_mesh::SourceMesh;
 use super::stats::Counts;
-use super::trace::{Met, Trace};
-use crate::geom::{DMat3, DVec3, Ray, Vec3};
-use crate::march::shade::{Group, Shader};
-use crate::march::transmittance::{DepthChoice, Hit, OPAQUE_BELOW, Sink, march};
-use crate::volume::Voxel;
+use super::trace::{Trace, TraceEvent};
+use crate::geom::Vec3;
+use crate::march::shade::ShadowGroup;
+use crate::march::transmittance::{DepthChoice, OPAQUE_BELOW, march};
 
-/// What stops part of the light, at a depth along the ray.
+/// An interval of the ray in one layer of a box, or a blended surface, that waits for its turn.
 #[derive(Clone, Copy)]
-struct Event {
-    t: f64,
-    /// Share of the light reaching it that it stops.
-    alpha: f32,
-    source: Source,
+enum Waiting {
+    Box(BoxInterval),
+    BlendedSurface { index: u32, t: f64 },
 }
 
-#[derive(Clone, Copy)]
-enum Source {
-    Voxel {
-        frame: u32,
-        voxel: Voxel,
-        depth: u8,
-        t: f32,
-        position: Vec3,
-    },
-    /// A triangle of a copy's source.
-    Near {
-        frame: u32,
-        contact: Contact,
-    },
-    Veil(u32),
-}
-
-/// A copy of a texel that the ray passes.
-struct Frame {
-    texel: usize,
-    tint: Vec3,
-    t0: f64,
-    cell: [i64; 3],
-    /// The ray in texel space, from t0 on.
-    inside: Ray,
-    /// World → texel, the linear part.
-    to_texel: DMat3,
-    /// Cube edges in a unit of length across the ray.
-    scale: f64,
-}
-
-/// An interval of the ray in one layer of a box, or a veil, waiting for its turn.
-#[derive(Clone, Copy)]
-struct Span {
-    t0: f64,
-    t1: f64,
-    what: What,
-}
-
-#[derive(Clone, Copy)]
-enum What {
-    Box { index: u32, layer: u32 },
-    Veil(u32),
+impl Waiting {
+    fn t0(&self) -> f64 {
+        match self {
+            Waiting::Box(interval) => interval.t0,
+            Waiting::BlendedSurface { t, .. } => *t,
+        }
+    }
 }
 
 /// Traces cones for one thread; keeps its lists from cone to cone.
@@ -82,31 +43,31 @@ pub struct Tracer<'w> {
     pub counts: Counts,
     pub trace: Option<Trace>,
     /// Set where a texel's source was traced; also where the ray missed it, or else edges would be drawn too light.
-    pub near: bool,
+    pub uses_source_geometry: bool,
     heap: Vec<Pending>,
-    spans: Vec<Span>,
-    events: Vec<Event>,
-    frames: Vec<Frame>,
-    veils: Vec<Contact>,
+    waiting: Vec<Waiting>,
+    pub(super) lists: EventLists,
     /// Contacts in one copy's source.
     contacts: Vec<Contact>,
-    groups: Vec<Group>,
-    lights: Vec<Vec3>,
+    /// Scratch space of [`super::lighting`]: groups of one copy's voxels, and unit directions to the lights in its space.
+    pub(super) groups: Vec<ShadowGroup>,
+    pub(super) local_light_dirs: Vec<Vec3>,
 }
 
-/// Light that a cone gathers, front to back.
-#[derive(Default)]
-struct Sum {
-    radiance: Vec3,
+/// A camera cone on its way: what has been gathered, front to back.
+pub struct ConeState<'c> {
+    pub cone: &'c Cone,
+    /// In [0, 1): chooses between two depths, and between voxels and triangles.
+    pub lod_dither: f32,
+    /// Share of the light that is not stopped by what was composited.
+    pub transmittance: f32,
+    pub radiance: Vec3,
     /// Light too faint to be worth a shadow ray.
-    faint: Vec3,
-    /// Of the light that was tested: how much came through, and how much there was.
-    seen: f32,
-    tested: f32,
+    pub faint: Vec3,
+    /// Of the light that was tested by shadow rays: how much arrived, and how much there was.
+    pub arrived: f32,
+    pub tested: f32,
 }
-
-/// Contributions below this, where the display's white is 1, are not tested for shadows.
-const FAINT: f32 = 1.0 / 256.0;
 
 impl<'w> Tracer<'w> {
     pub fn new(world: &'w World<'w>, options: &'w Options) -> Tracer<'w> {
@@ -115,413 +76,207 @@ impl<'w> Tracer<'w> {
             options,
             counts: Counts::default(),
             trace: None,
-            near: false,
+            uses_source_geometry: false,
             heap: Vec::new(),
-            spans: Vec::new(),
-            events: Vec::new(),
-            frames: Vec::new(),
-            veils: Vec::new(),
+            waiting: Vec::new(),
+            lists: EventLists::default(),
             contacts: Vec::new(),
             groups: Vec::new(),
-            lights: Vec::new(),
+            local_light_dirs: Vec::new(),
         }
     }
 
-    fn tell(&mut self, met: impl FnOnce() -> Met) {
+    pub(super) fn trace_event(&mut self, event: impl FnOnce() -> TraceEvent) {
         if let Some(trace) = &mut self.trace {
-            trace.push(met());
+            trace.push(event());
         }
     }
 
-    /// Radiance with the background behind, and the share of the pixel that is not background. `threshold` in [0, 1)
+    /// Radiance, the background included, and the share of the pixel that is not background. `lod_dither` in [0, 1)
     /// chooses between two depths.
-    pub fn cone(&mut self, cone: &Cone, threshold: f32) -> (Vec3, f32) {
+    pub fn cone(&mut self, cone: &Cone, lod_dither: f32) -> (Vec3, f32) {
         let world = self.world;
         self.counts.cones += 1;
-        self.frames.clear();
-        self.events.clear();
-        self.spans.clear();
-        self.veils.clear();
+        self.lists.clear();
+        self.waiting.clear();
         let width_at = |t: f64| cone.width_at(t);
-        let contact = world.mesh.nearest(&world.scene.model, &cone.ray, f64::INFINITY, width_at, &mut self.veils);
-        let end = contact.map_or(f64::INFINITY, |c| c.t);
-        for (i, veil) in self.veils.iter().enumerate() {
-            self.spans.push(Span { t0: veil.t, t1: veil.t, what: What::Veil(i as u32) });
-        }
-        let mut sum = Sum::default();
-        let mut through = 1.0;
-        let mut heap = std::mem::take(&mut self.heap);
-        let mut sweep = Sweep::new(&world.shells, &cone.ray, end, &mut heap);
-        while through > OPAQUE_BELOW {
-            let spans = &mut self.spans;
-            let mut first = nearest(spans);
-            while sweep.next_enter() < first.map_or(f64::INFINITY, |i| spans[i].t0) {
-                sweep.step(|index| {
-                    world.spans(index, &cone.ray, end, |t0, t1| {
-                        // A copy fills its box alone.
-                        let layers = world.skins_of(index).len().max(1) as u32;
-                        spans.extend((0..layers).map(|layer| Span { t0, t1, what: What::Box { index, layer } }));
-                    });
-                });
-                first = nearest(spans);
-            }
-            let next = first.map(|i| spans.swap_remove(i));
-            self.settle(cone, next.map_or(f64::INFINITY, |s| s.t0), threshold, &mut through, &mut sum);
-            let Some(span) = next else { break };
-            match span.what {
-                What::Veil(i) => {
-                    let alpha = self.veils[i as usize].alpha;
-                    self.events.push(Event { t: span.t0, alpha, source: Source::Veil(i) });
-                }
-                What::Box { index, layer } => self.enter(cone, &span, (index, layer), threshold, through),
-            }
-        }
-        self.heap = heap;
-        let mut alpha = 1.0 - through;
-        if through > OPAQUE_BELOW {
+        let blended = &mut self.lists.blended;
+        let contact = world.mesh.nearest(&world.scene.model, &cone.ray, f64::INFINITY, width_at, blended);
+        let waits = |(i, surface): (usize, &Contact)| Waiting::BlendedSurface { index: i as u32, t: surface.t };
+        self.waiting.extend(blended.iter().enumerate().map(waits));
+        let mut state = ConeState {
+            cone,
+            lod_dither,
+            transmittance: 1.0,
+            radiance: Vec3::ZERO,
+            faint: Vec3::ZERO,
+            arrived: 0.0,
+            tested: 0.0,
+        };
+        self.traverse(&mut state, contact.map_or(f64::INFINITY, |c| c.t));
+        let mut alpha = 1.0 - state.transmittance;
+        if state.transmittance > OPAQUE_BELOW {
             match contact {
                 Some(contact) => {
                     alpha = 1.0;
-                    let width = cone.width_at(contact.t);
-                    let surface = world.mesh.surface(&world.scene.model, &cone.ray, &contact, width);
-                    let start = Start { triangle: contact.triangle, copy: None };
-                    self.light_surface(&surface, start, width, threshold, through, &mut sum);
-                    let (albedo, normal) = (surface.albedo.to_array(), surface.normal.to_array());
-                    let metres = contact.t * world.unit;
-                    self.tell(|| Met::Surface { metres, albedo, normal, through });
+                    self.shade_opaque(&mut state, contact);
                 }
-                None => sum.radiance += through * world.background,
+                None => state.radiance += state.transmittance * world.background,
             }
         }
-        let visible = if sum.tested > 0.0 { sum.seen / sum.tested } else { 1.0 };
-        let radiance = sum.radiance + visible * sum.faint;
-        (radiance, alpha)
+        // What was not tested is as shaded as what was.
+        let visible = if state.tested > 0.0 { state.arrived / state.tested } else { 1.0 };
+        (state.radiance + visible * state.faint, alpha)
+    }
+
+    /// Visit boxes and blended surfaces before `end` in order of distance, until nothing comes through.
+    fn traverse(&mut self, state: &mut ConeState<'_>, end: f64) {
+        let (world, cone) = (self.world, state.cone);
+        let mut heap = std::mem::take(&mut self.heap);
+        let mut sweep = Sweep::new(&world.shells, &cone.ray, end, &mut heap);
+        while state.transmittance > OPAQUE_BELOW {
+            let waiting = &mut self.waiting;
+            let mut first = first_of(waiting);
+            while sweep.next_enter() < first.map_or(f64::INFINITY, |i| waiting[i].t0()) {
+                sweep.step(|index| {
+                    world.spans(index, &cone.ray, end, |t0, t1| {
+                        // A copy fills its box alone.
+                        let layers = world.layers_of(index).len().max(1) as u32;
+                        let interval = |layer| Waiting::Box(BoxInterval { index, layer: Some(layer), t0, t1 });
+                        waiting.extend((0..layers).map(interval));
+                    });
+                });
+                first = first_of(waiting);
+            }
+            let next = first.map(|i| waiting.swap_remove(i));
+            self.composite_until(state, next.map_or(f64::INFINITY, |w| w.t0()));
+            match next {
+                None => break,
+                Some(Waiting::Box(interval)) => self.march_layer(state, &interval),
+                Some(Waiting::BlendedSurface { index, t }) => {
+                    let alpha = self.lists.blended[index as usize].alpha;
+                    self.lists.events.push(Event { t, alpha, origin: EventOrigin::BlendedSurface(index) });
+                }
+            }
+        }
+        self.heap = heap;
     }
 
     /// March one layer of a box: its voxels become events.
-    fn enter(&mut self, cone: &Cone, span: &Span, (index, layer): (u32, u32), threshold: f32, through: f32) {
-        let world = self.world;
-        let (events, frames, counts, trace) = (&mut self.events, &mut self.frames, &mut self.counts, &mut self.trace);
-        let (contacts, found_near) = (&mut self.contacts, &mut self.near);
-        counts.boxes += 1;
-        if let Some(trace) = trace {
-            let metres = [span.t0 * world.unit, span.t1 * world.unit];
-            trace.push(Met::Box { index, layer, metres });
-        }
-        let mut own = through;
-        let bias = self.options.depth_bias as f32;
-        passage(world, &cone.ray, index, Some(layer), (span.t0, span.t1), &|t| cone.width_at(t), &mut |step| {
-            let Stretched { visit, stretch, to_texel, scale, .. } = step;
-            let Some(Some(texel)) = world.texels.get(visit.texel) else { return true };
-            let frame = frames.len() as u32;
-            let frame_of = || {
-                let inside = Ray { origin: visit.origin, dir: visit.dir };
-                let (texel, tint, cell, t0) = (visit.texel, visit.tint, visit.cell, visit.t0);
-                Frame { texel, tint, t0, cell, inside, to_texel: *to_texel, scale: *scale }
+    fn march_layer(&mut self, state: &ConeState<'_>, interval: &BoxInterval) {
+        let (world, cone) = (self.world, state.cone);
+        self.counts.boxes += 1;
+        self.trace_event(|| TraceEvent::Box {
+            index: interval.index,
+            layer: interval.layer.unwrap_or(0),
+            metres: [interval.t0 * world.unit, interval.t1 * world.unit],
+        });
+        let mut transmittance = state.transmittance;
+        for_each_segment(world, &cone.ray, interval, &|t| cone.width_at(t), &mut |segment| {
+            let Some(Some(texel)) = world.texels.get(segment.hit.texel) else { return true };
+            let mid_width = segment.march.footprint + 0.5 * segment.march.growth * segment.march.length;
+            transmittance = match texel.source_lod(mid_width, state.lod_dither) {
+                Some(source) => self.trace_source(source, segment, transmittance),
+                None => self.march_voxels(texel, segment, state.lod_dither, transmittance),
             };
-            if let Some(source) = texel.near(stretch.footprint + 0.5 * stretch.growth * stretch.length, threshold) {
-                counts.near_copies += 1;
-                let new = frame_of();
-                contacts.clear();
-                let width = |t: f64| f64::from(stretch.footprint + stretch.growth * t as f32);
-                let last = source.mesh.nearest(&source.model, &new.inside, visit.t1 - visit.t0, width, contacts);
-                contacts.extend(last);
-                let before = own;
-                for &contact in contacts.iter() {
-                    own *= 1.0 - contact.alpha;
-                    let source = Source::Near { frame, contact };
-                    events.push(Event { t: visit.t0 + contact.t, alpha: contact.alpha, source });
-                }
-                if let Some(trace) = trace {
-                    trace.push(near(world, visit, contacts.len(), before, own));
-                }
-                if !contacts.is_empty() {
-                    frames.push(new);
-                }
-                *found_near = true;
-                return own > 0.0;
-            }
-            let mut recorder = Recorder { events, own, frame, t0: visit.t0 };
-            let choice = DepthChoice { bias, threshold, finest: texel.finest };
-            let before = (own, recorder.events.len());
-            own = march(&texel.tree, stretch, choice, own, &mut recorder, &mut counts.march);
-            if let Some(trace) = trace {
-                trace.push(cell(world, visit, &events[before.1..], before.0, own));
-            }
-            if events.len() > before.1 {
-                frames.push(frame_of());
-            }
-            own > 0.0
+            transmittance > 0.0
         });
     }
 
-    /// Composite the events before `frontier`, in order of depth.
-    fn settle(&mut self, cone: &Cone, frontier: f64, threshold: f32, through: &mut f32, sum: &mut Sum) {
-        if self.events.is_empty() {
+    /// Record the triangles of a copy's source as events; returns the transmittance after them.
+    fn trace_source(&mut self, source: &SourceMesh, segment: &CopySegment, before: f32) -> f32 {
+        let CopySegment { hit, march, .. } = segment;
+        self.counts.near_copies += 1;
+        self.uses_source_geometry = true;
+        self.contacts.clear();
+        let width = |t: f64| f64::from(march.footprint + march.growth * t as f32);
+        let last = source.mesh.nearest(&source.model, &hit.ray(), hit.t1 - hit.t0, width, &mut self.contacts);
+        self.contacts.extend(last);
+        let copy = self.lists.copies.len() as u32;
+        let mut after = before;
+        for &contact in &self.contacts {
+            after *= 1.0 - contact.alpha;
+            let origin = EventOrigin::Source { copy, contact };
+            self.lists.events.push(Event { t: hit.t0 + contact.t, alpha: contact.alpha, origin });
+        }
+        if !self.contacts.is_empty() {
+            self.lists.copies.push(*segment);
+        }
+        let (world, contacts) = (self.world, self.contacts.len());
+        self.trace_event(|| {
+            let (texel, cell, metres) = traced_copy(world, segment);
+            TraceEvent::Near { texel, cell, metres, contacts, before, after }
+        });
+        after
+    }
+
+    /// Record the voxels of a copy that stop light as events; returns the transmittance after them.
+    fn march_voxels(&mut self, texel: &Texel, segment: &CopySegment, lod_dither: f32, before: f32) -> f32 {
+        let EventLists { events, copies, .. } = &mut self.lists;
+        let (first, copy) = (events.len(), copies.len() as u32);
+        let choice = DepthChoice { bias: self.options.depth_bias as f32, lod_dither, finest: texel.finest };
+        let mut recorder = Recorder { events, transmittance: before, copy, t0: segment.hit.t0 };
+        let after = march(&texel.tree, &segment.march, choice, before, &mut recorder, &mut self.counts.march);
+        let recorded = &events[first..];
+        if let Some(trace) = &mut self.trace {
+            let (texel, cell, metres) = traced_copy(self.world, segment);
+            let depth = recorded.iter().find_map(|e| match e.origin {
+                EventOrigin::Voxel { depth, .. } => Some(depth),
+                EventOrigin::Source { .. } | EventOrigin::BlendedSurface(_) => None,
+            });
+            trace.push(TraceEvent::Cell { texel, cell, metres, depth, voxels: recorded.len(), before, after });
+        }
+        if !recorded.is_empty() {
+            copies.push(*segment);
+        }
+        after
+    }
+
+    /// Composite and light the events before the distance `frontier`.
+    fn composite_until(&mut self, state: &mut ConeState<'_>, frontier: f64) {
+        if self.lists.events.is_empty() {
             return;
         }
-        let mut events = std::mem::take(&mut self.events);
-        if !events.is_sorted_by(|a, b| a.t <= b.t) {
-            events.sort_by(|a, b| a.t.total_cmp(&b.t));
-        }
+        let mut events = std::mem::take(&mut self.lists.events);
+        sort(&mut events);
         let count = events.partition_point(|e| e.t < frontier);
-        let settled = &mut events[..count];
-        // From here on an event's alpha is its share of the whole cone.
-        for tied in settled.chunk_by_mut(|a, b| a.t == b.t) {
-            // Voxels in one place (layers of one box) share what they stop together by their optical depths.
-            let depth = |alpha: f32| -(1.0 - alpha).max(1e-6).ln();
-            let passed = *through * tied.iter().map(|e| 1.0 - e.alpha).product::<f32>();
-            let stopped = *through - passed;
-            match tied {
-                [one] => one.alpha = stopped,
-                many => {
-                    let total: f32 = many.iter().map(|e| depth(e.alpha)).sum();
-                    many.iter_mut().for_each(|e| e.alpha = stopped * (depth(e.alpha) / total));
-                }
-            }
-            *through = passed;
+        let ready = &mut events[..count];
+        state.transmittance = composite(ready, state.transmittance);
+        if !ready.is_sorted_by_key(Event::group) {
+            ready.sort_by_key(Event::group);
         }
-        // Each copy's voxels together, so that they share shadow rays.
-        let place = |e: &Event| match e.source {
-            Source::Voxel { frame, .. } | Source::Near { frame, .. } => frame,
-            Source::Veil(i) => u32::MAX - i,
-        };
-        if !settled.is_sorted_by_key(place) {
-            settled.sort_by_key(place);
-        }
-        for run in settled.chunk_by(|a, b| place(a) == place(b)) {
-            match run[0].source {
-                Source::Voxel { frame, .. } => self.light_copy(cone, frame as usize, run, threshold, sum),
-                Source::Near { .. } => run.iter().for_each(|e| self.light_near(cone, e, threshold, sum)),
-                Source::Veil(i) => {
-                    let contact = self.veils[i as usize];
-                    let width = cone.width_at(contact.t);
-                    let surface = self.world.mesh.surface(&self.world.scene.model, &cone.ray, &contact, width);
-                    let start = Start { triangle: contact.triangle, copy: None };
-                    self.light_surface(&surface, start, width, threshold, run[0].alpha, sum);
+        for group in ready.chunk_by(|a, b| a.group() == b.group()) {
+            match group[0].origin {
+                EventOrigin::Voxel { copy, .. } => self.shade_voxels(state, copy as usize, group),
+                EventOrigin::Source { .. } => group.iter().for_each(|e| self.shade_source(state, e)),
+                EventOrigin::BlendedSurface(i) => {
+                    let contact = self.lists.blended[i as usize];
+                    self.shade_contact(state, &contact, group[0].alpha);
                 }
             }
         }
         events.drain(..count);
-        self.events = events;
+        self.lists.events = events;
     }
 
-    /// Light a triangle of a copy's source, whose event carries its weight.
-    fn light_near(&mut self, cone: &Cone, event: &Event, threshold: f32, sum: &mut Sum) {
-        let Source::Near { frame, contact } = event.source else { return };
-        let frame = &self.frames[frame as usize];
-        let Some(texel) = &self.world.texels[frame.texel] else { return };
-        let width = cone.width_at(event.t);
-        // It was read when it was traced.
-        let Some(source) = texel.near(0.0, threshold) else { return };
-        let seen = source.surface(&cone.ray, frame.t0, &frame.inside, &contact, &frame.to_texel, width * frame.scale);
-        let surface = Surface { albedo: seen.albedo * frame.tint, ..seen };
-        let start = Start { triangle: contact.triangle, copy: Some((frame.texel, frame.cell)) };
-        self.light_surface(&surface, start, width, threshold, event.alpha, sum);
-    }
-
-    /// Light voxels of one copy, whose events carry their weights.
-    fn light_copy(&mut self, cone: &Cone, frame: usize, run: &[Event], threshold: f32, sum: &mut Sum) {
-        let world = self.world;
-        let frame = &self.frames[frame];
-        let weight: f32 = run.iter().map(|e| e.alpha).sum();
-        let mean: f64 = run.iter().map(|e| f64::from(e.alpha) * e.t).sum::<f64>() / f64::from(weight);
-        if !mean.is_finite() {
-            return;
-        }
-        let middle = cone.ray.at(mean);
-        let m = frame.to_texel;
-        let similar = similarity(&m);
-        let turn = |d: DVec3| if similar { (m * d).normalize_or_zero() } else { d }.as_vec3();
-        // And back, to as good as the numbers of a shadow's start are.
-        let back = |v: Vec3| {
-            let v = v.as_dvec3();
-            if similar { m.transpose() * v / m.x_axis.length().max(f64::MIN_POSITIVE) } else { v }
-        };
-        self.lights.clear();
-        for lamp in &world.lamps {
-            self.lights.push(lamp.sight(middle).map_or(Vec3::ZERO, |s| turn(s.dir)));
-        }
-        let warp = (!similar).then(|| (m.transpose() * (1.0 / m.x_axis.length().max(f64::MIN_POSITIVE))).as_mat3());
-        let mut groups = std::mem::take(&mut self.groups);
-        groups.clear();
-        let lights = std::mem::take(&mut self.lights);
-        // They make up for what shadows lack.
-        let levelled = world.texels[frame.texel].as_ref().filter(|_| self.options.shadows);
-        let levels = levelled.map_or(&[][..], |t| &t.tree.brightness_factors()[..]);
-        let mut shader = Shader::new(turn(-cone.ray.dir), &lights, warp, frame.tint, levels, &mut groups);
-        for event in run {
-            if let Source::Voxel { voxel, depth, t, position, .. } = &event.source {
-                shader.voxel(&Hit { t: *t, weight: event.alpha, depth: *depth, voxel, position: *position });
-            }
-        }
-        shader.finish();
-        let albedo = shader.albedo;
-        let (t0, scale, texel) = (frame.t0, frame.scale, frame.texel);
-        let on = Start { triangle: u32::MAX, copy: Some((texel, frame.cell)) };
-        let facet = world.texels[texel].as_ref().map_or(0.0, |t| t.tree.info().facet_size as f32);
-        let open = match self.options.ambient {
-            Ambient::Constant => 1.0,
-            Ambient::Occluded => self.open_sky(middle, None, cone.width_at(mean), threshold),
-        };
-        sum.radiance += open * albedo * world.sky;
-        for group in &groups {
-            let t = t0 + f64::from(group.t);
-            let x = cone.ray.at(t);
-            let Some(sight) = world.lamps[group.light].sight(x) else { continue };
-            let light = group.energy * sight.irradiance * FRAC_1_PI;
-            let start = back(group.start(facet, lights[group.light])) / scale;
-            let from = Ray { origin: x + start, dir: sight.dir };
-            self.add(light, &from, sight.distance - start.dot(sight.dir), Some(on), cone.width_at(t), threshold, sum);
-        }
-        self.groups = groups;
-        self.lights = lights;
-    }
-
-    /// Add a light's contribution as far as it is seen.
-    #[allow(clippy::too_many_arguments)]
-    fn add(
-        &mut self,
-        light: Vec3,
-        from: &Ray,
-        distance: f64,
-        start: Option<Start>,
-        width: f64,
-        threshold: f32,
-        sum: &mut Sum,
-    ) {
-        if !self.options.shadows {
-            sum.radiance += light;
-            return;
-        }
-        let bright = light.max_element();
-        if bright * (self.options.exposure as f32).exp2() < FAINT {
-            sum.faint += light;
-            return;
-        }
-        let cone = ShadowCone { ray: *from, end: distance, start, width, growth: 0.0 };
-        let seen = self.visibility(&cone, cone.through_meshes(self.world), threshold);
-        sum.radiance += seen * light;
-        sum.seen += seen * bright;
-        sum.tested += bright;
-        let unit = self.world.unit;
-        self.tell(|| Met::Shadow { origin: (from.origin * unit).to_array(), light: light.to_array(), seen });
-    }
-
-    /// Light a plain surface of which the cone sees the share `weight`.
-    fn light_surface(
-        &mut self,
-        surface: &Surface,
-        start: Start,
-        width: f64,
-        threshold: f32,
-        weight: f32,
-        sum: &mut Sum,
-    ) {
-        let world = self.world;
-        if surface.unlit {
-            sum.radiance += weight * surface.albedo;
-            return;
-        }
-        let albedo = weight * surface.albedo;
-        let open = match self.options.ambient {
-            Ambient::Constant => 1.0,
-            Ambient::Occluded => self.open_sky(surface.point, Some((surface.normal, start)), width, threshold),
-        };
-        sum.radiance += open * albedo * world.sky;
-        for lamp in &world.lamps {
-            let Some(sight) = lamp.sight(surface.point) else { continue };
-            let cosine = surface.normal.dot(sight.dir) as f32;
-            if cosine > 0.0 {
-                let light = albedo * sight.irradiance * (cosine * FRAC_1_PI);
-                let from = Ray { origin: surface.lifted, dir: sight.dir };
-                self.add(light, &from, sight.distance, Some(start), width, threshold, sum);
-            }
-        }
-    }
-
-    /// The share of light that comes along a cone, of the share `through` that meshes leave.
-    fn visibility(&mut self, cone: &ShadowCone, through: f32, threshold: f32) -> f32 {
-        self.counts.shadow_rays += 1;
-        // The depth of what is seen by default; a coarser one darkens (see `shadow_start`).
-        let bias = (self.options.depth_bias + self.options.shadow_bias) as f32;
-        let choice = DepthChoice { bias, threshold, finest: u8::MAX };
-        super::passage::visibility(self.world, cone, through, choice, FAINT, &mut self.counts)
-    }
-
-    /// The share of the sky that a point sees: of the half around a surface's normal, or of all around a voxel.
-    fn open_sky(&mut self, x: DVec3, surface: Option<(DVec3, Start)>, width: f64, threshold: f32) -> f32 {
-        const GROWTH: f64 = 0.8;
-        let start = surface.map(|s| s.1);
-        let cone = |dir: DVec3| {
-            let ray = Ray { origin: x + width * dir, dir };
-            ShadowCone { ray, end: f64::INFINITY, start, width, growth: GROWTH }
-        };
-        let cones = sky_cones(surface.map(|s| s.0));
-        let count = cones.len() as f32;
-        let open = cones.into_iter().map(|part| {
-            let rays = part.rays.map(|ray| cone(ray).through_meshes(self.world));
-            let through = rays.iter().sum::<f32>() / rays.len() as f32;
-            self.visibility(&cone(part.axis), through, threshold)
-        });
-        open.sum::<f32>() / count
+    /// Light the opaque surface that ends the ray.
+    fn shade_opaque(&mut self, state: &mut ConeState<'_>, contact: Contact) {
+        let through = state.transmittance;
+        let surface = self.shade_contact(state, &contact, through);
+        let (albedo, normal) = (surface.albedo.to_array(), surface.normal.to_array());
+        let metres = contact.t * self.world.unit;
+        self.trace_event(|| TraceEvent::Surface { metres, albedo, normal, through });
     }
 }
 
-/// Index of the span that begins first.
-fn nearest(spans: &[Span]) -> Option<usize> {
-    (0..spans.len()).reduce(|best, i| if spans[i].t0 < spans[best].t0 { i } else { best })
+/// Index of the one that begins first.
+fn first_of(waiting: &[Waiting]) -> Option<usize> {
+    (0..waiting.len()).reduce(|best, i| if waiting[i].t0() < waiting[best].t0() { i } else { best })
 }
 
-/// Whether a map keeps angles, to a thousandth.
-fn similarity(m: &DMat3) -> bool {
-    let (a, b, c) = (m.x_axis, m.y_axis, m.z_axis);
-    let (aa, bb, cc) = (a.length_squared(), b.length_squared(), c.length_squared());
-    let near = |x: f64, y: f64| (x - y).abs() <= 1e-3 * aa;
-    near(aa, bb) && near(aa, cc) && near(a.dot(b), 0.0) && near(a.dot(c), 0.0) && near(b.dot(c), 0.0)
-}
-
-/// Keeps what a march meets.
-struct Recorder<'a> {
-    events: &'a mut Vec<Event>,
-    own: f32,
-    frame: u32,
-    t0: f64,
-}
-
-impl Sink for Recorder<'_> {
-    fn voxel(&mut self, hit: &Hit<'_>) {
-        let alpha = (hit.weight / self.own).clamp(0.0, 1.0);
-        self.own -= hit.weight;
-        let (t, position) = (hit.t, hit.position);
-        let source = Source::Voxel { frame: self.frame, voxel: *hit.voxel, depth: hit.depth, t, position };
-        self.events.push(Event { t: self.t0 + f64::from(t), alpha, source });
-    }
-}
-
-fn near(world: &World<'_>, visit: &Visit, contacts: usize, before: f32, after: f32) -> Met {
-    Met::Near {
-        texel: world.scene.texels.get(visit.texel).map_or(String::new(), |t| t.name.clone()),
-        cell: visit.cell,
-        metres: [visit.t0 * world.unit, visit.t1 * world.unit],
-        contacts,
-        before,
-        after,
-    }
-}
-
-fn cell(world: &World<'_>, visit: &Visit, events: &[Event], before: f32, after: f32) -> Met {
-    let depth = events.iter().find_map(|e| match e.source {
-        Source::Voxel { depth, .. } => Some(depth),
-        Source::Near { .. } | Source::Veil(_) => None,
-    });
-    Met::Cell {
-        texel: world.scene.texels.get(visit.texel).map_or(String::new(), |t| t.name.clone()),
-        cell: visit.cell,
-        metres: [visit.t0 * world.unit, visit.t1 * world.unit],
-        depth,
-        voxels: events.len(),
-        before,
-        after,
-    }
+/// A copy as a trace names it: the texel's name, the cell, and the interval in metres.
+fn traced_copy(world: &World<'_>, segment: &CopySegment) -> (String, [i64; 3], [f64; 2]) {
+    let hit = &segment.hit;
+    let name = world.scene.texels.get(hit.texel).map_or(String::new(), |t| t.name.clone());
+    (name, hit.cell, [hit.t0 * world.unit, hit.t1 * world.unit])
 }

@@ -5,16 +5,15 @@
 
 use super::bvh::Bvh;
 use super::camera::View;
-use super::cells::{Choice, Skin};
+use super::cells::{TexelChoice, TexelLayer};
 use super::copies::{Copies, Copy};
 use super::faces;
-use super::light::{DEFAULT_SKY, Lamp, default_sun};
+use super::light::{DEFAULT_SKY, PunctualLight, default_sun};
 use super::mesh::{Mesh, MeshBuilder};
-use super::near::Near;
-use super::options;
-use super::options::{CameraChoice, Options};
+use super::options::{CameraChoice, Options, SourceLod};
 use super::shell::ShellBox;
-use super::source::Source;
+use super::source_lod::LazySource;
+use super::source_mesh::SourceMesh;
 use crate::geom::{Aabb, DAffine3, DVec3, Ray, Vec3};
 use crate::scene::shell::{ShellMaterial, Variant};
 use crate::scene::{Camera, Part, Projection, Scene};
@@ -26,17 +25,17 @@ pub struct Texel {
     pub tree: Octree,
     /// Deepest depth to be used.
     pub finest: u8,
-    /// What it was baked from, if that is to be seen near the camera.
-    pub near: Option<Near>,
+    /// The mesh that it was baked from, if that is to be seen where a pixel is smaller than the finest voxel.
+    pub source: Option<LazySource>,
 }
 
 impl Texel {
-    /// The source, where a cone `width` cube edges wide is to see it instead of voxels; `threshold` in [0, 1) decides
+    /// The source, where a cone `width` cube edges wide is to see it instead of voxels; `lod_dither` in [0, 1) decides
     /// where it might be either.
-    pub fn near(&self, width: f32, threshold: f32) -> Option<&Source> {
-        let near = self.near.as_ref()?;
+    pub fn source_lod(&self, width: f32, lod_dither: f32) -> Option<&SourceMesh> {
+        let source = self.source.as_ref()?;
         let finest = self.tree.finest()?.min(usize::from(self.finest));
-        near.source(self.tree.info(), (-(finest as f32)).exp2(), width, threshold)
+        source.get(self.tree.info(), (-(finest as f32)).exp2(), width, lod_dither)
     }
 }
 
@@ -49,15 +48,15 @@ pub struct World<'a> {
     pub mesh: Mesh,
     pub boxes: Vec<ShellBox>,
     pub copies: Copies<'a>,
-    /// For each box, its index into `skins`.
-    pub box_skin: Vec<u32>,
+    /// For each box, its index into `layers`.
+    pub box_layers: Vec<u32>,
     /// Over the boxes, and after them the copies.
     pub shells: Bvh,
-    /// The layers of each material that has some; those that fill one range of the skin together.
-    pub skins: Vec<Vec<Skin>>,
+    /// The layers of each material that has some, grouped by the range of the height vectors that they fill.
+    pub layers: Vec<Vec<TexelLayer>>,
     /// As the scene's texels; `None` for those that nothing uses.
     pub texels: Vec<Option<Texel>>,
-    pub lamps: Vec<Lamp>,
+    pub lights: Vec<PunctualLight>,
     pub sky: Vec3,
     pub background: Vec3,
     pub warnings: Warnings,
@@ -114,9 +113,9 @@ impl<'a> World<'a> {
             .into_iter()
             .zip(&scene.texels)
             .map(|(tree, said)| {
-                let near = said.geometry.clone().filter(|_| options.near == options::Near::Geometry);
-                let near = near.map(|path| Near::new(path, said.palette.clone()));
-                Some(Texel { tree: tree?, finest: said.max_depth.unwrap_or(u8::MAX), near })
+                let path = said.geometry.clone().filter(|_| options.source_lod == SourceLod::Geometry);
+                let source = path.map(|path| LazySource::new(path, said.palette.clone()));
+                Some(Texel { tree: tree?, finest: said.max_depth.unwrap_or(u8::MAX), source })
             })
             .collect();
         for (texel, said) in texels.iter().zip(&scene.texels) {
@@ -131,10 +130,10 @@ impl<'a> World<'a> {
             mesh: Mesh::default(),
             boxes: Vec::new(),
             copies,
-            box_skin: Vec::new(),
+            box_layers: Vec::new(),
             shells: Bvh::default(),
-            skins: Vec::new(),
-            lamps: lamps(scene, options.light_scale, view.eye, unit, &mut notes),
+            layers: Vec::new(),
+            lights: punctual_lights(scene, options.light_scale, view.eye, unit, &mut notes),
             view,
             texels,
             sky: Vec3::ZERO,
@@ -162,32 +161,32 @@ impl<'a> World<'a> {
     fn place(&mut self, warnings: &mut Warnings) -> Result<()> {
         let model = &self.scene.model;
         let mut mesh = MeshBuilder::default();
-        let mut skin_of = vec![None; model.materials.len()];
+        let mut first_layers = vec![None; model.materials.len()];
         let mut lost = 0;
         for (index, instance) in model.instances.iter().enumerate() {
             let Some(part) = model.parts.get(instance.part) else { continue };
             let placed = relative(instance.transform, self.view.eye, self.unit);
             let shell = shell_of(self.scene, instance.part).map(|s| s.1);
             if let Some(shell) = shell {
-                let ranges = skin_ranges(shell);
-                let first = match skin_of[part.material] {
+                let ranges = layer_ranges(shell);
+                let first = match first_layers[part.material] {
                     Some(first) => first,
                     None => {
-                        let first = self.skins.len() as u32;
+                        let first = self.layers.len() as u32;
                         for &range in &ranges {
-                            self.skins.push(skins(shell, range, &self.texels)?);
+                            self.layers.push(layers_in(shell, range, &self.texels)?);
                         }
-                        skin_of[part.material] = Some(first);
+                        first_layers[part.material] = Some(first);
                         first
                     }
                 };
                 let before = self.boxes.len();
-                for (skin, &range) in (first..).zip(&ranges) {
+                for (group, &range) in (first..).zip(&ranges) {
                     // What is wrong with a shell is said once, not for each of its ranges.
                     let mut again = Warnings::default();
-                    let warnings = if skin == first { &mut *warnings } else { &mut again };
+                    let warnings = if group == first { &mut *warnings } else { &mut again };
                     self.boxes.extend(faces::boxes(part, shell, range, placed, warnings));
-                    self.box_skin.resize(self.boxes.len(), skin);
+                    self.box_layers.resize(self.boxes.len(), group);
                 }
                 lost += self.boxes[before..].iter().filter(|b| !finite(&b.bounds())).count();
             }
@@ -226,9 +225,9 @@ impl<'a> World<'a> {
     }
 
     /// The layers of item `index` of `shells`; none where it is a copy.
-    pub fn skins_of(&self, index: u32) -> &[Skin] {
-        let skin = self.box_skin.get(index as usize).and_then(|&skin| self.skins.get(skin as usize));
-        skin.map_or(&[], Vec::as_slice)
+    pub fn layers_of(&self, index: u32) -> &[TexelLayer] {
+        let layers = self.box_layers.get(index as usize).and_then(|&group| self.layers.get(group as usize));
+        layers.map_or(&[], Vec::as_slice)
     }
 }
 
@@ -331,16 +330,16 @@ fn view(scene: &Scene, bounds: &Aabb, options: &Options, notes: &mut Vec<String>
 }
 
 /// The scene's lights times `scale`; without any, a sun.
-fn lamps(scene: &Scene, scale: f64, eye: DVec3, unit: f64, notes: &mut Vec<String>) -> Vec<Lamp> {
+fn punctual_lights(scene: &Scene, scale: f64, eye: DVec3, unit: f64, notes: &mut Vec<String>) -> Vec<PunctualLight> {
     if scene.model.lights.is_empty() {
         notes.push("no light in the file: a sun from the upper left was added".into());
-        return Lamp::new(&default_sun(), 1.0, eye, unit).into_iter().collect();
+        return PunctualLight::new(&default_sun(), 1.0, eye, unit).into_iter().collect();
     }
-    scene.model.lights.iter().filter_map(|l| Lamp::new(l, scale, eye, unit)).collect()
+    scene.model.lights.iter().filter_map(|l| PunctualLight::new(l, scale, eye, unit)).collect()
 }
 
 /// The parts of the height vectors that a shell's layers fill, each once.
-fn skin_ranges(shell: &ShellMaterial) -> Vec<[f64; 2]> {
+fn layer_ranges(shell: &ShellMaterial) -> Vec<[f64; 2]> {
     let mut ranges = Vec::new();
     for layer in &shell.layers {
         if !ranges.contains(&layer.skin_range) {
@@ -351,20 +350,20 @@ fn skin_ranges(shell: &ShellMaterial) -> Vec<[f64; 2]> {
 }
 
 /// The layers of `shell` that fill `range`.
-fn skins(shell: &ShellMaterial, range: [f64; 2], texels: &[Option<Texel>]) -> Result<Vec<Skin>> {
+fn layers_in(shell: &ShellMaterial, range: [f64; 2], texels: &[Option<Texel>]) -> Result<Vec<TexelLayer>> {
     shell
         .layers
         .iter()
         .filter(|layer| layer.skin_range == range)
         .map(|layer| {
-            let variants = layer.discrete.iter().flat_map(|d| d.variants.iter().copied());
-            let mut choice: Vec<Variant> = variants.filter(|v| v.weight > 0.0).collect();
-            if choice.is_empty() {
-                choice.push(Variant { texel: layer.texel, weight: 1.0, diffuse: [1.0; 3] });
+            let listed = layer.discrete.iter().flat_map(|d| d.variants.iter().copied());
+            let mut variants: Vec<Variant> = listed.filter(|v| v.weight > 0.0).collect();
+            if variants.is_empty() {
+                variants.push(Variant { texel: layer.texel, weight: 1.0, diffuse: [1.0; 3] });
             }
-            let total: f64 = choice.iter().map(|c| c.weight).sum();
-            let mut below = 0.0;
-            let choice = choice
+            let total: f64 = variants.iter().map(|v| v.weight).sum();
+            let mut cumulative = 0.0;
+            let choices = variants
                 .into_iter()
                 .map(|Variant { texel, weight, diffuse }| {
                     let Some(Some(opened)) = texels.get(texel) else {
@@ -372,12 +371,17 @@ fn skins(shell: &ShellMaterial, range: [f64; 2], texels: &[Option<Texel>]) -> Re
                             "the scene's shells use texel {texel}, which is not there"
                         )));
                     };
-                    below += weight / total;
+                    cumulative += weight / total;
                     let tint = std::array::from_fn(|k| (layer.diffuse[k] * diffuse[k]) as f32);
-                    Ok(Choice { texel, below, content: opened.tree.info().content, tint: Vec3::from_array(tint) })
+                    Ok(TexelChoice {
+                        texel,
+                        cumulative,
+                        content: opened.tree.info().content,
+                        tint: Vec3::from_array(tint),
+                    })
                 })
                 .collect::<Result<Vec<_>>>()?;
-            Ok(Skin { layer: layer.clone(), choice })
+            Ok(TexelLayer { layer: layer.clone(), choices })
         })
         .collect()
 }

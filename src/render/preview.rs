@@ -6,7 +6,7 @@ use crate::{Error, Result, par};
 
 use super::image_io::srgb8;
 use crate::march::shade::Shader;
-use crate::march::transmittance::{DepthChoice, MarchStats, Stretch, leaving, march};
+use crate::march::transmittance::{DepthChoice, MarchSegment, MarchStats, march, transmittance_from_own_matter};
 
 /// An 8-bit sRGB picture, rows from the top.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -85,7 +85,8 @@ fn shade(tree: &Octree, view: &View, at: Vec2, pixel: f32) -> Vec3 {
     let edge = view.right.length();
     let origin = view.centre + view.right * at.x + view.down * at.y;
     let footprint = pixel * edge;
-    let stretch = Stretch { origin, dir: view.into, length: view.reach, footprint, growth: 0.0, opacity_scale: 1.0 };
+    let stretch =
+        MarchSegment { origin, dir: view.into, length: view.reach, footprint, growth: 0.0, opacity_scale: 1.0 };
     let choice = DepthChoice::default();
     let mut stats = MarchStats::default();
     let sun = view.right.normalize() * TO_SUN[0] + view.down.normalize() * TO_SUN[1] + view.into * TO_SUN[2];
@@ -99,8 +100,9 @@ fn shade(tree: &Octree, view: &View, at: Vec2, pixel: f32) -> Vec3 {
     let mut radiance = shader.albedo * ambient + BACKGROUND * t;
     for group in &groups {
         let origin = group.position + group.start(tree.info().facet_size as f32, to_sun[0]);
-        let shadow = Stretch { origin, dir: to_sun[0], length: 2.0, ..stretch };
-        radiance += group.energy * (SUN * leaving(tree, &shadow, choice, 1.0 / 256.0, &mut stats));
+        let shadow = MarchSegment { origin, dir: to_sun[0], length: 2.0, ..stretch };
+        radiance +=
+            group.energy * (SUN * transmittance_from_own_matter(tree, &shadow, choice, 1.0 / 256.0, &mut stats));
     }
     radiance
 }

@@ -6,7 +6,7 @@
 //! root of a cubic); A. Reshetov, *Cool Patches*, Ray Tracing Gems, 2019 (walls are bilinear patches).
 //!
 //! Watertight: a wall is stored with its ends in a fixed order, so both its boxes compute the very same crossings; a
-//! crossing is never computed again from a moved origin; and which stretches between crossings are inside is decided at
+//! crossing is never computed again from a moved origin; and which segments between crossings are inside is decided at
 //! their middles, so that a crossing found twice or on a rim does no harm.
 
 use crate::geom::{Aabb, DMat3, DVec3, Ray};
@@ -22,7 +22,7 @@ pub struct Corner {
 
 /// A stretch of a ray on which texel coordinates are (nearly) linear in t: from `q0` at `t0` to `q1` at `t1`.
 #[derive(Debug, Clone, Copy)]
-pub struct Piece {
+pub struct ShellSegment {
     pub t0: f64,
     pub t1: f64,
     pub q0: DVec3,
@@ -193,7 +193,7 @@ impl Crossings {
 
 /// A box of any heights over a triangle; its walls are bilinear patches.
 #[derive(Debug, Clone)]
-pub struct Twisted {
+pub struct TwistedBox {
     corners: [Corner; 3],
     walls: [Wall; 3],
     /// Normal of the triangle at height W is n0 + W n1 + W² n2.
@@ -210,14 +210,15 @@ struct Place {
     outside: f64,
 }
 
-impl Twisted {
+impl TwistedBox {
     /// `None` where the box has no volume at its middle.
-    pub fn new(face: &[Corner; 3]) -> Option<Twisted> {
+    pub fn new(face: &[Corner; 3]) -> Option<TwistedBox> {
         let [a, b, c] = face;
         let (e1, e2, g1, g2) = (b.p - a.p, c.p - a.p, b.h - a.h, c.h - a.h);
         let normal = [e1.cross(e2), e1.cross(g2) + g1.cross(e2), g1.cross(g2)];
         let bounds = Aabb::around(face.iter().flat_map(|f| [f.p, f.p + f.h]));
-        let it = Twisted { corners: *face, walls: [Wall::new(a, b), Wall::new(b, c), Wall::new(c, a)], normal, bounds };
+        let it =
+            TwistedBox { corners: *face, walls: [Wall::new(a, b), Wall::new(b, c), Wall::new(c, a)], normal, bounds };
         let middle = it.edges(Place { b: [1.0 / 3.0; 2], w: 0.5, outside: 0.0 });
         (middle.determinant() != 0.0 && middle.inverse().is_finite()).then_some(it)
     }
@@ -312,28 +313,28 @@ impl Twisted {
     }
 
     /// Cut [t0, t1] until the coordinates in the middle and at a quarter of a piece are within `tolerance` of the chord.
-    fn pieces(
+    fn for_each_segment(
         &self,
         ray: &Ray,
         t0: f64,
         t1: f64,
         tolerance: &dyn Fn(f64, &DMat3) -> f64,
-        each: &mut dyn FnMut(&Piece) -> bool,
+        each: &mut dyn FnMut(&ShellSegment) -> bool,
     ) -> bool {
         let (Some((_, q0)), Some((_, q1))) = (self.along(ray, t0), self.along(ray, t1)) else { return true };
-        self.cut(ray, Piece { t0, t1, q0, q1, to_texel: DMat3::IDENTITY }, 0, tolerance, each)
+        self.cut(ray, ShellSegment { t0, t1, q0, q1, to_texel: DMat3::IDENTITY }, 0, tolerance, each)
     }
 
     fn cut(
         &self,
         ray: &Ray,
-        mut piece: Piece,
+        mut piece: ShellSegment,
         depth: u32,
         tolerance: &dyn Fn(f64, &DMat3) -> f64,
-        each: &mut dyn FnMut(&Piece) -> bool,
+        each: &mut dyn FnMut(&ShellSegment) -> bool,
     ) -> bool {
         const DEEPEST: u32 = 8;
-        let Piece { t0, t1, q0, q1, .. } = piece;
+        let ShellSegment { t0, t1, q0, q1, .. } = piece;
         let mid = 0.5 * (t0 + t1);
         let Some((place, q)) = self.along(ray, mid) else { return true };
         let to_texel = self.to_texel(place);
@@ -349,7 +350,7 @@ impl Twisted {
             piece.to_texel = to_texel;
             return each(&piece);
         }
-        let (left, right) = (Piece { t1: mid, q1: q, ..piece }, Piece { t0: mid, q0: q, ..piece });
+        let (left, right) = (ShellSegment { t1: mid, q1: q, ..piece }, ShellSegment { t0: mid, q0: q, ..piece });
         self.cut(ray, left, depth + 1, tolerance, each) && self.cut(ray, right, depth + 1, tolerance, each)
     }
 }
@@ -395,7 +396,7 @@ fn cubic_in_unit(k: [f64; 4]) -> [Option<f64>; 3] {
 #[derive(Debug, Clone)]
 pub enum ShellBox {
     Prism(Box<Prism>),
-    Twisted(Box<Twisted>),
+    Twisted(Box<TwistedBox>),
 }
 
 impl ShellBox {
@@ -403,7 +404,7 @@ impl ShellBox {
     pub fn new(face: &[Corner; 3]) -> Option<ShellBox> {
         match Prism::new(face) {
             Some(prism) => Some(ShellBox::Prism(Box::new(prism))),
-            None => Twisted::new(face).map(|t| ShellBox::Twisted(Box::new(t))),
+            None => TwistedBox::new(face).map(|t| ShellBox::Twisted(Box::new(t))),
         }
     }
 
@@ -440,20 +441,20 @@ impl ShellBox {
 
     /// The straight pieces of [t0, t1], which lies in one of [`ShellBox::spans`], in order, until `each` returns false.
     /// `tolerance(t, to_texel)` is how far a piece may stray from the true path, in texel units. False if stopped.
-    pub fn pieces(
+    pub fn for_each_segment(
         &self,
         ray: &Ray,
         t0: f64,
         t1: f64,
         tolerance: &dyn Fn(f64, &DMat3) -> f64,
-        each: &mut dyn FnMut(&Piece) -> bool,
+        each: &mut dyn FnMut(&ShellSegment) -> bool,
     ) -> bool {
         match self {
             ShellBox::Prism(b) => {
                 let (q0, q1) = (b.texel(ray.at(t0)), b.texel(ray.at(t1)));
-                each(&Piece { t0, t1, q0, q1, to_texel: b.to_texel })
+                each(&ShellSegment { t0, t1, q0, q1, to_texel: b.to_texel })
             }
-            ShellBox::Twisted(b) => b.pieces(ray, t0, t1, tolerance, each),
+            ShellBox::Twisted(b) => b.for_each_segment(ray, t0, t1, tolerance, each),
         }
     }
 }

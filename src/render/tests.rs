@@ -299,7 +299,7 @@ fn any_number_of_threads_and_lanes() {
     assert!((mean(&one) / mean(&sixteen) - 1.0).abs() < 0.02);
 }
 
-/// A sphere of many facets with smooth normals under a lamp at the eye: albedo / π · I / d² · cosine, by the analytic sphere.
+/// A sphere of many facets with smooth normals under a light at the eye: albedo / π · I / d² · cosine, by the analytic sphere.
 #[test]
 fn a_sphere_is_lit_by_a_lamp() {
     let (n, mut part) = (96u32, Part::default());
@@ -319,8 +319,8 @@ fn a_sphere_is_lit_by_a_lamp() {
     let mut ball = scene(vec![part], vec![white], vec![DAffine3::IDENTITY]);
     let eye = DVec3::new(0.0, 0.0, 5.0);
     let to_world = DAffine3::from_translation(eye);
-    let lamp = Light { to_world, kind: LightKind::Point, intensity: [40.0; 3], ..sun(DVec3::Y, 1.0) };
-    ball.model.lights = vec![lamp];
+    let light = Light { to_world, kind: LightKind::Point, intensity: [40.0; 3], ..sun(DVec3::Y, 1.0) };
+    ball.model.lights = vec![light];
     let options = looking(eye, DVec3::ZERO, 33);
     let film = shot(&ball, vec![None], &options);
     let world = World::new(&ball, vec![None], &options).unwrap();

@@ -1,17 +1,17 @@
 //! What one pixel's rays met, for `--pixel x,y`.
 
 /// Everything in the order in which it was met.
-pub type Trace = Vec<Met>;
+pub type Trace = Vec<TraceEvent>;
 
 /// Lengths are metres along the ray, positions relative to the camera.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
 #[serde(tag = "met", rename_all = "kebab-case")]
-pub enum Met {
+pub enum TraceEvent {
     /// The cone of one lane: unit direction, and its width at the start and a metre further.
     Cone { direction: [f64; 3], width: f64, growth: f64 },
     /// A layer of a shell's box.
     Box { index: u32, layer: u32, metres: [f64; 2] },
-    /// A copy of a texel: the depth and number of its voxels that stopped light, transmittance before and behind.
+    /// A copy of a texel: the depth and number of its voxels that stopped light, transmittance before and after.
     Cell { texel: String, cell: [i64; 3], metres: [f64; 2], depth: Option<u8>, voxels: usize, before: f32, after: f32 },
     /// A copy of a texel whose source was traced instead of voxels.
     Near { texel: String, cell: [i64; 3], metres: [f64; 2], contacts: usize, before: f32, after: f32 },

@@ -11,7 +11,7 @@ use crate::progress::Quiet;
 use crate::render::metrics;
 use crate::render::metrics::flip::DEFAULT_PPD;
 use crate::render::reference::{Reference, reference as trace};
-use crate::render::{Film, Near, Options, render};
+use crate::render::{Film, Options, SourceLod, render};
 use crate::{Error, Result};
 
 /// One way to make a picture, or the texel for it.
@@ -189,9 +189,9 @@ impl Bench<'_> {
 
 /// A picture made that way, timed and compared.
 fn shown(made: &Made, options: &Options, reference: &Reference, way: Point) -> Result<Point> {
-    let near = if way.near { Near::Geometry } else { Near::Voxels };
+    let source_lod = if way.near { SourceLod::Geometry } else { SourceLod::Voxels };
     let (lanes, depth_bias, shadow_bias) = (way.lanes, way.depth_bias, way.shadow_bias);
-    let options = Options { lanes, depth_bias, shadow_bias, near, ..options.clone() };
+    let options = Options { lanes, depth_bias, shadow_bias, source_lod, ..options.clone() };
     let (seconds, done) = timed(|| render(&made.scene, &options, &Quiet));
     compared(way, &done?.film, reference, seconds)
 }

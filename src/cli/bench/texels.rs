@@ -10,7 +10,7 @@ use crate::cli::{Ui, error};
 use crate::format::{Limits, Reader};
 use crate::progress::Quiet;
 use crate::render::error::{DepthError, Options as Measure};
-use crate::render::{Near, Options, render};
+use crate::render::{Options, SourceLod, render};
 use crate::source;
 use crate::source::OpenOptions;
 use crate::volume::Octree;
@@ -60,7 +60,7 @@ impl Bench<'_> {
             if size[1] < least {
                 break;
             }
-            let options = Options { size, lanes: 16, near: Near::Voxels, ..options.clone() };
+            let options = Options { size, lanes: 16, source_lod: SourceLod::Voxels, ..options.clone() };
             let film = render(&made.scene, &options, &Quiet)?.film;
             let luminance = |p: &[f32; 4]| f64::from(0.2126 * p[0] + 0.7152 * p[1] + 0.0722 * p[2]);
             let sky = options.background.map_or(0.0, |b| 0.2126 * b[0] + 0.7152 * b[1] + 0.0722 * b[2]);

@@ -45,11 +45,11 @@ fn isotropic(rho: f64, correlation: u8) -> Voxel {
     Voxel { rate: voxel::encode_rate(rho), correlation, ..Voxel::default() }
 }
 
-fn stretch(origin: Vec3, to: Vec3) -> Stretch {
-    Stretch { origin, dir: to - origin, length: 1.0, footprint: 1e-9, growth: 0.0, opacity_scale: 1.0 }
+fn stretch(origin: Vec3, to: Vec3) -> MarchSegment {
+    MarchSegment { origin, dir: to - origin, length: 1.0, footprint: 1e-9, growth: 0.0, opacity_scale: 1.0 }
 }
 
-fn through(tree: &Octree, s: &Stretch) -> f32 {
+fn through(tree: &Octree, s: &MarchSegment) -> f32 {
     transmittance(tree, s, DepthChoice::default(), 0.0, &mut MarchStats::default())
 }
 
@@ -60,7 +60,7 @@ fn at_depth(depth: usize) -> DepthChoice {
 #[derive(Default)]
 struct Record(Vec<(Voxel, f32, f32)>);
 impl Sink for Record {
-    fn voxel(&mut self, hit: &Hit<'_>) {
+    fn voxel(&mut self, hit: &VoxelHit<'_>) {
         self.0.push((*hit.voxel, hit.weight, hit.t));
     }
 }
@@ -89,7 +89,9 @@ fn a_slab_is_exact() {
 #[test]
 fn a_ray_that_starts_on_matter_meets_less_of_its_own_block() {
     // Depth 3: two blocks of 4 voxels along x. A tau of .1 a voxel, and all that c says of it.
-    let leave = |tree: &Octree, s: &Stretch| leaving(tree, s, DepthChoice::default(), 0.0, &mut MarchStats::default());
+    let leave = |tree: &Octree, s: &MarchSegment| {
+        transmittance_from_own_matter(tree, s, DepthChoice::default(), 0.0, &mut MarchStats::default())
+    };
     let rho = f64::from(voxel::rate_table()[voxel::encode_rate(0.1) as usize]);
     for correlation in [0, 5, 15] {
         let tree = tree(full(3, isotropic(rho, correlation)));
@@ -122,7 +124,7 @@ fn a_slab_does_not_depend_on_how_it_is_cut() {
     assert!((whole - split).abs() < 1e-6, "{whole} {split}");
     // The unit of t is the caller's.
     let s = stretch(a, b);
-    let far = Stretch { dir: s.dir * 1e-6, length: 1e6, ..s };
+    let far = MarchSegment { dir: s.dir * 1e-6, length: 1e6, ..s };
     assert!((whole - through(&tree, &far)).abs() < 1e-6);
 }
 
@@ -191,7 +193,7 @@ fn a_wall_is_crossed_once() {
 }
 
 /// The chords of the line through each voxel of the finest depth, by slabs in f64, sorted along it.
-fn chords(depth: usize, codes: &[u64], voxels: &[Voxel], s: &Stretch) -> Vec<(usize, f64, f64)> {
+fn chords(depth: usize, codes: &[u64], voxels: &[Voxel], s: &MarchSegment) -> Vec<(usize, f64, f64)> {
     let side = f64::from(1u32 << depth);
     let (o, d) = (s.origin.as_dvec3() * side, s.dir.as_dvec3() * side);
     let mut found: Vec<_> = (0..codes.len())
@@ -217,7 +219,7 @@ fn chords(depth: usize, codes: &[u64], voxels: &[Voxel], s: &Stretch) -> Vec<(us
 }
 
 /// The law of opacity over those chords, T starting at 1 in each 4^3 block.
-fn oracle(codes: &[u64], voxels: &[Voxel], found: &[(usize, f64, f64)], s: &Stretch, depth: usize) -> f64 {
+fn oracle(codes: &[u64], voxels: &[Voxel], found: &[(usize, f64, f64)], s: &MarchSegment, depth: usize) -> f64 {
     let table = voxel::rate_table();
     let dir = s.dir.normalize();
     let edges = f64::from(s.dir.length()) * f64::from(1u32 << depth);
@@ -322,7 +324,7 @@ proptest! {
         prop_assume!((b - a).length() > 1e-3);
         let tree = tree(sparse(4, &codes, &voxels, Voxel::default()));
         let s = stretch(a, b);
-        let (part, whole) = (through(&tree, &Stretch { length: cut, ..s }), through(&tree, &s));
+        let (part, whole) = (through(&tree, &MarchSegment { length: cut, ..s }), through(&tree, &s));
         prop_assert!((0.0..=1.0).contains(&whole) && whole <= part, "{part} {whole}");
     }
 
@@ -362,11 +364,11 @@ proptest! {
     #[test]
     fn nothing_panics(o in any::<[f32; 3]>(), d in any::<[f32; 3]>(), length in any::<f32>(), width in any::<f32>(), growth in any::<f32>()) {
         let tree = tree(full(3, isotropic(0.5, 7)));
-        let s = Stretch { origin: o.into(), dir: d.into(), length, footprint: width, growth, opacity_scale: 1.0 };
+        let s = MarchSegment { origin: o.into(), dir: d.into(), length, footprint: width, growth, opacity_scale: 1.0 };
         let t = through(&tree, &s);
         prop_assert!((0.0..=1.0).contains(&t));
         let d = Vec3::new(d[0], 0.0, -0.0);
-        let near = Stretch { origin: Vec3::splat(0.25), dir: d, length: 1.0 / d.length(), ..s };
+        let near = MarchSegment { origin: Vec3::splat(0.25), dir: d, length: 1.0 / d.length(), ..s };
         prop_assert!((0.0..=1.0).contains(&through(&tree, &near)));
     }
 }
@@ -389,7 +391,7 @@ fn even_and_odd_depths_agree() {
         assert!((got - want).abs() < 5e-6, "{d}: {got} {want}");
     }
     // A cone that widens from a voxel to the whole cube changes depth on the way and loses nothing.
-    let cone = Stretch { footprint: 1.0 / 64.0, growth: 0.5, ..s };
+    let cone = MarchSegment { footprint: 1.0 / 64.0, growth: 0.5, ..s };
     let mut stats = MarchStats::default();
     let got = transmittance(&tree, &cone, DepthChoice::default(), 0.0, &mut stats);
     assert_eq!(stats.deepest, 6);
@@ -407,10 +409,10 @@ fn depth_choice_rounds_and_dithers() {
     assert_eq!(DepthChoice { bias: -1.0, ..c }.depth(0.25, 9), 1);
     assert_eq!(DepthChoice { finest: 4, ..c }.depth(1e-9, 9), 4);
     // log2(1/.2) = 2.32: 32 % of thresholds go to depth 3.
-    let finer = (0..100).filter(|i| DepthChoice { threshold: *i as f32 / 100.0, ..c }.depth(0.2, 9) == 3).count();
+    let finer = (0..100).filter(|i| DepthChoice { lod_dither: *i as f32 / 100.0, ..c }.depth(0.2, 9) == 3).count();
     assert_eq!(finer, 33);
-    for threshold in [0.0, 0.3, 0.5, 0.99] {
-        let c = DepthChoice { threshold, ..c };
+    for lod_dither in [0.0, 0.3, 0.5, 0.99] {
+        let c = DepthChoice { lod_dither, ..c };
         for d in 1..9 {
             let limit = c.width_limit(d);
             assert_eq!((c.depth(limit * 0.9999, 9), c.depth(limit * 1.0001, 9)), (d, d - 1));

@@ -3,8 +3,10 @@
 use super::options::{Options, SUN};
 use super::truth::{Layer, Truth};
 use crate::geom::{Aabb, DVec3, Ray, Vec3};
-use crate::march::shade::{Group, Shader};
-use crate::march::transmittance::{DepthChoice, Hit, MarchStats, Sink, Stretch, leaving, march, transmittance};
+use crate::march::shade::{Shader, ShadowGroup};
+use crate::march::transmittance::{
+    DepthChoice, MarchSegment, MarchStats, Sink, VoxelHit, march, transmittance, transmittance_from_own_matter,
+};
 use crate::render::reference::sampling::{hash, point};
 use crate::volume::{Octree, Voxel};
 
@@ -169,8 +171,9 @@ impl Batch<'_> {
         let factor = self.tree.brightness_factors()[self.depth].lit((-ray.dir).dot(SUN) as f32);
         for group in &scratch.groups {
             let origin = group.position + group.start(facet, lights[0]);
-            let shadow = Stretch { origin, dir: lights[0], length: 2.0, ..stretch };
-            let open = leaving(self.tree, &shadow, DepthChoice::default(), 1.0 / 256.0, &mut stats);
+            let shadow = MarchSegment { origin, dir: lights[0], length: 2.0, ..stretch };
+            let open =
+                transmittance_from_own_matter(self.tree, &shadow, DepthChoice::default(), 1.0 / 256.0, &mut stats);
             sum.lit += f64::from(group.energy.x);
             sum.open += f64::from(group.energy.x * open);
             sum.light += f64::from(group.energy.x * open * factor);
@@ -185,9 +188,9 @@ impl Batch<'_> {
     }
 
     /// The ray's way through the cube, as wide as a voxel of the depth that is measured.
-    fn stretch(&self, ray: &Ray) -> Option<Stretch> {
+    fn stretch(&self, ray: &Ray) -> Option<MarchSegment> {
         let (t0, t1) = Aabb::UNIT.hit(ray.origin, 1.0 / ray.dir, 0.0, 9.0)?;
-        Some(Stretch {
+        Some(MarchSegment {
             origin: ray.at(t0).as_vec3(),
             dir: ray.dir.as_vec3(),
             length: (t1 - t0) as f32,
@@ -220,7 +223,7 @@ impl Open {
 #[derive(Default)]
 struct Scratch {
     layers: Vec<Layer>,
-    groups: Vec<Group>,
+    groups: Vec<ShadowGroup>,
 }
 
 /// Shades as if all were white, and keeps the colour apart.
@@ -230,10 +233,10 @@ struct White<'a> {
 }
 
 impl Sink for White<'_> {
-    fn voxel(&mut self, hit: &Hit<'_>) {
+    fn voxel(&mut self, hit: &VoxelHit<'_>) {
         self.albedo += hit.weight * hit.voxel.albedo();
         let voxel = Voxel { albedo: [255; 3], ..*hit.voxel };
-        self.shader.voxel(&Hit { voxel: &voxel, ..*hit });
+        self.shader.voxel(&VoxelHit { voxel: &voxel, ..*hit });
     }
 }
 

@@ -12,7 +12,7 @@ mod trace;
 use std::ops::Range;
 use std::time::Instant;
 
-pub use super::source::{Source, restyle};
+pub use super::source_mesh::{SourceMesh, restyle};
 use trace::Tracer;
 
 use super::film::Film;
@@ -60,7 +60,7 @@ pub fn reference(scene: &Scene, options: &Options, samples: Range<u32>, progress
             let what = format!("texel {:?} names no geometry to trace; map it with --geometry", said.name);
             return Err(Error::Options(what));
         };
-        Source::open(path, tree.info(), &said.palette, &mut warnings).map(Some)
+        SourceMesh::open(path, tree.info(), &said.palette, &mut warnings).map(Some)
     };
     let sources = trees.iter().zip(&scene.texels).map(open).collect::<Result<Vec<_>>>()?;
     let mut reference = reference_with(scene, trees, &sources, options, samples, progress)?;
@@ -72,7 +72,7 @@ pub fn reference(scene: &Scene, options: &Options, samples: Range<u32>, progress
 pub fn reference_with(
     scene: &Scene,
     texels: Vec<Option<Octree>>,
-    sources: &[Option<Source>],
+    sources: &[Option<SourceMesh>],
     options: &Options,
     samples: Range<u32>,
     progress: &dyn Progress,

@@ -135,7 +135,7 @@ fn options() -> Options {
 fn of_shell(material: ShellMaterial, options: &Options, samples: Range<u32>) -> Reference {
     let scene = scene(ground(Some(material)));
     let tree = || Octree::new(Volume { info: info(BOUNDS), depths: vec![] }).unwrap();
-    let source = Source::new(plant(), &info(BOUNDS), &mut Warnings::default());
+    let source = SourceMesh::new(plant(), &info(BOUNDS), &mut Warnings::default());
     reference_with(&scene, vec![Some(tree())], &[Some(source)], options, samples, &Quiet).unwrap()
 }
 
@@ -191,7 +191,7 @@ fn opaque_shells_equal_explicit_instances() {
     };
     let options = options();
     let tree = Octree::new(Volume { info: info(BOUNDS), depths: vec![] }).unwrap();
-    let source = Source::new(keep(plant()), &info(BOUNDS), &mut Warnings::default());
+    let source = SourceMesh::new(keep(plant()), &info(BOUNDS), &mut Warnings::default());
     let shells = scene(ground(Some(shell())));
     let a = reference_with(&shells, vec![Some(tree)], &[Some(source)], &options, 0..1, &Quiet).unwrap();
     let mut explicit = ground(None);
@@ -254,7 +254,7 @@ fn curved_boxes_tend_to_straight_ones() {
         let lean = |i: usize| amount * if i.is_multiple_of(2) { 1.0 } else { -1.0 };
         part.heights = Some((0..part.positions.len()).map(|i| [lean(i), 2.0, lean(i)]).collect());
         let tree = Octree::new(Volume { info: info(BOUNDS), depths: vec![] }).unwrap();
-        let source = Source::new(plant(), &info(BOUNDS), &mut Warnings::default());
+        let source = SourceMesh::new(plant(), &info(BOUNDS), &mut Warnings::default());
         reference_with(&scene(model), vec![Some(tree)], &[Some(source)], &options, 0..4, &Quiet).unwrap()
     };
     let noise = 0.5 * rms(&straight.halves[0], &straight.halves[1]);

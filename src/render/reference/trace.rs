@@ -1,46 +1,42 @@
 //! One sample: the nearest surface along a ray, of the scene's meshes or of a texel's source in a shell, and its light.
 
 use crate::geom::{DMat3, DVec3, Ray, Vec3};
-use crate::render::cells::Visit;
+use crate::render::cells::CopyHit;
 use crate::render::mesh::{Contact, Mesh, Surface};
 use crate::render::options::{Ambient, Options};
-use crate::render::passage::Start;
 use crate::render::prepare::World;
-use crate::render::shell::Piece;
-use crate::render::source::Source;
+use crate::render::shadow::SelfHit;
+use crate::render::shell::ShellSegment;
+use crate::render::source_mesh::{CopyRay, SourceMesh};
 use crate::render::stats::Counts;
 use crate::scene::Model;
 
 use super::sampling::{chance, hash, point};
 
-/// How far a straight piece may stray from the true path through a curved box, in edges of the texel's cube.
+/// How far a straight segment may stray from the true path through a curved box, in edges of the texel's cube.
 const STRAY: f64 = 1e-4;
 
 pub struct Tracer<'a> {
     pub world: &'a World<'a>,
-    pub sources: &'a [Option<Source>],
+    pub sources: &'a [Option<SourceMesh>],
     pub options: &'a Options,
 }
 
-/// What a ray met.
-struct Met<'a> {
+/// The surface that a ray hits.
+struct Intersection<'a> {
     t: f64,
     contact: Contact,
     /// Of a texel's copy; `None` for a mesh of the scene.
-    copy: Option<Copied<'a>>,
+    copy: Option<SourceCopy<'a>>,
 }
 
 /// A copy of a texel's source, where a ray runs through it.
-struct Copied<'a> {
-    source: &'a Source,
+struct SourceCopy<'a> {
+    source: &'a SourceMesh,
     texel: usize,
     cell: [i64; 3],
-    /// In texel space, from where the ray entered at `t0`.
-    ray: Ray,
-    t0: f64,
-    /// The renderer's space → texel space.
-    to_texel: DMat3,
-    diffuse: Vec3,
+    ray: CopyRay,
+    tint: Vec3,
 }
 
 impl<'a> Tracer<'a> {
@@ -64,9 +60,9 @@ impl<'a> Tracer<'a> {
     }
 
     /// The nearest surface; one that lets a share of light through is there by that chance.
-    fn nearest(&self, ray: &Ray, seed: u32, counts: &mut Counts) -> Option<Met<'a>> {
+    fn nearest(&self, ray: &Ray, seed: u32, counts: &mut Counts) -> Option<Intersection<'a>> {
         let world = self.world;
-        let mut best = solid(&world.mesh, &world.scene.model, ray, f64::INFINITY, seed).map(|contact| Met {
+        let mut best = solid(&world.mesh, &world.scene.model, ray, f64::INFINITY, seed).map(|contact| Intersection {
             t: contact.t,
             contact,
             copy: None,
@@ -74,26 +70,24 @@ impl<'a> Tracer<'a> {
         let limit = best.as_ref().map_or(f64::INFINITY, |met| met.t);
         world.shells.nearest(ray, limit, |index, limit| {
             let mut end = limit;
-            self.copies(index, ray, limit, counts, &mut |visit, piece, layer| {
-                if visit.t0 >= end {
+            self.copies(index, ray, limit, counts, &mut |hit, segment, scale| {
+                if hit.t0 >= end {
                     return false;
                 }
-                let Some(Some(source)) = self.sources.get(visit.texel) else { return true };
-                let inside = Ray { origin: visit.origin, dir: visit.dir };
-                let seed = seed ^ hash(visit.cell[0] as u32 ^ hash(visit.cell[1] as u32 ^ hash(visit.cell[2] as u32)));
-                let until = visit.t1.min(end) - visit.t0;
-                let Some(contact) = solid(&source.mesh, &source.model, &inside, until, seed) else { return true };
-                end = visit.t0 + contact.t;
-                let copy = Copied {
+                let Some(Some(source)) = self.sources.get(hit.texel) else { return true };
+                let ray = hit.ray();
+                let seed = seed ^ hash(hit.cell[0] as u32 ^ hash(hit.cell[1] as u32 ^ hash(hit.cell[2] as u32)));
+                let until = hit.t1.min(end) - hit.t0;
+                let Some(contact) = solid(&source.mesh, &source.model, &ray, until, seed) else { return true };
+                end = hit.t0 + contact.t;
+                let copy = SourceCopy {
                     source,
-                    texel: visit.texel,
-                    cell: visit.cell,
-                    ray: inside,
-                    t0: visit.t0,
-                    to_texel: visit.linear * layer.scale * piece.to_texel,
-                    diffuse: visit.tint,
+                    texel: hit.texel,
+                    cell: hit.cell,
+                    ray: CopyRay { ray, t0: hit.t0, to_texel: hit.linear * scale * segment.to_texel },
+                    tint: hit.tint,
                 };
-                best = Some(Met { t: end, contact, copy: Some(copy) });
+                best = Some(Intersection { t: end, contact, copy: Some(copy) });
                 false
             });
             end
@@ -102,54 +96,55 @@ impl<'a> Tracer<'a> {
     }
 
     /// The copies of texels that a ray runs through in a box, up to `t1`: layer by layer, each in order, until `each`
-    /// returns false, which ends the layer.
+    /// returns false, which ends the layer. `each` gets the layer's scale as a matrix too.
     fn copies(
         &self,
         index: u32,
         ray: &Ray,
         t1: f64,
         counts: &mut Counts,
-        each: &mut dyn FnMut(&Visit, &Piece, &Placing) -> bool,
+        each: &mut dyn FnMut(&CopyHit, &ShellSegment, &DMat3) -> bool,
     ) {
         let Some(shell) = self.world.boxes.get(index as usize) else {
             let copy = self.world.copy(index);
             if let Some((copy, (from, to))) = copy.and_then(|copy| Some((copy, copy.span(ray, t1)?))) {
                 counts.boxes += 1;
                 let (q0, to_texel) = (DVec3::ZERO, copy.to_texel.matrix3);
-                let piece = Piece { t0: from, t1: to, q0, q1: q0, to_texel };
-                each(&copy.visit(ray, from, to), &piece, &Placing { scale: DMat3::IDENTITY });
+                let segment = ShellSegment { t0: from, t1: to, q0, q1: q0, to_texel };
+                each(&copy.hit(ray, from, to), &segment, &DMat3::IDENTITY);
             }
             return;
         };
         let tolerance = |_: f64, _: &DMat3| STRAY;
         shell.spans(ray, 0.0, t1, |from, to| {
             counts.boxes += 1;
-            for skin in self.world.skins_of(index) {
-                let scale = DVec3::from_array(skin.layer.scale);
-                let offset = DVec3::from_array(skin.layer.offset);
-                let placing = Placing { scale: DMat3::from_diagonal(scale) };
-                shell.pieces(ray, from, to, &tolerance, &mut |piece| {
-                    let placed = Piece { q0: piece.q0 * scale + offset, q1: piece.q1 * scale + offset, ..*piece };
-                    skin.walk(&placed, &mut |visit| each(visit, piece, &placing))
+            for layer in self.world.layers_of(index) {
+                let scale = DVec3::from_array(layer.layer.scale);
+                let offset = DVec3::from_array(layer.layer.offset);
+                let scaling = DMat3::from_diagonal(scale);
+                shell.for_each_segment(ray, from, to, &tolerance, &mut |segment| {
+                    let placed =
+                        ShellSegment { q0: segment.q0 * scale + offset, q1: segment.q1 * scale + offset, ..*segment };
+                    layer.for_each_copy(&placed, &mut |hit| each(hit, segment, &scaling))
                 });
             }
         });
     }
 
     /// Light that leaves the surface against `ray`. `sky` chooses the direction in which the sky is looked for.
-    fn radiance(&self, ray: &Ray, met: &Met, sky: [f64; 2], counts: &mut Counts) -> Vec3 {
+    fn radiance(&self, ray: &Ray, met: &Intersection, sky: [f64; 2], counts: &mut Counts) -> Vec3 {
         let seen = self.surface(ray, met);
         if seen.unlit {
             return seen.albedo;
         }
         let start =
-            Start { triangle: met.contact.triangle, copy: met.copy.as_ref().map(|copy| (copy.texel, copy.cell)) };
+            SelfHit { triangle: met.contact.triangle, copy: met.copy.as_ref().map(|copy| (copy.texel, copy.cell)) };
         let mut light = Vec3::ZERO;
-        for sight in self.world.lamps.iter().filter_map(|lamp| lamp.sight(seen.lifted)) {
-            let cosine = seen.normal.dot(sight.dir) as f32;
+        for incident in self.world.lights.iter().filter_map(|light| light.incident(seen.lifted)) {
+            let cosine = seen.normal.dot(incident.dir) as f32;
             if cosine > 0.0 {
-                let open = self.open(seen.lifted, sight.dir, sight.distance, start, counts);
-                light += sight.irradiance * (cosine * open * std::f32::consts::FRAC_1_PI);
+                let open = self.open(seen.lifted, incident.dir, incident.distance, start, counts);
+                light += incident.irradiance * (cosine * open * std::f32::consts::FRAC_1_PI);
             }
         }
         let open = if self.options.ambient == Ambient::Occluded {
@@ -160,35 +155,36 @@ impl<'a> Tracer<'a> {
         seen.albedo * (light + open * self.world.sky)
     }
 
-    fn surface(&self, ray: &Ray, met: &Met) -> Surface {
+    fn surface(&self, ray: &Ray, met: &Intersection) -> Surface {
         let Some(copy) = &met.copy else {
             return self.world.mesh.surface(&self.world.scene.model, ray, &met.contact, 0.0);
         };
-        let surface = copy.source.surface(ray, copy.t0, &copy.ray, &met.contact, &copy.to_texel, 0.0);
-        Surface { albedo: surface.albedo * copy.diffuse, ..surface }
+        let surface = copy.source.surface(ray, &copy.ray, &met.contact, 0.0);
+        Surface { albedo: surface.albedo * copy.tint, ..surface }
     }
 
     /// The share of light that comes from `distance` away.
-    fn open(&self, from: DVec3, dir: DVec3, distance: f64, start: Start, counts: &mut Counts) -> f32 {
+    fn open(&self, from: DVec3, dir: DVec3, distance: f64, start: SelfHit, counts: &mut Counts) -> f32 {
         if !self.options.shadows {
             return 1.0;
         }
         counts.shadow_rays += 1;
         let (world, ray) = (self.world, Ray { origin: from, dir });
         let start = Some(start);
-        let mut through = world.mesh.transmittance(&world.scene.model, &ray, distance, Start::plain(start), 0.0);
+        let mut through =
+            world.mesh.transmittance(&world.scene.model, &ray, distance, SelfHit::mesh_triangle(start), 0.0);
         if through <= 0.0 {
             return 0.0;
         }
         world.shells.nearest(&ray, distance, |index, t1| {
-            self.copies(index, &ray, t1, counts, &mut |visit, _, _| {
+            self.copies(index, &ray, t1, counts, &mut |hit, _, _| {
                 if through <= 0.0 {
                     return false;
                 }
-                let Some(Some(source)) = self.sources.get(visit.texel) else { return true };
-                let inside = Ray { origin: visit.origin, dir: visit.dir };
-                let skip = Start::within(start, visit);
-                through *= source.mesh.transmittance(&source.model, &inside, visit.t1 - visit.t0, skip, 0.0);
+                let Some(Some(source)) = self.sources.get(hit.texel) else { return true };
+                let ray = hit.ray();
+                let skip = SelfHit::source_triangle(start, hit);
+                through *= source.mesh.transmittance(&source.model, &ray, hit.t1 - hit.t0, skip, 0.0);
                 through > 0.0
             });
             if through > 0.0 { t1 } else { -1.0 }
@@ -197,16 +193,11 @@ impl<'a> Tracer<'a> {
     }
 }
 
-/// What a layer makes of its texel.
-struct Placing {
-    scale: DMat3,
-}
-
 /// The nearest contact before `t1`, a contact of alpha a being there with chance a.
 fn solid(mesh: &Mesh, model: &Model, ray: &Ray, t1: f64, seed: u32) -> Option<Contact> {
-    let mut veils = Vec::new();
-    let opaque = mesh.nearest(model, ray, t1, |_| 0.0, &mut veils);
-    let there = veils.into_iter().filter(|veil| chance(veil.triangle, seed) < f64::from(veil.alpha));
+    let mut blended = Vec::new();
+    let opaque = mesh.nearest(model, ray, t1, |_| 0.0, &mut blended);
+    let there = blended.into_iter().filter(|surface| chance(surface.triangle, seed) < f64::from(surface.alpha));
     there.chain(opaque).min_by(|a, b| a.t.total_cmp(&b.t))
 }
 

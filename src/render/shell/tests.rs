@@ -20,12 +20,12 @@ fn corner(p: DVec3, h: DVec3, q: DVec3) -> Corner {
     Corner { p, h, q, dw: 1.0 }
 }
 
-fn pieces_of(b: &ShellBox, ray: &Ray, tolerance: f64) -> Vec<Piece> {
+fn pieces_of(b: &ShellBox, ray: &Ray, tolerance: f64) -> Vec<ShellSegment> {
     let mut out = Vec::new();
     let mut spans = Vec::new();
     b.spans(ray, 0.0, f64::INFINITY, |a, b| spans.push((a, b)));
     for (t0, t1) in spans {
-        b.pieces(ray, t0, t1, &|_, _| tolerance, &mut |p| {
+        b.for_each_segment(ray, t0, t1, &|_, _| tolerance, &mut |p| {
             out.push(*p);
             true
         });
@@ -67,7 +67,7 @@ fn a_twisted_box_agrees_with_dense_inversion() {
     while tested < 40 {
         let base = [DVec3::ZERO, DVec3::X, DVec3::Y];
         let face = base.map(|p| corner(p + 0.1 * noise.point(), DVec3::Z + 0.35 * noise.point(), p * 2.0));
-        let twisted = Twisted::new(&face).unwrap();
+        let twisted = TwistedBox::new(&face).unwrap();
         let shell = ShellBox::Twisted(Box::new(twisted.clone()));
         let to = DVec3::new(0.3, 0.3, 0.5) + 0.2 * noise.point();
         let origin = to + noise.point().normalize() * 3.0;
@@ -100,7 +100,7 @@ fn a_twisted_box_agrees_with_dense_inversion() {
     }
 }
 
-fn newton(b: &Twisted, x: DVec3) -> Option<DVec3> {
+fn newton(b: &TwistedBox, x: DVec3) -> Option<DVec3> {
     for start in [0.5, 0.1, 0.9] {
         let mut at = Place { b: [0.33, 0.33], w: start, outside: 0.0 };
         let mut left = f64::INFINITY;
@@ -224,8 +224,8 @@ fn folded_and_flat_boxes_are_told() {
     let p = [DVec3::ZERO, DVec3::X, DVec3::Y];
     let up = |h: [f64; 3]| [0, 1, 2].map(|k| corner(p[k], DVec3::Z * h[k], p[k]));
     assert!(ShellBox::new(&up([0.0; 3])).is_none());
-    assert!(!Twisted::new(&up([1.0, 2.0, 0.5])).unwrap().folded());
-    assert!(Twisted::new(&up([1.0, 2.0, -0.5])).unwrap().folded());
+    assert!(!TwistedBox::new(&up([1.0, 2.0, 0.5])).unwrap().folded());
+    assert!(TwistedBox::new(&up([1.0, 2.0, -0.5])).unwrap().folded());
     let line = [0.0, 1.0, 2.0].map(|x| corner(DVec3::X * x, DVec3::Z, DVec3::ZERO));
     assert!(ShellBox::new(&line).is_none());
     // A folded box gives intervals that end, and no endless loop.

@@ -2,7 +2,7 @@
 
 use super::{Random, Tally};
 use crate::geom::{Aabb, DAffine3, DMat3, DVec3, Ray};
-use crate::render::shell::{Corner, Piece, Prism, ShellBox};
+use crate::render::shell::{Corner, Prism, ShellBox, ShellSegment};
 
 /// How far two numbers along a ray may be apart that ought to be one, in units in which the scene is about 1 across.
 const APART: f64 = 1e-9;
@@ -351,8 +351,8 @@ pub fn upright(random: &mut Random, rays: u64) -> Tally {
         // The target lies in the box.
         tally.leaks += u64::from(!contains);
         for &(a, b) in &ends {
-            let mut last: Option<Piece> = None;
-            shell.pieces(&ray, a, b, &|_, _| 1e-3, &mut |piece| {
+            let mut last: Option<ShellSegment> = None;
+            shell.for_each_segment(&ray, a, b, &|_, _| 1e-3, &mut |piece| {
                 for (t, q) in [(piece.t0, piece.q0), (piece.t1, piece.q1)] {
                     let x = back * ray.at(t);
                     let top = tops[0] + x.x * (tops[1] - tops[0]) + x.y * (tops[2] - tops[0]);
@@ -412,7 +412,7 @@ pub fn broken(random: &mut Random, rays: u64) -> Tally {
         tally.leaks += u64::from(all.len() > 6);
         for &(a, b) in &all {
             let mut end = a;
-            shell.pieces(&ray, a, b, &|_, _| 1e-2, &mut |piece| {
+            shell.for_each_segment(&ray, a, b, &|_, _| 1e-2, &mut |piece| {
                 tally.nan += u64::from(!(piece.q0.is_finite() && piece.q1.is_finite() && piece.to_texel.is_finite()));
                 tally.steps += u64::from(piece.t0 < end || piece.t1 < piece.t0 || piece.t1 > b);
                 end = piece.t1;

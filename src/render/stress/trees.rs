@@ -2,7 +2,7 @@
 
 use super::{Random, Tally};
 use crate::geom::{DVec3, Vec3};
-use crate::march::transmittance::{DepthChoice, Hit, MarchStats, Sink, Stretch, run, transmittance};
+use crate::march::transmittance::{DepthChoice, MarchSegment, MarchStats, Sink, VoxelHit, run, transmittance};
 use crate::morton;
 use crate::volume::opacity::advance_f64;
 use crate::volume::voxel::{RATE_MAX, rate_table};
@@ -50,7 +50,7 @@ impl Cells {
     }
 
     /// T along the stretch with each voxel's support grown by `grown` cube edges on every side.
-    fn oracle(&self, table: &[f32; 256], s: &Stretch, grown: f64) -> f64 {
+    fn oracle(&self, table: &[f32; 256], s: &MarchSegment, grown: f64) -> f64 {
         let side = f64::from(1u32 << self.depth);
         let speed = f64::from(s.dir.length());
         let (o, d) = (s.origin.as_dvec3() * side, s.dir.as_dvec3() * side);
@@ -98,7 +98,7 @@ struct Check {
 }
 
 impl Sink for Check {
-    fn voxel(&mut self, hit: &Hit<'_>) {
+    fn voxel(&mut self, hit: &VoxelHit<'_>) {
         self.sum += f64::from(hit.weight);
         self.wrong |= !(hit.weight > 0.0 && hit.weight <= 1.0 && hit.position.is_finite());
         // The middles of two pieces that abut, each rounded.
@@ -128,7 +128,7 @@ fn voxel(random: &mut Random, code: u64, independent: bool, block_seed: u64) -> 
 }
 
 /// A stretch through or past the cube, and whether nothing about it magnifies rounding.
-fn stretch(random: &mut Random, side: f64, aim: DVec3, reach: f64) -> (Stretch, bool) {
+fn stretch(random: &mut Random, side: f64, aim: DVec3, reach: f64) -> (MarchSegment, bool) {
     // Points of the grid are exact in f32.
     let snapped = |random: &mut Random, p: DVec3| {
         let mut p = p;
@@ -157,7 +157,7 @@ fn stretch(random: &mut Random, side: f64, aim: DVec3, reach: f64) -> (Stretch, 
     let dir = to - from;
     // Any unit of t.
     let unit = if random.once_in(4) { random.magnitude(-6.0, 6.0) as f32 } else { 1.0 };
-    let s = Stretch {
+    let s = MarchSegment {
         origin: from,
         dir: dir / unit,
         length: unit,
@@ -206,12 +206,13 @@ fn cast(
     cells: &Cells,
     rays: u64,
     independent: bool,
-    next: &mut dyn FnMut(&mut Random) -> (Stretch, bool),
+    next: &mut dyn FnMut(&mut Random) -> (MarchSegment, bool),
 ) -> Tally {
     let table = rate_table();
     let mut tally = Tally { rays, ..Tally::default() };
-    let through =
-        |s: &Stretch| f64::from(transmittance(&cells.tree, s, DepthChoice::default(), 0.0, &mut MarchStats::default()));
+    let through = |s: &MarchSegment| {
+        f64::from(transmittance(&cells.tree, s, DepthChoice::default(), 0.0, &mut MarchStats::default()))
+    };
     for _ in 0..rays {
         let (s, plain) = next(random);
         let speed = f64::from(s.dir.length());
@@ -233,11 +234,11 @@ fn cast(
         tally.deviations += u64::from(whole < least || whole > most);
         // No part lets less through, but by the last bit: a law in f32 need not fall by as little as a length grows.
         let cut = random.unit() as f32 * s.length;
-        let part = Stretch { length: cut, ..s };
+        let part = MarchSegment { length: cut, ..s };
         let first = through(&part);
         tally.rises += u64::from((first as f32).next_up() < whole as f32);
         if independent {
-            let rest = Stretch { origin: s.origin + s.dir * cut, length: s.length - cut, ..s };
+            let rest = MarchSegment { origin: s.origin + s.dir * cut, length: s.length - cut, ..s };
             let pieces = first * through(&rest);
             tally.steps += u64::from(!(least..=most).contains(&pieces));
             if plain {
@@ -295,7 +296,7 @@ pub fn walls(random: &mut Random, rays: u64) -> Tally {
     for _ in 0..rays {
         let (Some(a), Some(b)) = (place(random, false), place(random, true)) else { continue };
         let (a, b): (Vec3, Vec3) = if random.once_in(2) { (a, b) } else { (b, a) };
-        let s = Stretch { origin: a, dir: b - a, length: 1.0, footprint: 1e-9, growth: 0.0, opacity_scale: 1.0 };
+        let s = MarchSegment { origin: a, dir: b - a, length: 1.0, footprint: 1e-9, growth: 0.0, opacity_scale: 1.0 };
         let mut check = Check { sum: 0.0, last: f32::NEG_INFINITY, wrong: false, late: false };
         let left =
             run(&cells.tree, &s, DepthChoice::default(), 1.0, 1.0 / 512.0, &mut check, &mut MarchStats::default());

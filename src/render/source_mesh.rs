@@ -11,16 +11,26 @@ use crate::{Error, Result, Warnings};
 
 use super::mesh::{Contact, Mesh, MeshBuilder, Surface};
 
-/// Source geometry, ready for rays in texel space.
-pub struct Source {
+/// The geometry of a source, ready for rays in texel space.
+pub struct SourceMesh {
     /// Placed in texel space.
     pub model: Model,
     pub mesh: Mesh,
 }
 
-impl Source {
+/// A ray as a copy of the source has it.
+#[derive(Debug, Clone, Copy)]
+pub struct CopyRay {
+    /// In texel space, from where the ray enters the copy, at `t0`.
+    pub ray: Ray,
+    pub t0: f64,
+    /// The renderer's space → texel space, the linear part.
+    pub to_texel: DMat3,
+}
+
+impl SourceMesh {
     /// Read the mesh at `path`, of which `info`'s texel was baked, and show it in the colours of `palette`.
-    pub fn open(path: &Path, info: &Info, palette: &Palette, warnings: &mut Warnings) -> Result<Source> {
+    pub fn open(path: &Path, info: &Info, palette: &Palette, warnings: &mut Warnings) -> Result<SourceMesh> {
         let known = path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
         if !matches!(known.as_deref(), Some("gltf" | "glb")) {
             return Err(Error::unsupported(path, "a texel's geometry that is neither .gltf nor .glb"));
@@ -28,11 +38,11 @@ impl Source {
         let mut model = gltf::read(path, &gltf::ReadOptions { contained: true, ..Default::default() })?.model;
         restyle(&mut model, palette);
         warnings.merge(model.warnings.clone());
-        Ok(Source::new(model, info, warnings))
+        Ok(SourceMesh::new(model, info, warnings))
     }
 
     /// `model` in its own space, of which `info`'s texel was baked.
-    pub fn new(mut model: Model, info: &Info, warnings: &mut Warnings) -> Source {
+    pub fn new(mut model: Model, info: &Info, warnings: &mut Warnings) -> SourceMesh {
         let to_texel = to_texel(&info.bounds, info.up);
         let mut builder = MeshBuilder::default();
         let mut placed = Vec::new();
@@ -51,26 +61,17 @@ impl Source {
             }
         }
         model.instances = placed;
-        Source { mesh: builder.build(&model.materials), model }
+        SourceMesh { mesh: builder.build(&model.materials), model }
     }
 
-    /// What is seen of a copy at a contact of `ray` in the renderer's space, which is `inside` in texel space from t0 on;
-    /// `to_texel`: renderer's → texel space; `width`: of the cone there, cube edges.
-    pub fn surface(
-        &self,
-        ray: &Ray,
-        t0: f64,
-        inside: &Ray,
-        contact: &Contact,
-        to_texel: &DMat3,
-        width: f64,
-    ) -> Surface {
-        let seen = self.mesh.surface(&self.model, inside, contact, width);
-        let point = ray.at(t0 + contact.t);
-        let normal = (to_texel.transpose() * seen.normal).normalize_or(-ray.dir);
+    /// What is seen of a copy at a contact of `ray`, in the renderer's space; `width`: of the ray's cone there, cube edges.
+    pub fn surface(&self, ray: &Ray, copy: &CopyRay, contact: &Contact, width: f64) -> Surface {
+        let seen = self.mesh.surface(&self.model, &copy.ray, contact, width);
+        let point = ray.at(copy.t0 + contact.t);
+        let normal = (copy.to_texel.transpose() * seen.normal).normalize_or(-ray.dir);
         Surface {
             point,
-            lifted: point + to_texel.inverse() * (seen.lifted - seen.point),
+            lifted: point + copy.to_texel.inverse() * (seen.lifted - seen.point),
             normal: if normal.dot(ray.dir) > 0.0 { -normal } else { normal },
             ..seen
         }

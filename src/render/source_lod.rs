@@ -5,12 +5,12 @@
 use std::path::PathBuf;
 use std::sync::OnceLock;
 
-use super::source::Source;
+use super::source_mesh::SourceMesh;
 use crate::volume::{Info, Palette};
 use crate::{Result, Warnings};
 
 /// Copies whose voxels are this many pixels wide, log2, are the first that are traced, and those a band further are all
-/// traced; between the two, neighbouring pixels take one or the other by ordered thresholds, so that no seam shows. In a
+/// traced; between the two, neighbouring pixels take one or the other by ordered lod_dithers, so that no seam shows. In a
 /// crown whose leaves are several voxels wide triangles are better from half a voxel a pixel on (FLIP .045 with three rays a pixel,
 /// .071 with one cone through voxels, 1.4 times the time).
 const BEGIN: f32 = -1.0;
@@ -20,29 +20,29 @@ const BAND: f32 = 0.5;
 /// .017 and .022, of 1.9 .043 and .039, of 6 .062 and .032).
 const FACET: f32 = 3.0;
 
-/// A texel's source, read when a cone first needs it.
-pub struct Near {
+/// The mesh that a texel was baked from, read when a cone first needs it.
+pub struct LazySource {
     path: PathBuf,
     palette: Palette,
-    source: OnceLock<Result<(Source, Warnings)>>,
+    source: OnceLock<Result<(SourceMesh, Warnings)>>,
 }
 
-impl Near {
+impl LazySource {
     /// The mesh at `path`, shown in the colours of `palette`.
-    pub fn new(path: PathBuf, palette: Palette) -> Near {
-        Near { path, palette, source: OnceLock::new() }
+    pub fn new(path: PathBuf, palette: Palette) -> LazySource {
+        LazySource { path, palette, source: OnceLock::new() }
     }
 
-    /// The source, if a cone as wide as `width` is to see it where the finest voxels are `voxel` wide (cube edges). `None` too
+    /// The mesh, if a cone as wide as `width` is to see it where the finest voxels are `voxel` wide (cube edges). `None` too
     /// where it cannot be read.
-    pub fn source(&self, info: &Info, voxel: f32, width: f32, threshold: f32) -> Option<&Source> {
+    pub fn get(&self, info: &Info, voxel: f32, width: f32, lod_dither: f32) -> Option<&SourceMesh> {
         let facet = if info.facet_size > 0.0 { info.facet_size as f32 } else { f32::INFINITY };
-        if voxel.min(facet / FACET) <= width * (BEGIN + BAND * threshold).exp2() {
+        if voxel.min(facet / FACET) <= width * (BEGIN + BAND * lod_dither).exp2() {
             return None;
         }
         let read = || {
             let mut warnings = Warnings::default();
-            Source::open(&self.path, info, &self.palette, &mut warnings).map(|source| (source, warnings))
+            SourceMesh::open(&self.path, info, &self.palette, &mut warnings).map(|source| (source, warnings))
         };
         self.source.get_or_init(read).as_ref().ok().map(|(source, _)| source)
     }

@@ -1,0 +1,116 @@
+//! What stops light along one cone, and its compositing: each event's share of the light that reaches the eye.
+//!
+//! Based on: T. Porter, T. Duff, *Compositing Digital Images*, SIGGRAPH 1984 (*over*); L. Carpenter, *The A-buffer*,
+//! SIGGRAPH 1984 (fragments of one pixel are kept, ordered by distance and composited).
+//!
+//! Boxes may overlap (trees that stand close). Each box's ray is marched on its own, which keeps its matter together, and
+//! its voxels become events here, each with the share that it stops of the light that reaches it. Ordered by distance, events
+//! of two boxes in one place interleave voxel by voxel, and the transmittance is the product of theirs.
+
+use super::mesh::Contact;
+use super::segments::CopySegment;
+use crate::geom::Vec3;
+use crate::march::transmittance::{Sink, VoxelHit};
+use crate::volume::Voxel;
+
+/// What stops part of the light, at a distance along the ray.
+#[derive(Clone, Copy)]
+pub struct Event {
+    pub t: f64,
+    /// The share of the light reaching it that it stops; after [`composite`], the share of the whole cone's light.
+    pub alpha: f32,
+    pub origin: EventOrigin,
+}
+
+/// What an event is of. `copy` is an index into the cone's list of [`CopySegment`]s.
+#[derive(Clone, Copy)]
+pub enum EventOrigin {
+    Voxel {
+        copy: u32,
+        voxel: Voxel,
+        depth: u8,
+        /// The copy's own parameter, from where the ray enters it.
+        t: f32,
+        /// Texel space.
+        position: Vec3,
+    },
+    /// A triangle of a copy's source.
+    Source { copy: u32, contact: Contact },
+    /// A triangle of the scene that lets part of the light through: index into the cone's list of them.
+    BlendedSurface(u32),
+}
+
+impl Event {
+    /// What is lit together: a copy, so that its voxels share shadow rays, or one blended surface.
+    pub fn group(&self) -> u32 {
+        match self.origin {
+            EventOrigin::Voxel { copy, .. } | EventOrigin::Source { copy, .. } => copy,
+            EventOrigin::BlendedSurface(i) => u32::MAX - i,
+        }
+    }
+}
+
+/// Bring events into order of distance, as they mostly are already.
+pub fn sort(events: &mut [Event]) {
+    if !events.is_sorted_by(|a, b| a.t <= b.t) {
+        events.sort_by(|a, b| a.t.total_cmp(&b.t));
+    }
+}
+
+/// Composite events that are in order of distance, where the share `transmittance` of the light arrives: an event's alpha
+/// becomes its share of the whole. Returns the transmittance after them.
+pub fn composite(events: &mut [Event], mut transmittance: f32) -> f32 {
+    for tied in events.chunk_by_mut(|a, b| a.t == b.t) {
+        // Voxels in one place (layers of one box) share what they stop together by their optical depths.
+        let optical_depth = |alpha: f32| -(1.0 - alpha).max(1e-6).ln();
+        let passed = transmittance * tied.iter().map(|e| 1.0 - e.alpha).product::<f32>();
+        let stopped = transmittance - passed;
+        match tied {
+            [one] => one.alpha = stopped,
+            many => {
+                let total: f32 = many.iter().map(|e| optical_depth(e.alpha)).sum();
+                many.iter_mut().for_each(|e| e.alpha = stopped * (optical_depth(e.alpha) / total));
+            }
+        }
+        transmittance = passed;
+    }
+    transmittance
+}
+
+/// The sink that records a march's voxels as events.
+pub struct Recorder<'a> {
+    pub events: &'a mut Vec<Event>,
+    /// Share of the march's light that has not been stopped.
+    pub transmittance: f32,
+    pub copy: u32,
+    /// Where the ray enters the copy.
+    pub t0: f64,
+}
+
+impl Sink for Recorder<'_> {
+    fn voxel(&mut self, hit: &VoxelHit<'_>) {
+        let alpha = (hit.weight / self.transmittance).clamp(0.0, 1.0);
+        self.transmittance -= hit.weight;
+        let VoxelHit { t, voxel, depth, position, .. } = *hit;
+        let origin = EventOrigin::Voxel { copy: self.copy, voxel: *voxel, depth, t, position };
+        self.events.push(Event { t: self.t0 + f64::from(t), alpha, origin });
+    }
+}
+
+/// The events of a cone that are not composited yet, and what they refer to.
+#[derive(Default)]
+pub struct EventLists {
+    pub events: Vec<Event>,
+    /// Copies that have events.
+    pub copies: Vec<CopySegment>,
+    /// Triangles of the scene before the first opaque one.
+    pub blended: Vec<Contact>,
+}
+
+impl EventLists {
+    pub fn clear(&mut self) {
+        self.events.clear();
+        self.copies.clear();
+        self.blended.clear();
+    }
+}

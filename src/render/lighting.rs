@@ -1,0 +1,221 @@
+//! The light that a cone's events reflect: from every light with a shadow ray, and from the sky.
+//!
+//! Based on: E. Heitz et al., *The SGGX Microflake Distribution*, SIGGRAPH 2015 (voxels reflect as their facets do, see
+//! [`crate::march::shade`]). One shadow ray for a group of voxels of one copy: see [`crate::march::shade::ShadowGroup`].
+
+use std::f32::consts::FRAC_1_PI;
+
+use super::events::{Event, EventOrigin};
+use super::mesh::{Contact, Surface};
+use super::options::Ambient;
+use super::pixel::{ConeState, Tracer};
+use super::shadow::{SelfHit, ShadowCone, ShadowQuality};
+use super::sky::sky_cones;
+use super::source_mesh::CopyRay;
+use super::trace::TraceEvent;
+use crate::geom::{DMat3, DVec3, Mat3, Ray, Vec3};
+use crate::march::shade::Shader;
+use crate::march::transmittance::{DepthChoice, Sink, VoxelHit};
+
+/// Contributions below this, where the display's white is 1, are not tested for shadows.
+const FAINT: f32 = 1.0 / 256.0;
+
+/// What the width of a cone towards the sky grows by per unit of length.
+const SKY_GROWTH: f64 = 0.8;
+
+impl Tracer<'_> {
+    /// Light a triangle of the scene of which the cone sees the share `weight`; returns what is seen there.
+    pub(super) fn shade_contact(&mut self, state: &mut ConeState<'_>, contact: &Contact, weight: f32) -> Surface {
+        let width = state.cone.width_at(contact.t);
+        let surface = self.world.mesh.surface(&self.world.scene.model, &state.cone.ray, contact, width);
+        let start = SelfHit { triangle: contact.triangle, copy: None };
+        self.shade_surface(state, &surface, start, width, weight);
+        surface
+    }
+
+    /// Light a triangle of a copy's source, whose event carries its weight.
+    pub(super) fn shade_source(&mut self, state: &mut ConeState<'_>, event: &Event) {
+        let EventOrigin::Source { copy, contact } = event.origin else { return };
+        let segment = self.lists.copies[copy as usize];
+        let Some(texel) = &self.world.texels[segment.hit.texel] else { return };
+        // It was read when it was traced.
+        let Some(source) = texel.source_lod(0.0, state.lod_dither) else { return };
+        let width = state.cone.width_at(event.t);
+        let copy = CopyRay { ray: segment.hit.ray(), t0: segment.hit.t0, to_texel: segment.to_texel };
+        let surface = source.surface(&state.cone.ray, &copy, &contact, width * segment.scale);
+        let surface = Surface { albedo: surface.albedo * segment.hit.tint, ..surface };
+        let start = SelfHit { triangle: contact.triangle, copy: Some((segment.hit.texel, segment.hit.cell)) };
+        self.shade_surface(state, &surface, start, width, event.alpha);
+    }
+
+    /// Light a plain surface of which the cone, `width` wide there, sees the share `weight`.
+    fn shade_surface(&mut self, state: &mut ConeState<'_>, surface: &Surface, start: SelfHit, width: f64, weight: f32) {
+        let world = self.world;
+        let albedo = weight * surface.albedo;
+        if surface.unlit {
+            state.radiance += albedo;
+            return;
+        }
+        let open = match self.options.ambient {
+            Ambient::Constant => 1.0,
+            Ambient::Occluded => {
+                let cone = sky_cone(surface.point, Some(start), width);
+                self.sky_visibility(cone, Some(surface.normal), state.lod_dither)
+            }
+        };
+        state.radiance += open * albedo * world.sky;
+        for light in &world.lights {
+            let Some(incident) = light.incident(surface.point) else { continue };
+            let cosine = surface.normal.dot(incident.dir) as f32;
+            if cosine > 0.0 {
+                let radiance = albedo * incident.irradiance * (cosine * FRAC_1_PI);
+                let ray = Ray { origin: surface.lifted, dir: incident.dir };
+                let cone = ShadowCone { ray, end: incident.distance, start: Some(start), width, growth: 0.0 };
+                self.add_light(state, radiance, &cone);
+            }
+        }
+    }
+
+    /// Light voxels of one copy, whose events carry their weights.
+    pub(super) fn shade_voxels(&mut self, state: &mut ConeState<'_>, copy: usize, events: &[Event]) {
+        let (world, cone) = (self.world, state.cone);
+        let segment = self.lists.copies[copy];
+        let hit = segment.hit;
+        let weight: f32 = events.iter().map(|e| e.alpha).sum();
+        let mean: f64 = events.iter().map(|e| f64::from(e.alpha) * e.t).sum::<f64>() / f64::from(weight);
+        if !mean.is_finite() {
+            return;
+        }
+        let middle = cone.ray.at(mean);
+        let space = ShadingSpace::new(segment.to_texel);
+        self.local_light_dirs.clear();
+        let dirs = world.lights.iter().map(|l| l.incident(middle).map_or(Vec3::ZERO, |i| space.local(i.dir)));
+        self.local_light_dirs.extend(dirs);
+        let mut groups = std::mem::take(&mut self.groups);
+        groups.clear();
+        let lights = std::mem::take(&mut self.local_light_dirs);
+        let texel = world.texels[hit.texel].as_ref();
+        // The brightness factors make up for light that coarse depths let through, which only shadow rays find.
+        let calibrated = texel.filter(|_| self.options.shadows);
+        let factors = calibrated.map_or(&[][..], |t| &t.tree.brightness_factors()[..]);
+        let view = space.local(-cone.ray.dir);
+        let mut shader = Shader::new(view, &lights, space.cofactor(), hit.tint, factors, &mut groups);
+        for event in events {
+            if let EventOrigin::Voxel { voxel, depth, t, position, .. } = &event.origin {
+                shader.voxel(&VoxelHit { t: *t, weight: event.alpha, depth: *depth, voxel, position: *position });
+            }
+        }
+        shader.finish();
+        let albedo = shader.albedo;
+        let open = match self.options.ambient {
+            Ambient::Constant => 1.0,
+            Ambient::Occluded => {
+                self.sky_visibility(sky_cone(middle, None, cone.width_at(mean)), None, state.lod_dither)
+            }
+        };
+        state.radiance += open * albedo * world.sky;
+        let start = Some(SelfHit { triangle: u32::MAX, copy: Some((hit.texel, hit.cell)) });
+        let facet_size = texel.map_or(0.0, |t| t.tree.info().facet_size as f32);
+        for group in &groups {
+            let t = hit.t0 + f64::from(group.t);
+            let x = cone.ray.at(t);
+            let Some(incident) = world.lights[group.light].incident(x) else { continue };
+            let radiance = group.energy * incident.irradiance * FRAC_1_PI;
+            let offset = space.world(group.start(facet_size, lights[group.light])) / segment.scale;
+            let ray = Ray { origin: x + offset, dir: incident.dir };
+            let end = incident.distance - offset.dot(incident.dir);
+            self.add_light(state, radiance, &ShadowCone { ray, end, start, width: cone.width_at(t), growth: 0.0 });
+        }
+        self.groups = groups;
+        self.local_light_dirs = lights;
+    }
+
+    /// Add the radiance that is reflected of a light, as far as the light is seen along `cone`.
+    fn add_light(&mut self, state: &mut ConeState<'_>, radiance: Vec3, cone: &ShadowCone) {
+        if !self.options.shadows {
+            state.radiance += radiance;
+            return;
+        }
+        let bright = radiance.max_element();
+        if bright * (self.options.exposure as f32).exp2() < FAINT {
+            state.faint += radiance;
+            return;
+        }
+        let seen = self.visibility(cone, cone.mesh_transmittance(self.world), state.lod_dither);
+        state.radiance += seen * radiance;
+        state.arrived += seen * bright;
+        state.tested += bright;
+        let origin = (cone.ray.origin * self.world.unit).to_array();
+        self.trace_event(|| TraceEvent::Shadow { origin, light: radiance.to_array(), seen });
+    }
+
+    /// The share of light that comes along a cone, where meshes leave the share `through`.
+    fn visibility(&mut self, cone: &ShadowCone, through: f32, lod_dither: f32) -> f32 {
+        self.counts.shadow_rays += 1;
+        // The depth of what is seen by default; a coarser one darkens (see `shadow_start`).
+        let bias = (self.options.depth_bias + self.options.shadow_bias) as f32;
+        let choice = DepthChoice { bias, lod_dither, finest: u8::MAX };
+        cone.transmittance(self.world, through, ShadowQuality { choice, stop_below: FAINT }, &mut self.counts)
+    }
+
+    /// The share of the sky that is seen from where `cone` starts: of the half around a surface's normal, or of all around a
+    /// voxel. The direction of `cone` is not used.
+    fn sky_visibility(&mut self, cone: ShadowCone, normal: Option<DVec3>, lod_dither: f32) -> f32 {
+        let ShadowCone { ray, end, start, width, growth } = cone;
+        let towards = |dir: DVec3| {
+            let ray = Ray { origin: ray.origin + width * dir, dir };
+            ShadowCone { ray, end, start, width, growth }
+        };
+        let cones = sky_cones(normal);
+        let count = cones.len() as f32;
+        let open = cones.into_iter().map(|part| {
+            let rays = part.rays.map(|dir| towards(dir).mesh_transmittance(self.world));
+            let through = rays.iter().sum::<f32>() / rays.len() as f32;
+            self.visibility(&towards(part.axis), through, lod_dither)
+        });
+        open.sum::<f32>() / count
+    }
+}
+
+/// A cone from `origin` towards the sky, whose direction is to be chosen.
+fn sky_cone(origin: DVec3, start: Option<SelfHit>, width: f64) -> ShadowCone {
+    ShadowCone { ray: Ray { origin, dir: DVec3::ZERO }, end: f64::INFINITY, start, width, growth: SKY_GROWTH }
+}
+
+/// The space in which a copy's voxels are lit: texel space, where the map to it keeps angles; else world space, to which
+/// normals are brought by the cofactor matrix.
+struct ShadingSpace {
+    to_texel: DMat3,
+    keeps_angles: bool,
+}
+
+impl ShadingSpace {
+    fn new(to_texel: DMat3) -> ShadingSpace {
+        ShadingSpace { to_texel, keeps_angles: is_similarity(&to_texel) }
+    }
+
+    /// A unit direction of the world.
+    fn local(&self, dir: DVec3) -> Vec3 {
+        if self.keeps_angles { (self.to_texel * dir).normalize_or_zero() } else { dir }.as_vec3()
+    }
+
+    /// To the world, as exactly as is needed of where a shadow ray starts.
+    fn world(&self, v: Vec3) -> DVec3 {
+        let (v, m) = (v.as_dvec3(), &self.to_texel);
+        if self.keeps_angles { m.transpose() * v / m.x_axis.length().max(f64::MIN_POSITIVE) } else { v }
+    }
+
+    /// Texel → world for normals, up to a factor; `None` where normals stay in texel space.
+    fn cofactor(&self) -> Option<Mat3> {
+        let m = &self.to_texel;
+        (!self.keeps_angles).then(|| (m.transpose() * (1.0 / m.x_axis.length().max(f64::MIN_POSITIVE))).as_mat3())
+    }
+}
+
+/// Whether a map keeps angles, to a thousandth.
+fn is_similarity(m: &DMat3) -> bool {
+    let (a, b, c) = (m.x_axis, m.y_axis, m.z_axis);
+    let (aa, bb, cc) = (a.length_squared(), b.length_squared(), c.length_squared());
+    let near = |x: f64, y: f64| (x - y).abs() <= 1e-3 * aa;
+    near(aa, bb) && near(aa, cc) && near(a.dot(b), 0.0) && near(a.dot(c), 0.0) && near(b.dot(c), 0.0)
+}

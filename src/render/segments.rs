@@ -1,0 +1,118 @@
+//! A ray's way through one box of a shell, or through one rigid copy: the straight segments in the copies of texels that it
+//! passes, ready to be marched.
+//!
+//! Based on: S. Porumbescu et al., *Shell Maps*, SIGGRAPH 2005 (a straight ray is a curve in texture space, here a chain of
+//! chords); J. Amanatides, *Ray Tracing with Cones*, SIGGRAPH 1984 (the footprint, and so how far a chord may stray).
+
+use super::cells::{CopyHit, TexelLayer};
+use super::prepare::World;
+use super::shell::ShellSegment;
+use crate::geom::{DMat3, DVec3, Ray, Vec3};
+use crate::march::transmittance::MarchSegment;
+
+/// An interval of a ray in one box of the scene, or in one rigid copy.
+#[derive(Debug, Clone, Copy)]
+pub struct BoxInterval {
+    /// Item of [`World::shells`].
+    pub index: u32,
+    /// Index of one layer of the box; `None` for all of them, one after the other.
+    pub layer: Option<u32>,
+    pub t0: f64,
+    pub t1: f64,
+}
+
+/// A straight segment of a ray in one copy, ready to be marched.
+#[derive(Clone, Copy)]
+pub struct CopySegment {
+    pub hit: CopyHit,
+    pub march: MarchSegment,
+    /// World → texel, the linear part.
+    pub to_texel: DMat3,
+    /// Cube edges per unit of length across the ray.
+    pub scale: f64,
+}
+
+/// How far a chord may stray from the ray's path, in widths of the cone.
+const MAX_STRAY: f64 = 0.25;
+/// The stray that is always allowed, in cells: finer than a voxel of depth 10.
+const FREE_STRAY: f64 = 1.0 / 4096.0;
+
+/// Calls `each` for the segments of `ray` in an interval, in order along the ray for each layer, until it returns false.
+/// Returns false if it was stopped. `width_at(t)` is the width of the ray's cone.
+pub fn for_each_segment(
+    world: &World<'_>,
+    ray: &Ray,
+    interval: &BoxInterval,
+    width_at: &dyn Fn(f64) -> f64,
+    each: &mut dyn FnMut(&CopySegment) -> bool,
+) -> bool {
+    let BoxInterval { index, layer, t0, t1 } = *interval;
+    let Some(shell) = world.boxes.get(index as usize) else {
+        let Some(copy) = world.copy(index) else { return true };
+        let matrix = copy.to_texel.matrix3;
+        let cell = CellSpace { to_cell: matrix, scale: scale_across(&matrix, ray.dir), opacity_scale: 1.0 };
+        return cell.segment(world, copy.hit(ray, t0, t1), width_at).is_none_or(|s| each(&s));
+    };
+    let layers = world.layers_of(index);
+    let layers = layer.map_or(layers, |layer| layers.get(layer as usize).map_or(&[], std::slice::from_ref));
+    let tolerance = |t: f64, m: &DMat3| (MAX_STRAY * width_at(t) * scale_across(m, ray.dir)).max(FREE_STRAY);
+    shell.for_each_segment(ray, t0, t1, &tolerance, &mut |segment| {
+        layers.iter().all(|layer| {
+            let (segment, cell) = CellSpace::of(layer, segment, ray.dir);
+            layer.for_each_copy(&segment, &mut |hit| cell.segment(world, *hit, width_at).is_none_or(|s| each(&s)))
+        })
+    })
+}
+
+/// The space of a layer's cells along one segment of a ray.
+struct CellSpace {
+    /// World → cell, the linear part.
+    to_cell: DMat3,
+    /// Cells per unit of length across the ray.
+    scale: f64,
+    opacity_scale: f32,
+}
+
+impl CellSpace {
+    /// The space of a layer, and a shell's segment in the layer's coordinates; `dir` is the ray's.
+    fn of(layer: &TexelLayer, segment: &ShellSegment, dir: DVec3) -> (ShellSegment, CellSpace) {
+        let (scale, offset) = (DVec3::from_array(layer.layer.scale), DVec3::from_array(layer.layer.offset));
+        let to_cell = DMat3::from_diagonal(scale) * segment.to_texel;
+        let (q0, q1) = (segment.q0 * scale + offset, segment.q1 * scale + offset);
+        let opacity_scale = layer.layer.opacity_scale as f32;
+        let space = CellSpace { to_cell, scale: scale_across(&to_cell, dir), opacity_scale };
+        (ShellSegment { q0, q1, to_texel: to_cell, ..*segment }, space)
+    }
+
+    /// A copy's segment, ready to be marched; `None` where it passes by the texel's content.
+    fn segment(&self, world: &World<'_>, hit: CopyHit, width_at: &dyn Fn(f64) -> f64) -> Option<CopySegment> {
+        let texel = world.texels.get(hit.texel)?.as_ref()?;
+        if hit.misses(&texel.tree.info().content) {
+            return None;
+        }
+        let scale = self.scale * hit.zoom;
+        let (w0, w1) = (width_at(hit.t0), width_at(hit.t1));
+        let length = hit.t1 - hit.t0;
+        let march = MarchSegment {
+            origin: round_inside(hit.origin),
+            dir: hit.dir.as_vec3(),
+            length: length as f32,
+            footprint: (w0 * scale) as f32,
+            growth: ((w1 - w0) / length * scale) as f32,
+            opacity_scale: self.opacity_scale,
+        };
+        Some(CopySegment { hit, march, to_texel: hit.linear * self.to_cell, scale })
+    }
+}
+
+/// To f32, so that what is inside of a cube's upper faces stays so: a ray along one lies in one cube only.
+fn round_inside(origin: DVec3) -> Vec3 {
+    let rounded = origin.as_vec3();
+    Vec3::select(rounded.cmpeq(Vec3::ONE) & origin.cmplt(DVec3::ONE), Vec3::splat(1.0f32.next_down()), rounded)
+}
+
+/// How many texel units a unit of length across the unit direction `d` is: the root of the ratio of areas.
+fn scale_across(m: &DMat3, d: DVec3) -> f64 {
+    let along = (*m * d).length();
+    if along > 0.0 { (m.determinant().abs() / along).sqrt() } else { 0.0 }
+}

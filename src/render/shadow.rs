@@ -1,0 +1,118 @@
+//! Cones towards lights and the sky: the share of their light that comes through meshes and texels.
+//!
+//! Based on: J. Amanatides, *Ray Tracing with Cones*, SIGGRAPH 1984.
+
+use super::cells::CopyHit;
+use super::prepare::World;
+use super::segments::{BoxInterval, CopySegment, for_each_segment};
+use super::stats::Counts;
+use crate::geom::Ray;
+use crate::march::transmittance::{DepthChoice, transmittance, transmittance_from_own_matter};
+
+/// The matter that a ray starts on and must not hit again: a triangle of the scene's meshes, or of the source of a texel's
+/// copy, or voxels of a copy.
+#[derive(Clone, Copy)]
+pub struct SelfHit {
+    /// `u32::MAX` where the ray starts on voxels.
+    pub triangle: u32,
+    /// The texel and the cell of the copy; `None` for the scene's meshes.
+    pub copy: Option<(usize, [i64; 3])>,
+}
+
+impl SelfHit {
+    /// The triangle, if it is of the scene's meshes.
+    pub fn mesh_triangle(start: Option<SelfHit>) -> Option<u32> {
+        start.filter(|s| s.copy.is_none()).map(|s| s.triangle)
+    }
+
+    /// The triangle, if it is of the source of this copy.
+    pub fn source_triangle(start: Option<SelfHit>, hit: &CopyHit) -> Option<u32> {
+        start.filter(|s| s.copy == Some((hit.texel, hit.cell))).map(|s| s.triangle)
+    }
+
+    /// Whether the ray starts on matter of this copy.
+    pub fn starts_in(start: Option<SelfHit>, hit: &CopyHit) -> bool {
+        start.is_some_and(|s| s.copy == Some((hit.texel, hit.cell)))
+    }
+}
+
+/// A cone towards a light or a part of the sky.
+pub struct ShadowCone {
+    pub ray: Ray,
+    /// Distance to the light.
+    pub end: f64,
+    pub start: Option<SelfHit>,
+    /// Width at the start, and what it grows by per unit of the ray's t.
+    pub width: f64,
+    pub growth: f64,
+}
+
+/// How exactly shadows are found.
+#[derive(Clone, Copy)]
+pub struct ShadowQuality {
+    pub choice: DepthChoice,
+    /// A transmittance below this counts as 0.
+    pub stop_below: f32,
+}
+
+impl ShadowCone {
+    /// The share of light that comes through the scene's meshes along the cone's ray.
+    pub fn mesh_transmittance(&self, world: &World<'_>) -> f32 {
+        let skip = SelfHit::mesh_triangle(self.start);
+        world.mesh.transmittance(&world.scene.model, &self.ray, self.end, skip, self.width)
+    }
+
+    /// The share of light that comes through all texels, times the share `through` that meshes leave.
+    pub fn transmittance(
+        &self,
+        world: &World<'_>,
+        mut through: f32,
+        quality: ShadowQuality,
+        counts: &mut Counts,
+    ) -> f32 {
+        if through < quality.stop_below {
+            return 0.0;
+        }
+        let width_at = |t: f64| self.width + self.growth * t;
+        let end = world.shells.nearest(&self.ray, self.end, |index, end| {
+            let mut open = true;
+            world.spans(index, &self.ray, end, |t0, t1| {
+                counts.boxes += 1;
+                let interval = BoxInterval { index, layer: None, t0, t1 };
+                open = open
+                    && for_each_segment(world, &self.ray, &interval, &width_at, &mut |segment| {
+                        through *= self.segment_transmittance(world, segment, quality, through, counts);
+                        through >= quality.stop_below
+                    });
+            });
+            if open { end } else { -1.0 }
+        });
+        if end < 0.0 { 0.0 } else { through }
+    }
+
+    /// The share of light that one copy lets through, where `through` arrives.
+    fn segment_transmittance(
+        &self,
+        world: &World<'_>,
+        segment: &CopySegment,
+        quality: ShadowQuality,
+        through: f32,
+        counts: &mut Counts,
+    ) -> f32 {
+        let CopySegment { hit, march, .. } = segment;
+        let Some(Some(texel)) = world.texels.get(hit.texel) else { return 1.0 };
+        if let Some(source) = texel.source_lod(march.footprint, quality.choice.lod_dither) {
+            counts.near_copies += 1;
+            let skip = SelfHit::source_triangle(self.start, hit);
+            let (end, width) = (hit.t1 - hit.t0, f64::from(march.footprint));
+            return source.mesh.transmittance(&source.model, &hit.ray(), end, skip, width);
+        }
+        let choice = DepthChoice { finest: texel.finest, ..quality.choice };
+        let stop_below = quality.stop_below / through;
+        if hit.t0 <= 0.0 && SelfHit::starts_in(self.start, hit) {
+            transmittance_from_own_matter(&texel.tree, march, choice, stop_below, &mut counts.march)
+        } else {
+            transmittance(&texel.tree, march, choice, stop_below, &mut counts.march)
+        }
+    }
+}
