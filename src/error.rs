@@ -55,6 +55,17 @@ impl Error {
     }
 }
 
+/// A number as messages have it: at most seven significant digits.
+pub fn short(value: f64) -> String {
+    // To seven digits, then without those that say nothing.
+    let rounded: f64 = format!("{value:.6e}").parse().unwrap_or(value);
+    if rounded == 0.0 || (1e-4..1e7).contains(&rounded.abs()) || !rounded.is_finite() {
+        rounded.to_string()
+    } else {
+        format!("{rounded:e}")
+    }
+}
+
 /// Things that were mended or left out, each counted under its text.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Warnings(BTreeMap<String, u64>);
@@ -92,5 +103,30 @@ impl Warnings {
     /// Text to append to an error's line where the warnings tell its cause: "; 3 × …; 1 × …".
     pub fn as_reasons(&self) -> String {
         self.iter().map(|(text, n)| format!("; {n} × {text}")).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_have_seven_digits() {
+        let cases = [
+            (0.0, "0"),
+            (-2.5, "-2.5"),
+            (0.1 + 0.2, "0.3"),
+            (f64::from(0.1f32), "0.1"),
+            (1.0 / 3.0, "0.3333333"),
+            (1234567.0, "1234567"),
+            (-87654321.0, "-8.765432e7"),
+            (f64::MAX, "1.797693e308"),
+            (1.0e-9 / 3.0, "3.333333e-10"),
+            (f64::NAN, "NaN"),
+            (f64::INFINITY, "inf"),
+        ];
+        for (value, text) in cases {
+            assert_eq!(short(value), text);
+        }
     }
 }

@@ -294,7 +294,8 @@ mod command {
         assert_eq!(std::fs::read(dir.path().join("t.vtex")).unwrap(), b"old");
         std::fs::write(dir.path().join("a b.bin"), triangle).unwrap();
         run(&["-r", "20", "--depfile", "t.d", "--report", "t.json", "--json"]).success();
-        assert_eq!(std::fs::read_to_string(dir.path().join("t.d")).unwrap(), "t.vtex: t.gltf \\\n  a\\ b.bin\n");
+        let rule = std::fs::read_to_string(dir.path().join("t.d")).unwrap();
+        assert!(rule.starts_with("t.vtex: t.gltf \\\n  a\\ b.bin\n\n"), "{rule}");
         let report: serde_json::Value =
             serde_json::from_slice(&std::fs::read(dir.path().join("t.json")).unwrap()).unwrap();
         assert_eq!(report["resolution"], 32);

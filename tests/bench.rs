@@ -6,8 +6,9 @@ use assert_cmd::Command;
 fn a_bench_writes_its_points_and_plots() {
     let dir = tempfile::tempdir().unwrap();
     let words = ["bench", "-o", "b", "--quick", "--scene", "sheet", "--size", "96x54", "--samples", "4", "--quiet"];
-    let run = || Command::new(env!("CARGO_BIN_EXE_vtex")).current_dir(dir.path()).args(words).assert().success();
-    let printed = run();
+    let vtex = || Command::new(env!("CARGO_BIN_EXE_vtex"));
+    let run = |more: &[&str]| vtex().current_dir(dir.path()).args(words).args(more).assert().success();
+    let printed = run(&[]);
     assert!(String::from_utf8_lossy(&printed.get_output().stdout).contains("neyret"));
     let csv = std::fs::read_to_string(dir.path().join("b/bench.csv")).unwrap();
     let flip = |row: &str| row.split(',').nth(13).and_then(|f| f.parse::<f64>().ok()).unwrap();
@@ -21,7 +22,8 @@ fn a_bench_writes_its_points_and_plots() {
     // Again: nothing is baked or traced a second time.
     let made = |name: &str| std::fs::metadata(dir.path().join("b").join(name)).unwrap().modified().unwrap();
     let before = [made("sheet-128-coverage-10.vtex"), made("sheet-32x32.exr")];
-    run();
+    let told = run(&["--json"]);
+    assert!(super::json::of("bench", &told.get_output().stdout)["points"].as_array().unwrap().len() > 10);
     assert_eq!([made("sheet-128-coverage-10.vtex"), made("sheet-32x32.exr")], before);
 }
 

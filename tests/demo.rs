@@ -8,11 +8,13 @@ fn the_demo_makes_pictures_of_a_forest() {
     let run = Command::cargo_bin("vtex")
         .unwrap()
         .current_dir(&folder)
-        .args(["demo", "--size", "96x54"])
+        .args(["demo", "--size", "96x54", "--json"])
         .assert()
         .success()
         .get_output()
         .clone();
+    let told = super::json::of("demo", &run.stdout);
+    assert_eq!(told["pictures"], serde_json::json!(["vtex-demo/near.png", "vtex-demo/far.png"]));
     let said = String::from_utf8(run.stderr).unwrap();
     assert!(said.contains("pictures: vtex-demo/near.png and vtex-demo/far.png"), "{said}");
     for name in ["near", "far"] {

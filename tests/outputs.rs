@@ -6,12 +6,12 @@ use std::path::{Path, PathBuf};
 use crate::readable;
 
 /// A folder with a small source, its texel, a mesh to cover, the landscape, and a picture.
-struct Folder(tempfile::TempDir);
+pub struct Folder(tempfile::TempDir);
 
 const QUAD: &str = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n";
 
 /// A square of 4 m in the XZ plane, its corners in the buffer that `uri` names, and of an image that `image` names.
-fn ground(uri: &str, image: &str) -> String {
+pub fn ground(uri: &str, image: &str) -> String {
     serde_json::json!({
         "asset": { "version": "2.0" }, "scene": 0, "scenes": [{ "nodes": [0] }], "nodes": [{ "mesh": 0 }],
         "meshes": [{ "primitives": [{ "attributes": { "POSITION": 0 }, "indices": 1, "material": 0 }] }],
@@ -26,7 +26,7 @@ fn ground(uri: &str, image: &str) -> String {
     .to_string()
 }
 
-fn corners() -> Vec<u8> {
+pub fn corners() -> Vec<u8> {
     let corners = [[0.0f32, 0.0, 0.0], [0.0, 0.0, 4.0], [4.0, 0.0, 4.0], [4.0, 0.0, 0.0]];
     let mut bytes: Vec<u8> = corners.iter().flatten().flat_map(|v| v.to_le_bytes()).collect();
     bytes.extend([0, 1, 2, 0, 2, 3, 0, 0]);
@@ -34,7 +34,7 @@ fn corners() -> Vec<u8> {
 }
 
 impl Folder {
-    fn new() -> Folder {
+    pub fn new() -> Folder {
         let folder = Folder(tempfile::tempdir().unwrap());
         folder.save("quad.obj", QUAD.as_bytes());
         folder.save("ground.bin", &corners());
@@ -47,7 +47,7 @@ impl Folder {
     }
 
     /// Also a landscape and two pictures of it.
-    fn with_landscape() -> Folder {
+    pub fn with_landscape() -> Folder {
         let folder = Folder::new();
         folder.succeeds(&["map", "ground.gltf", "--texel", "quad.vtex", "--planar", "y", "-o", "land.gltf"]);
         folder.succeeds(&["render", "land.gltf", "--frame", "--size", "16x9", "-o", "a.png"]);
@@ -55,33 +55,33 @@ impl Folder {
         folder
     }
 
-    fn path(&self, name: &str) -> PathBuf {
+    pub fn path(&self, name: &str) -> PathBuf {
         self.0.path().join(name)
     }
 
-    fn save(&self, name: &str, bytes: &[u8]) {
+    pub fn save(&self, name: &str, bytes: &[u8]) {
         std::fs::write(self.path(name), bytes).unwrap();
     }
 
-    fn command(&self, args: &[&str]) -> std::process::Command {
+    pub fn command(&self, args: &[&str]) -> std::process::Command {
         let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_vtex"));
         command.current_dir(self.0.path()).args(args);
         command
     }
 
     /// `vtex ARGS`: exit code, stdout, stderr.
-    fn run(&self, args: &[&str]) -> (i32, Vec<u8>, String) {
+    pub fn run(&self, args: &[&str]) -> (i32, Vec<u8>, String) {
         let out = self.command(args).output().unwrap();
         (out.status.code().unwrap(), out.stdout, String::from_utf8_lossy(&out.stderr).into_owned())
     }
 
-    fn succeeds(&self, args: &[&str]) {
+    pub fn succeeds(&self, args: &[&str]) {
         let (code, _, err) = self.run(args);
         assert_eq!(code, 0, "{args:?}: {err}");
     }
 
     /// The one line that says why it fails.
-    fn fails(&self, code: i32, args: &[&str]) -> String {
+    pub fn fails(&self, code: i32, args: &[&str]) -> String {
         let (found, _, err) = self.run(args);
         let errors: Vec<_> = err.lines().filter(|line| line.starts_with("error: ")).collect();
         let is_last = err.lines().last() == errors.last().copied();
@@ -347,4 +347,57 @@ fn a_closed_standard_error_is_no_failure() {
     drop(reader);
     let status = folder.command(&["verify", "missing.vtex"]).stderr(writer).status().unwrap();
     assert_eq!(status.code(), Some(1));
+}
+
+/// Sources, texels and landscapes in folders of their own, made twice from somewhere else: the second run takes the new
+/// versions. What the user has put there is never written over.
+#[test]
+fn a_second_run_refreshes_what_the_first_copied() {
+    let folder = Folder::new();
+    for name in ["from", "texels", "out", "elsewhere"] {
+        std::fs::create_dir(folder.path(name)).unwrap();
+    }
+    for name in ["quad.obj", "ground.gltf", "ground.bin", "grass.png"] {
+        std::fs::copy(folder.path(name), folder.path("from").join(name)).unwrap();
+    }
+    let there = |args: &[&str]| {
+        let done = folder.command(args).current_dir(folder.path("elsewhere")).output().unwrap();
+        (done.status.success(), String::from_utf8_lossy(&done.stderr).into_owned())
+    };
+    let bake = || there(&["bake", "../from/quad.obj", "-r", "16", "-o", "../texels/t.vtex"]);
+    let map = |name: &str| {
+        let output = format!("../out/{name}");
+        there(&["map", "../from/ground.gltf", "--texel", "../texels/t.vtex", "--planar", "y", "-o", &output])
+    };
+    let render = || there(&["render", "../out/l.gltf", "--frame", "--size", "16x9", "-o", "../out/l.png"]);
+    let same = |a: &str, b: &str| std::fs::read(folder.path(a)).unwrap() == std::fs::read(folder.path(b)).unwrap();
+    let works = |(done, err): (bool, String)| assert!(done, "{err}");
+
+    works(bake());
+    works(map("l.gltf"));
+    works(map("second.glb"));
+    works(render());
+    let first = std::fs::read(folder.path("out/l.gltf")).unwrap();
+    works(map("l.gltf"));
+    assert!(std::fs::read(folder.path("out/l.gltf")).unwrap() == first, "the same again is the same");
+    let picture = std::fs::read(folder.path("out/l.png")).unwrap();
+    std::fs::write(folder.path("from/quad.obj"), QUAD.replace("v 1 1 0", "v 1 3 0")).unwrap();
+    image::RgbImage::from_pixel(2, 2, image::Rgb([200, 20, 30])).save(folder.path("from/grass.png")).unwrap();
+    works(bake());
+    assert!(!same("texels/t.vtex", "out/t.vtex"));
+    works(map("l.gltf"));
+    works(render());
+    assert!(same("texels/t.vtex", "out/t.vtex") && same("from/grass.png", "out/grass.png"));
+    assert_ne!(std::fs::read(folder.path("out/l.png")).unwrap(), picture);
+    // Either of two landscapes in one folder may be the first.
+    std::fs::write(folder.path("from/quad.obj"), QUAD.replace("v 1 1 0", "v 1 2 0")).unwrap();
+    works(bake());
+    works(map("second.glb"));
+    works(map("l.gltf"));
+    assert!(same("texels/t.vtex", "out/t.vtex"));
+    // Not if somebody else wrote it since.
+    std::fs::copy(folder.path("quad.vtex"), folder.path("out/t.vtex")).unwrap();
+    let (done, err) = map("l.gltf");
+    assert!(!done && err.contains("a different t.vtex is already there"), "{err}");
+    assert!(same("quad.vtex", "out/t.vtex"));
 }

@@ -1,6 +1,7 @@
 //! Where a source lies in the bake's grid.
 
 use super::options::{MAX_RESOLUTION, Options};
+use crate::error::short;
 use crate::geom::{Aabb, DAffine3, DVec3};
 use crate::source::Placement;
 use crate::{Error, Result};
@@ -67,8 +68,9 @@ fn side_for_voxel_size(extent: f64, voxel_size: f64, options: &Options) -> Resul
     let want = (extent / voxel_size).ceil();
     if !(voxel_size > 0.0 && want <= f64::from(MAX_RESOLUTION)) {
         return Err(Error::Options(format!(
-            "a voxel size of {voxel_size} is out of range: it is {:.6} or more, for at most {MAX_RESOLUTION} voxels along \
+            "a voxel size of {} is out of range: it is {:.6} or more, for at most {MAX_RESOLUTION} voxels along \
              {extent:.6}",
+            short(voxel_size),
             extent / f64::from(MAX_RESOLUTION)
         )));
     }

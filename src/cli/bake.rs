@@ -1,17 +1,15 @@
 //! `vtex bake`: a 3D source → a .vtex file.
 
-use std::fmt::Write as _;
-use std::io::Read as _;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use serde_json::{Value, json};
-use sha2::{Digest, Sha256};
 
 use super::clap_name;
+use super::depfile::DepfileArgs;
 use super::quantity::{bytes, count, finite, size};
+use super::results::{each, output_for, shown};
 use super::source::SourceArgs;
-use super::ui::put_json;
 use super::{Ui, outputs};
 use crate::bake;
 use crate::bake::Estimate;
@@ -19,6 +17,7 @@ use crate::bake::{DepthReport, MAX_REFINE, MAX_RESOLUTION, Options, REFINE};
 use crate::format;
 use crate::format::{Quality, WriteOptions};
 use crate::progress::Progress;
+use crate::scene::files::sha256;
 use crate::source;
 use crate::source::recipe::Laid;
 use crate::volume::{Model, Volume};
@@ -27,23 +26,11 @@ use crate::{Error, Result, par};
 /// Turn a 3D source (a mesh, an image stack) into a texel
 #[derive(clap::Args)]
 pub struct Args {
-    /// The source; none where --string is all there is
-    #[arg(required_unless_present = "string")]
-    input: Option<PathBuf>,
-    #[command(flatten)]
-    source: SourceArgs,
-    /// Lay a colour on all of it: '#rrggbb' or r,g,b (linear), a picture, a .toml file with the keys of a recipe's albedo, or
-    /// these in braces: '{ noise = { scale = 2 }, colours = ["#553311", "#998866"] }'
-    #[arg(long, value_name = "COLOUR|FILE|{TABLE}")]
-    albedo: Option<String>,
-    /// Multiply the source's own colours by --albedo, and don't replace them
-    #[arg(long)]
-    tint: bool,
-    /// Call all of its matter by this name, and not as the source does
-    #[arg(long, value_name = "NAME")]
-    material: Option<String>,
-    /// The .vtex file to write [default: the input's name with .vtex, here]
-    #[arg(short, long, value_name = "OUT.vtex")]
+    /// The sources, each baked by itself; none where --string is all there is
+    #[arg(required_unless_present = "string", value_name = "INPUT")]
+    inputs: Vec<PathBuf>,
+    /// The .vtex file to write, or with a slash at its end the folder [default: the input's name with .vtex, here]
+    #[arg(short, long, value_name = "OUT.vtex|FOLDER/")]
     output: Option<PathBuf>,
     /// Voxels along the cube's edge: a power of two up to 4096, others are rounded up
     #[arg(short, long, default_value_t = 512, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_RESOLUTION)))]
@@ -78,15 +65,26 @@ pub struct Args {
     /// Threads to use [default: all cores]
     #[arg(long, default_value_t = 0, hide_default_value = true, value_name = "N")]
     threads: usize,
-    /// Write what the output depends on, for make and ninja
-    #[arg(long, value_name = "FILE")]
-    depfile: Option<PathBuf>,
+    #[command(flatten)]
+    depfile: DepfileArgs,
     /// Write a report as JSON
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
     /// Print a summary as JSON
     #[arg(long)]
     json: bool,
+    /// Lay a colour on all of it: '#rrggbb' or r,g,b (linear), a picture, a .toml file with the keys of a recipe's albedo, or
+    /// these in braces: '{ noise = { scale = 2 }, colours = ["#553311", "#998866"] }'
+    #[arg(long, value_name = "COLOUR|FILE|{TABLE}", help_heading = "Sources")]
+    albedo: Option<String>,
+    /// Multiply the source's own colours by --albedo, and don't replace them
+    #[arg(long, help_heading = "Sources")]
+    tint: bool,
+    /// Call all of its matter by this name, and not as the source does
+    #[arg(long, value_name = "NAME", help_heading = "Sources")]
+    material: Option<String>,
+    #[command(flatten)]
+    source: SourceArgs,
 }
 
 #[derive(Clone, Copy, clap::ValueEnum)]
@@ -146,7 +144,7 @@ impl Args {
             "model": name(&self.model), "quality": name(&self.quality), "up": up, "resolution": self.resolution,
             "refine": self.refine,
         });
-        self.voxel_size.into_iter().for_each(|v| out["voxelSize"] = v.into());
+        self.voxel_size.into_iter().for_each(|v| out["voxel_size"] = v.into());
         if !self.cyclic.is_empty() {
             out["cyclic"] = self.cyclic.clone().into();
         }
@@ -167,30 +165,55 @@ impl Args {
     }
 }
 
-pub fn run(args: &Args, ui: &Ui) -> Result<()> {
-    par::with_threads(args.threads, || bake_file(args, ui))?
+/// One source, its output, and the files that are read for it.
+struct Job {
+    input: PathBuf,
+    output: PathBuf,
+    files: Vec<PathBuf>,
 }
 
-fn bake_file(args: &Args, ui: &Ui) -> Result<()> {
-    let start = Instant::now();
+pub fn run(args: &Args, ui: &Ui) -> Result<()> {
+    par::with_threads(args.threads, || bake_all(args, ui))?
+}
+
+fn bake_all(args: &Args, ui: &Ui) -> Result<()> {
     // A string alone has neither a file nor a name.
-    let input = args.input.as_deref().unwrap_or(Path::new("string"));
-    let output = args
-        .output
-        .clone()
-        .unwrap_or_else(|| PathBuf::from(input.file_name().unwrap_or_default()).with_extension("vtex"));
-    let laid = args.laid();
-    let mut files = args.input.as_deref().map(source::dependencies).unwrap_or_default();
-    files.extend(source::laid_files(&laid));
-    check_outputs(args, &output, &files)?;
+    let string = [PathBuf::from("string")];
+    let inputs = if args.inputs.is_empty() { &string[..] } else { &args.inputs };
+    let jobs = inputs.iter().map(|input| job(args, input)).collect::<Result<Vec<_>>>()?;
+    check_outputs(args, &jobs)?;
     if args.voxel_size.is_none() && !args.resolution.is_power_of_two() {
         ui.say(&format!("-r {} is rounded up to {}", args.resolution, args.resolution.next_power_of_two()));
     }
+    let (mut rules, mut left) = (Vec::new(), jobs.iter());
+    let done = each(inputs, args.json, ui, |_| {
+        let Some(job) = left.next() else { return Ok(Value::Null) };
+        let summary = bake_file(args, job, ui)?;
+        rules.push((job.output.as_path(), [job.files.clone(), args.source.files()].concat()));
+        Ok(summary)
+    });
+    if !rules.is_empty() {
+        args.depfile.write(rules, ui)?;
+    }
+    done
+}
+
+fn job(args: &Args, input: &Path) -> Result<Job> {
+    let mut files = if args.inputs.is_empty() { Vec::new() } else { source::dependencies(input) };
+    files.extend(source::laid_files(&args.laid()));
+    let output = output_for(input, args.output.as_deref(), args.inputs.len() > 1, "vtex")?;
+    Ok(Job { input: input.to_path_buf(), output, files })
+}
+
+fn bake_file(args: &Args, job: &Job, ui: &Ui) -> Result<Value> {
+    let Job { input, output, files } = job;
+    let start = Instant::now();
+    let laid = args.laid();
     ui.stage("read", 0);
     let options = args.source.options(args.memory);
-    let source = match &args.input {
-        Some(path) => source::open(path, &options)?,
-        None => source::lsystem::open(None, &options.lsystem, &options.read, &options.mesh)?,
+    let source = match args.inputs.is_empty() {
+        false => source::open(input, &options)?,
+        true => source::lsystem::open(None, &options.lsystem, &options.read, &options.mesh)?,
     };
     let source = source::lay(source, &laid, &options.read)?;
     source.notes().iter().for_each(|note| ui.say(note));
@@ -215,31 +238,29 @@ fn bake_file(args: &Args, ui: &Ui) -> Result<()> {
     ui.warn(&report.warnings)?;
     let bake_time = start.elapsed() - read_time;
     volume.info.meta.insert("options".into(), args.provenance(volume.info.up));
-    volume.info.meta.insert("sources".into(), sources(input, &files)?);
+    volume.info.meta.insert("sources".into(), sources(input, files)?);
     ui.stage("write", 0);
     let quality = match args.quality {
         QualityArg::Lean => Quality::Lean,
         QualityArg::Full => Quality::Full,
     };
-    let written = format::write(&volume, &output, &WriteOptions { level: args.compress, quality })?;
+    let written = format::write(&volume, output, &WriteOptions { level: args.compress, quality })?;
     ui.finish();
-    if let Some(depfile) = &args.depfile {
-        format::save(depfile, rule(&output, &files).as_bytes())?;
-    }
     let bits = 8.0 * written.file_bytes as f64 / written.finest_voxels.max(1) as f64;
     let seconds = start.elapsed().as_secs_f64();
     let summary = json!({
-        "output": output.display().to_string(),
+        "input": shown(input),
+        "output": shown(output),
         "resolution": volume.resolution(),
-        "voxelSize": volume.info.bounds.size().x / f64::from(volume.resolution()),
-        "finestVoxels": written.finest_voxels,
-        "fileBytes": written.file_bytes,
-        "bitsPerFinestVoxel": bits,
+        "voxel_size": volume.info.bounds.size().x / f64::from(volume.resolution()),
+        "finest_voxels": written.finest_voxels,
+        "file_bytes": written.file_bytes,
+        "bits_per_finest_voxel": bits,
         "seconds": { "read": read_time.as_secs_f64(), "bake": bake_time.as_secs_f64(), "total": seconds },
-        "warnings": report.warnings.iter().map(|(text, n)| (text.to_owned(), Value::from(n))).collect::<serde_json::Map<_, _>>(),
     });
     if let Some(path) = &args.report {
         let mut full = summary.clone();
+        full["warnings"] = report.warnings.iter().map(|(text, n)| json!({ "message": text, "count": n })).collect();
         full["estimate"] = serde_json::to_value(report.estimate).unwrap_or_default();
         full["depths"] = depths(&volume, &report.depths);
         full["channels"] =
@@ -247,9 +268,7 @@ fn bake_file(args: &Args, ui: &Ui) -> Result<()> {
         full["meta"] = Value::Object(volume.info.meta.clone());
         format::save(path, format!("{full:#}\n").as_bytes())?;
     }
-    if args.json {
-        put_json(&summary)?;
-    } else {
+    if !args.json {
         ui.say(&format!(
             "{}: {} voxels at {}^3, {}, {bits:.1} bits a voxel, {seconds:.1} s",
             output.display(),
@@ -258,24 +277,32 @@ fn bake_file(args: &Args, ui: &Ui) -> Result<()> {
             size(written.file_bytes)
         ));
     }
-    Ok(())
+    Ok(summary)
 }
 
 /// That what will be written has a place, and is none of the files that are read.
-fn check_outputs(args: &Args, output: &Path, files: &[PathBuf]) -> Result<()> {
-    let other = output.extension().filter(|e| !e.eq_ignore_ascii_case("vtex"));
-    if let Some(other) = other {
-        let (path, other) = (output.display(), other.display());
-        return Err(Error::Options(format!("{path}: a texel is written as .vtex, not as .{other}; name it so")));
+fn check_outputs(args: &Args, jobs: &[Job]) -> Result<()> {
+    let mut read = args.source.files();
+    for Job { output, files, .. } in jobs {
+        let other = output.extension().filter(|e| !e.eq_ignore_ascii_case("vtex"));
+        if let Some(other) = other {
+            let (path, other) = (output.display(), other.display());
+            return Err(Error::Options(format!("{path}: a texel is written as .vtex, not as .{other}; name it so")));
+        }
+        read.extend(files.iter().cloned());
     }
-    outputs::check(files, [Some(output), args.depfile.as_deref(), args.report.as_deref()].into_iter().flatten())
+    if args.report.is_some() && jobs.len() > 1 {
+        return Err(Error::Options("--report is about one input; bake the others by themselves, or use --json".into()));
+    }
+    let beside = [args.depfile.path(), args.report.as_deref()];
+    outputs::check(&read, jobs.iter().map(|job| job.output.as_path()).chain(beside.into_iter().flatten()))
 }
 
 fn depths(volume: &Volume, reports: &[DepthReport]) -> Value {
     let row = |(depth, r): (usize, &DepthReport)| {
         json!({
-            "depth": depth, "voxels": r.voxels, "errorMean": r.error_mean, "errorP95": r.error_p95,
-            "meanCorrelation": volume.depths.get(depth).map_or(0.0, |d| {
+            "depth": depth, "voxels": r.voxels, "error_mean": r.error_mean, "error_p95": r.error_p95,
+            "mean_correlation": volume.depths.get(depth).map_or(0.0, |d| {
                 d.voxels.iter().map(|v| f64::from(v.c())).sum::<f64>() / d.voxels.len().max(1) as f64
             }),
         })
@@ -288,52 +315,9 @@ fn sources(input: &Path, files: &[PathBuf]) -> Result<Value> {
     let folder = input.parent().unwrap_or(Path::new(""));
     let mut list = Vec::new();
     for file in files {
-        let mut digest = Sha256::new();
-        let mut from = format::open_file(file)?;
-        // A piece at a time: sources may be larger than memory.
-        let mut piece = vec![0; 1 << 20];
-        loop {
-            let n = from.read(&mut piece).map_err(|e| Error::io(file, e))?;
-            if n == 0 {
-                break;
-            }
-            digest.update(&piece[..n]);
-        }
-        let mut hex = String::new();
-        for byte in digest.finalize() {
-            let _ = write!(hex, "{byte:02x}");
-        }
         let name = file.strip_prefix(folder).ok().filter(|n| n.is_relative()).map(Path::to_path_buf);
         let name = name.or_else(|| file.file_name().map(PathBuf::from)).unwrap_or_default();
-        list.push(json!({ "uri": name.to_string_lossy().replace('\\', "/"), "sha256": hex }));
+        list.push(json!({ "uri": name.to_string_lossy().replace('\\', "/"), "sha256": sha256(file)? }));
     }
     Ok(list.into())
-}
-
-/// A make rule; ninja reads the same.
-fn rule(output: &Path, files: &[PathBuf]) -> String {
-    let escaped = |path: &Path| {
-        let mut out = String::new();
-        for c in path.to_string_lossy().chars() {
-            match c {
-                ' ' | '#' => out.extend(['\\', c]),
-                '$' => out.push_str("$$"),
-                _ => out.push(c),
-            }
-        }
-        out
-    };
-    let inputs: Vec<String> = files.iter().map(|f| escaped(f)).collect();
-    format!("{}: {}\n", escaped(output), inputs.join(" \\\n  "))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn rules_are_escaped() {
-        let files = [PathBuf::from("a b.gltf"), PathBuf::from("c$#.bin")];
-        assert_eq!(rule(Path::new("o.vtex"), &files), "o.vtex: a\\ b.gltf \\\n  c$$\\#.bin\n");
-    }
 }

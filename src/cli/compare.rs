@@ -3,8 +3,9 @@
 use std::path::PathBuf;
 
 use super::quantity::finite;
-use super::ui::put_json;
+use super::results::print;
 use super::{Ui, outputs};
+use crate::progress::Progress;
 use crate::render::image_io;
 use crate::render::image_io::srgb_decode;
 use crate::render::metrics;
@@ -61,12 +62,14 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
         let what = format!("{}×{}, but {reference} is {width}×{height}; render both at one size", a.width, a.height);
         return Err(Error::input(&args.a, "", what));
     }
+    ui.stage("compare", 0);
     let comparison = metrics::compare(&a, &b, &metrics::Options { ppd: args.ppd, background: args.background })?;
     let mut warnings = Warnings::default();
     for (path, n) in [&args.a, &args.b].into_iter().zip(comparison.not_finite) {
         warnings.add_many(format!("{}: a pixel is not a finite number; taken for black", path.display()), n);
     }
     let noise = Reference::load(&args.b, None).and_then(|reference| reference.noise(args.ppd)).ok();
+    ui.finish();
     let errors = picture::false_colour(&comparison.flip_map);
     if let Some(path) = &args.map {
         image_io::write_png(path, a.width, a.height, &errors)?;
@@ -76,13 +79,14 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
         let (columns, sheet) = picture::side_by_side(a.width, &[&shown_a, &shown_b, &errors]);
         image_io::write_png(path, columns, a.height, &sheet)?;
     }
+    ui.warn(&warnings)?;
     if args.json {
         let mut found = serde_json::json!(comparison);
         if let Some(noise) = &noise {
             found["reference_noise"] =
                 serde_json::json!({ "rmse": 0.5 * noise.all.rmse, "flip_of_halves": noise.all.flip });
         }
-        put_json(&found)?;
+        print(found, true, ui)
     } else {
         outln!("{} against {}, {}×{}", args.a.display(), args.b.display(), a.width, a.height)?;
         out!("{}", table(&comparison))?;
@@ -90,8 +94,8 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
             let (rmse, flip) = (0.5 * noise.all.rmse, noise.all.flip);
             outln!("noise of B        RMSE {rmse:.6}, FLIP {flip:.5} between its halves")?;
         }
+        Ok(())
     }
-    ui.warn(&warnings)
 }
 
 /// One line a measure, one column a set of pixels.

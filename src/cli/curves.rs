@@ -14,18 +14,19 @@ const V_ANGLE: f32 = 70.0;
 
 /// How trajectories, hair, tracts and neurons are taken.
 #[derive(clap::Args)]
+#[command(next_help_heading = "Curves")]
 pub struct CurveArgs {
     /// What is swept along curves of .csv, .tsv, .hair, .trk, .tck and .swc files
-    #[arg(long, value_enum, default_value = "round", help_heading = "Curves")]
+    #[arg(long, value_enum, default_value = "round")]
     section: SectionArg,
     /// What runs between the points of a curve
-    #[arg(long, value_enum, default_value = "linear", help_heading = "Curves")]
+    #[arg(long, value_enum, default_value = "linear")]
     curve: CurveArg,
     /// Factor of all widths
-    #[arg(long, default_value_t = 1.0, value_name = "X", value_parser = positive, help_heading = "Curves")]
+    #[arg(long, default_value_t = 1.0, value_name = "X", value_parser = positive)]
     width_scale: f64,
     /// What the colours of a curve's points are
-    #[arg(long, value_enum, default_value = "srgb", help_heading = "Curves")]
+    #[arg(long, value_enum, default_value = "srgb")]
     curve_colours: ColourArg,
 }
 
@@ -74,7 +75,7 @@ impl CurveArgs {
         let choices: [(&str, &dyn Name, &str); 3] = [
             ("section", &self.section, "round"),
             ("curve", &self.curve, "linear"),
-            ("curveColours", &self.curve_colours, "srgb"),
+            ("curve_colours", &self.curve_colours, "srgb"),
         ];
         for (key, value, default) in choices {
             if value.name() != default {
@@ -82,7 +83,7 @@ impl CurveArgs {
             }
         }
         if self.width_scale != 1.0 {
-            out["widthScale"] = self.width_scale.into();
+            out["width_scale"] = self.width_scale.into();
         }
     }
 }

@@ -3,7 +3,10 @@
 use std::path::PathBuf;
 use std::time::Instant;
 
+use serde_json::json;
+
 use super::Ui;
+use super::results::{print, shown};
 use crate::format;
 use crate::{Error, Result};
 
@@ -15,6 +18,9 @@ pub struct Args {
     /// Pixels of the pictures
     #[arg(long, value_name = "WxH", default_value = "1280x720")]
     size: String,
+    /// Print where the pictures are, and how long it took, as JSON
+    #[arg(long)]
+    json: bool,
 }
 
 /// The built-in samples.
@@ -62,11 +68,16 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
         times.push((command.split(' ').next(), begun.elapsed()));
     }
     ui.say("");
+    let mut seconds = serde_json::Map::new();
     for stage in ["bake", "map", "render"] {
-        let seconds: f64 = times.iter().filter(|(name, _)| *name == Some(stage)).map(|(_, t)| t.as_secs_f64()).sum();
-        ui.say(&format!("{stage:8} {seconds:6.1} s"));
+        let sum: f64 = times.iter().filter(|(name, _)| *name == Some(stage)).map(|(_, t)| t.as_secs_f64()).sum();
+        ui.say(&format!("{stage:8} {sum:6.1} s"));
+        seconds.insert(stage.into(), sum.into());
     }
-    ui.say(&format!("in all   {:6.1} s", start.elapsed().as_secs_f64()));
-    ui.say(&format!("pictures: {} and {}", folder.join("near.png").display(), folder.join("far.png").display()));
-    Ok(())
+    let (total, pictures) = (start.elapsed().as_secs_f64(), ["near.png", "far.png"].map(|name| folder.join(name)));
+    ui.say(&format!("in all   {total:6.1} s"));
+    ui.say(&format!("pictures: {} and {}", pictures[0].display(), pictures[1].display()));
+    seconds.insert("total".into(), total.into());
+    let pictures = pictures.map(|path| shown(&path));
+    print(json!({ "output": shown(folder), "pictures": pictures, "seconds": seconds }), args.json, ui)
 }

@@ -8,18 +8,20 @@ use serde_json::{Value, json};
 #[cfg(feature = "render")]
 use super::outputs;
 use super::quantity::size;
+use super::results::{each, shown};
 use super::text::one_line;
-use super::ui::{Ui, put_json};
+use super::ui::Ui;
 use crate::Result;
 use crate::format::{Channel, Head, Limits, Reader, StreamEntry};
 use crate::volume::material::WHOLE;
 use crate::volume::octree::Pages;
 
-/// Print what is in a .vtex file
+/// Print what is in .vtex files
 #[derive(clap::Args)]
 pub struct Args {
-    /// The .vtex file
-    file: PathBuf,
+    /// The .vtex files
+    #[arg(required = true, value_name = "FILE")]
+    files: Vec<PathBuf>,
     /// Print JSON instead of tables
     #[arg(long)]
     json: bool,
@@ -35,21 +37,29 @@ pub struct Args {
 
 pub fn run(args: &Args, ui: &Ui) -> Result<()> {
     #[cfg(feature = "render")]
-    outputs::check(std::slice::from_ref(&args.file), args.preview.as_deref())?;
-    let reader = Reader::open(&args.file, &Limits { decoded_bytes: u64::MAX })?;
-    ui.warn(&reader.warnings())?;
-    if args.json {
-        put_json(&describe(&reader))?;
-    } else {
-        out!("{}", tables(&reader))?;
+    {
+        if args.preview.is_some() && args.files.len() > 1 {
+            return Err(crate::Error::Options("--preview is of one file; inspect the others by themselves".into()));
+        }
+        outputs::check(&args.files, args.preview.as_deref())?;
     }
-    #[cfg(feature = "render")]
-    if let Some(png) = &args.preview {
-        let tree = crate::volume::Octree::new(reader)?;
-        let sheet = crate::render::preview::preview(tree, args.preview_size)?;
-        crate::render::image_io::write_png(png, sheet.width, sheet.height, &sheet.rgb)?;
-    }
-    Ok(())
+    let mut first = true;
+    each(&args.files, args.json, ui, |path| {
+        let reader = Reader::open(path, &Limits { decoded_bytes: u64::MAX })?;
+        ui.warn(&reader.warnings())?;
+        let found = if args.json { describe(&reader) } else { Value::Null };
+        if !args.json {
+            let gap = if std::mem::take(&mut first) { "" } else { "\n" };
+            out!("{gap}{}", tables(&reader))?;
+        }
+        #[cfg(feature = "render")]
+        if let Some(png) = &args.preview {
+            let tree = crate::volume::Octree::new(reader)?;
+            let sheet = crate::render::preview::preview(tree, args.preview_size)?;
+            crate::render::image_io::write_png(png, sheet.width, sheet.height, &sheet.rgb)?;
+        }
+        Ok(found)
+    })
 }
 
 /// Bits that `bytes` are for each of `voxels`; 0 for an empty texel.
@@ -108,6 +118,7 @@ fn describe(reader: &Reader) -> Value {
         channels.push(detail);
     }
     json!({
+        "input": shown(reader.path()),
         "resolution": head.resolution(),
         "model": info.model,
         "file_bytes": reader.file_bytes(),

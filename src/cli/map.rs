@@ -1,13 +1,19 @@
 //! `vtex map`: cover a plain glTF mesh with texels.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::ValueEnum;
 
+use serde_json::{Value, json};
+
+use super::depfile::{self, DepfileArgs};
 use super::quantity::finite;
+use super::results::{print, shown};
 use super::{Ui, outputs};
 use crate::format::{Limits, Reader};
 use crate::geom::DVec3;
+use crate::progress::Progress;
+use crate::scene::files::extension;
 use crate::scene::gltf;
 use crate::scene::gltf::map::{Cells, Chart, Covered, Heights, MapOptions, Mapped, map};
 use crate::scene::shell::Orientations;
@@ -25,9 +31,9 @@ pub struct Args {
     /// The .glb that the texel was baked from, for `render --reference`; once for each --texel
     #[arg(long = "geometry", value_name = "FILE")]
     geometries: Vec<PathBuf>,
-    /// Where the landscape goes: .gltf or .glb
+    /// Where the landscape goes: .gltf or .glb [default: the input's name with -landscape added, here]
     #[arg(long, short, value_name = "FILE")]
-    output: PathBuf,
+    output: Option<PathBuf>,
     /// Cover the primitives of this material, by name or index; may be given several times [default: all]
     #[arg(long = "material", value_name = "NAME")]
     materials: Vec<String>,
@@ -44,10 +50,10 @@ pub struct Args {
     #[arg(long, value_name = "N[/ha|/m2]", value_parser = density)]
     density: Option<f64>,
     /// Height of rigid copies in metres, of the tallest texel [default: as the source, or in proportion to the cell]
-    #[arg(long, value_name = "METRES")]
+    #[arg(long, value_name = "METRES", value_parser = finite)]
     size: Option<f64>,
     /// Sink rigid copies by so many metres on a slope of 45 degrees, in proportion on others
-    #[arg(long, value_name = "METRES", default_value_t = 0.0)]
+    #[arg(long, value_name = "METRES", default_value_t = 0.0, value_parser = finite)]
     sink: f64,
     /// Leave out rigid copies that would overhang the border
     #[arg(long)]
@@ -89,10 +95,10 @@ pub struct Args {
     #[arg(long, value_name = "D|U,V,W", value_parser = displacement)]
     displace: Option<[f64; 3]>,
     /// Share of the cells that hold a copy, or of the density that is kept
-    #[arg(long, default_value_t = 1.0)]
+    #[arg(long, value_name = "SHARE", default_value_t = 1.0, value_parser = finite)]
     presence: f64,
     /// Seed of the random choices
-    #[arg(long, default_value_t = 0)]
+    #[arg(long, value_name = "N", default_value_t = 0)]
     seed: u32,
     /// Show the texels' material NAME in this colour, #rrggbb or r,g,b (linear), or with a * before it, in its own colours times
     /// this one; may be given again
@@ -101,6 +107,11 @@ pub struct Args {
     /// Whether the covered faces themselves are drawn
     #[arg(long, value_enum, default_value_t = Surface::Visible)]
     surface: Surface,
+    #[command(flatten)]
+    depfile: DepfileArgs,
+    /// Print what was covered as JSON
+    #[arg(long)]
+    json: bool,
 }
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -130,7 +141,9 @@ enum Surface {
 
 /// Cover the mesh, and say what came of it.
 pub fn run(args: &Args, ui: &Ui) -> Result<()> {
-    check_output(args)?;
+    let output = args.output.clone().unwrap_or_else(|| default_output(&args.input));
+    let read = check_output(args, &output)?;
+    ui.stage("map", 0);
     let texels = args.texels.iter().map(|path| {
         let reader = Reader::open(path, &Limits::default())?;
         Ok((path.clone(), reader.info().clone()))
@@ -180,11 +193,37 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
         palette: args.palette.iter().cloned().collect(),
         surface_visible: args.surface == Surface::Visible,
     };
-    let mapped = map(&args.input, &options, &args.output)?;
+    let mapped = map(&args.input, &options, &output)?;
+    ui.finish();
     say(&mapped, ui);
     ui.warn(&mapped.saved.warnings)?;
-    ui.say(&format!("wrote {}", args.output.display()));
-    Ok(())
+    args.depfile.write([(output.as_path(), read)], ui)?;
+    if !args.json {
+        ui.say(&format!("wrote {}", output.display()));
+    }
+    print(described(args, &output, &mapped), args.json, ui)
+}
+
+/// `terrain.glb` → `terrain-landscape.glb` in the current folder.
+fn default_output(input: &Path) -> PathBuf {
+    let mut name = input.file_stem().unwrap_or_default().to_owned();
+    name.push("-landscape.");
+    name.push(input.extension().unwrap_or("glb".as_ref()));
+    name.into()
+}
+
+fn described(args: &Args, output: &Path, mapped: &Mapped) -> Value {
+    let covered = mapped.covered.iter().map(|Covered { material, texel, cell: [width, depth], height, copies }| {
+        json!({
+            "material": material, "texel": texel, "copies": copies, "width": width, "depth": depth, "height": height,
+        })
+    });
+    json!({
+        "input": shown(&args.input),
+        "output": shown(output),
+        "covered": covered.collect::<Vec<_>>(),
+        "copied": mapped.saved.copied.iter().map(|path| shown(path)).collect::<Vec<_>>(),
+    })
 }
 
 /// An option that only shells understand, if one is given.
@@ -202,19 +241,19 @@ fn of_shells(args: &Args) -> Option<&'static str> {
 }
 
 /// That the landscape has a place, and that no source is lost: a mesh is only written over where it is a landscape already,
-/// to which something is added.
-fn check_output(args: &Args) -> Result<()> {
-    let output = args.output.as_path();
-    if !output.extension().is_some_and(|e| ["gltf", "glb"].iter().any(|known| e.eq_ignore_ascii_case(known))) {
+/// to which something is added. Gives the files that are read.
+fn check_output(args: &Args, output: &Path) -> Result<Vec<PathBuf>> {
+    if !["gltf", "glb"].contains(&extension(output).as_str()) {
         let path = output.display();
         return Err(Error::Options(format!("{path}: a landscape is written as .gltf or .glb; name it so")));
     }
-    let mut read = gltf::named_files(&args.input);
+    let mut read = depfile::of_landscape(&args.input);
     read.extend(args.texels.iter().chain(&args.geometries).cloned());
-    if !(outputs::same(&args.input, output) && gltf::is_landscape(&args.input)) {
-        read.push(args.input.clone());
-    }
-    outputs::check(&read, [output])
+    // The input comes first.
+    let added_to = outputs::same(&args.input, output) && gltf::is_landscape(&args.input);
+    let kept = if added_to { read.split_off(1) } else { read };
+    outputs::check(&kept, [Some(output), args.depfile.path()].into_iter().flatten())?;
+    Ok(kept)
 }
 
 /// What was done, in a few lines.
@@ -281,7 +320,7 @@ fn density(text: &str) -> Result<f64, String> {
         "m2" | "m²" => 1.0,
         _ => return Err("a density is per hectare (400/ha) or per square metre (0.04/m2)".into()),
     };
-    let number: f64 = number.trim().parse().map_err(|_| format!("{number:?} is not a number"))?;
+    let number = finite(number.trim()).map_err(|_| format!("{number:?} is not a number"))?;
     Ok(number * per)
 }
 

@@ -4,12 +4,15 @@ use std::path::{Path, PathBuf};
 
 use serde_json::json;
 
+use super::depfile::DepfileArgs;
 use super::quantity::{bytes, count, positive, size};
+use super::results::{print, shown};
 use super::{Ui, outputs};
 use crate::format;
 use crate::format::{Limits, Quality, Reader, WriteOptions};
 use crate::geom::{Aabb, DAffine3, DMat3, DVec3};
 use crate::merge::{MergeOptions, merge};
+use crate::progress::Progress;
 use crate::{Error, Result};
 
 /// Put texels together, each with its own colours; where one lies on the grid alone, its voxels stay as they are
@@ -66,6 +69,11 @@ struct Common {
     /// Memory that each input and the work may take, such as 800M or 2G
     #[arg(long, value_name = "BYTES", value_parser = bytes)]
     memory: Option<u64>,
+    #[command(flatten)]
+    depfile: DepfileArgs,
+    /// Print a summary as JSON
+    #[arg(long)]
+    json: bool,
 }
 
 fn vector(text: &str) -> Result<DVec3, String> {
@@ -102,7 +110,8 @@ pub fn run_resample(args: &ResampleArgs, ui: &Ui) -> Result<()> {
 }
 
 fn make(inputs: &[PathBuf], output: &Path, common: &Common, options: MergeOptions, ui: &Ui) -> Result<()> {
-    outputs::check(inputs, [output])?;
+    outputs::check(inputs, [Some(output), common.depfile.path()].into_iter().flatten())?;
+    ui.stage("read", 0);
     let limit = common.memory.filter(|&m| m > 0).unwrap_or(Limits::default().decoded_bytes);
     let mut volumes = Vec::with_capacity(inputs.len());
     for path in inputs {
@@ -116,12 +125,23 @@ fn make(inputs: &[PathBuf], output: &Path, common: &Common, options: MergeOption
     volume.info.meta.insert("sources".into(), inputs.iter().map(name).collect());
     let written = format::write(&volume, output, &WriteOptions { level: common.compress, quality: Quality::Full })?;
     ui.finish();
-    ui.say(&format!(
-        "{}: {} voxels at {}^3, {}",
-        output.display(),
-        count(written.finest_voxels),
-        volume.resolution(),
-        size(written.file_bytes)
-    ));
-    Ok(())
+    common.depfile.write([(output, inputs.to_vec())], ui)?;
+    if !common.json {
+        ui.say(&format!(
+            "{}: {} voxels at {}^3, {}",
+            output.display(),
+            count(written.finest_voxels),
+            volume.resolution(),
+            size(written.file_bytes)
+        ));
+    }
+    let summary = json!({
+        "inputs": inputs.iter().map(|input| shown(input)).collect::<Vec<_>>(),
+        "output": shown(output),
+        "resolution": volume.resolution(),
+        "voxel_size": volume.info.bounds.size().x / f64::from(volume.resolution()),
+        "finest_voxels": written.finest_voxels,
+        "file_bytes": written.file_bytes,
+    });
+    print(summary, common.json, ui)
 }

@@ -23,6 +23,7 @@ mod compare;
 mod curves;
 #[cfg(all(feature = "bake", feature = "render"))]
 mod demo;
+mod depfile;
 #[cfg(all(feature = "bake", feature = "render", feature = "plot"))]
 mod error;
 mod inspect;
@@ -35,6 +36,7 @@ mod merge;
 mod outputs;
 #[cfg(all(feature = "bake", feature = "render", feature = "plot"))]
 mod plot;
+mod progress_log;
 #[cfg_attr(not(feature = "bake"), allow(dead_code))]
 mod quantity;
 #[cfg(feature = "bake")]
@@ -43,12 +45,15 @@ mod recipe;
 mod reference;
 #[cfg(feature = "render")]
 mod render;
+mod results;
 #[cfg(all(feature = "bake", feature = "render", feature = "plot"))]
 mod shapes;
 #[cfg(feature = "bake")]
 mod source;
 #[cfg(feature = "render")]
 mod stress;
+#[cfg(all(test, feature = "bake", feature = "render", feature = "plot"))]
+mod tests;
 mod text;
 mod truncate;
 mod ui;
@@ -60,9 +65,24 @@ use clap::{CommandFactory, Parser, Subcommand};
 
 pub use ui::Ui;
 
+/// The version, and what it was built with: a build of fewer features knows fewer commands.
+fn version() -> &'static str {
+    static TEXT: std::sync::OnceLock<String> = std::sync::OnceLock::new();
+    TEXT.get_or_init(|| {
+        let features = [
+            (cfg!(feature = "bake"), "bake"),
+            (cfg!(feature = "render"), "render"),
+            (cfg!(feature = "plot"), "plot"),
+            (cfg!(feature = "parallel"), "parallel"),
+        ];
+        let on: Vec<_> = features.into_iter().filter(|f| f.0).map(|f| f.1).collect();
+        format!("{} ({})", env!("CARGO_PKG_VERSION"), on.join(", "))
+    })
+}
+
 /// Turn any 3D source into a texel, and render landscapes covered with texels.
 #[derive(Parser)]
-#[command(name = "vtex", version, propagate_version = true)]
+#[command(name = "vtex", version = version(), propagate_version = true)]
 struct Vtex {
     #[command(subcommand)]
     command: Command,
@@ -83,7 +103,7 @@ struct Global {
 /// One variant and one line in `run` a command; each command's file holds its `Args` and `run(&Args, &Ui) -> Result<()>`.
 #[derive(Subcommand)]
 enum Command {
-    /// Turn a 3D source (.gltf, .glb, .obj) into a texel
+    /// Turn 3D sources (meshes, curves, image stacks, L-systems, recipes) into texels
     #[cfg(feature = "bake")]
     Bake(Box<bake::Args>),
     /// Time against error of bakes and pictures, beside the baselines: a table, CSV and plots
@@ -131,7 +151,7 @@ pub fn vtex() -> ExitCode {
 /// Render a landscape covered with texels.
 #[cfg(feature = "render")]
 #[derive(Parser)]
-#[command(name = "vtex-render", version)]
+#[command(name = "vtex-render", version = version())]
 struct VtexRender {
     #[command(flatten)]
     args: render::Args,

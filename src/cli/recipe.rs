@@ -2,7 +2,10 @@
 
 use std::path::PathBuf;
 
+use serde_json::json;
+
 use super::Ui;
+use super::results::{print, shown};
 use crate::Result;
 use crate::source::OpenOptions;
 use crate::source::{self, recipe};
@@ -17,6 +20,9 @@ pub struct Args {
     /// Print the JSON Schema of recipes, for editors
     #[arg(long, group = "what")]
     schema: bool,
+    /// Print what --check found as JSON
+    #[arg(long, requires = "check")]
+    json: bool,
 }
 
 pub fn run(args: &Args, ui: &Ui) -> Result<()> {
@@ -25,7 +31,10 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
     }
     if let Some(path) = &args.check {
         let nodes = recipe::check(path, &OpenOptions::default(), source::open)?;
-        ui.say(&format!("{}: a recipe of {nodes} nodes, nothing wrong", path.display()));
+        if !args.json {
+            ui.say(&format!("{}: a recipe of {nodes} nodes, nothing wrong", path.display()));
+        }
+        print(json!({ "input": shown(path), "nodes": nodes }), args.json, ui)?;
     }
     Ok(())
 }

@@ -10,6 +10,7 @@ use crate::render::metrics::flip::DEFAULT_PPD;
 use crate::render::reference::{Reference, reference};
 use crate::render::{Film, Options, SourceLod};
 use crate::scene::Scene;
+use crate::scene::files::extension;
 use crate::{Error, Result};
 
 /// Samples between two times that the picture is stored.
@@ -29,7 +30,7 @@ pub struct Job<'a> {
 impl Job<'_> {
     /// Trace, store, and say how noisy the picture is; with `resume`, go on from what `output` holds.
     pub fn run(&self, resume: bool, ui: &Ui) -> Result<(Reference, serde_json::Value)> {
-        let exr = self.output.extension().is_some_and(|e| e.eq_ignore_ascii_case("exr"));
+        let exr = extension(self.output) == "exr";
         if resume && !exr {
             return Err(Error::Options("--resume needs an output that ends in .exr: it holds the samples".into()));
         }

@@ -1,23 +1,31 @@
 //! `vtex render`, and `vtex-render`: a landscape to a picture.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
+use serde_json::{Value, json};
+
+use super::depfile::{self, DepfileArgs};
 use super::quantity::finite;
+use super::results::{each, output_for, shown};
 use super::ui::put_json;
 use super::{Ui, outputs, reference};
 use crate::geom::DVec3;
+use crate::progress::Progress;
 use crate::render;
 use crate::render::{Ambient, CameraChoice, Options, SourceLod, Stats, TraceEvent};
+use crate::scene::files::extension;
 use crate::scene::{Scene, gltf};
 use crate::{Error, Result};
 
 #[derive(clap::Args)]
 pub struct Args {
-    /// The landscape: .gltf or .glb
-    landscape: PathBuf,
-    /// The picture: .png (sRGB) or .exr (linear, with alpha)
-    #[arg(short, long, required_unless_present = "pixel")]
+    /// The landscapes, .gltf or .glb, a picture of each
+    #[arg(required = true, value_name = "LANDSCAPE")]
+    landscapes: Vec<PathBuf>,
+    /// The picture, .png (sRGB) or .exr (linear, with alpha), or with a slash at its end the folder [default: the landscape's
+    /// name with .png, here]
+    #[arg(short, long, value_name = "OUT.png|FOLDER/")]
     output: Option<PathBuf>,
     /// Pixels; by default the longer side has 1280, and the shape is the camera's in the file, or else 16:9
     #[arg(long, value_name = "WxH", value_parser = size)]
@@ -85,7 +93,9 @@ pub struct Args {
     /// Print what was read, marched and how long it took
     #[arg(long)]
     stats: bool,
-    /// Print --stats or --pixel as JSON
+    #[command(flatten)]
+    depfile: DepfileArgs,
+    /// Print what was made, with --stats, or what --pixel met, as JSON
     #[arg(long)]
     json: bool,
 }
@@ -146,7 +156,7 @@ fn colour(text: &str) -> std::result::Result<[f64; 3], String> {
 }
 
 impl Args {
-    fn options(&self, scene: &Scene) -> Result<Options> {
+    fn options(&self, scene: &Scene, output: &Path) -> Result<Options> {
         let camera = match (&self.camera, self.eye.zip(self.look_at)) {
             (Some(name), _) => CameraChoice::Named(name.clone()),
             (None, Some((eye, target))) => CameraChoice::LookAt {
@@ -161,7 +171,7 @@ impl Args {
             Some(size) => size,
             None => render::picture_size(scene, &camera)?,
         };
-        let said = self.exposure.unwrap_or(if self.is_exr() { Exposure::Stops(0.0) } else { Exposure::Auto });
+        let said = self.exposure.unwrap_or(if is_exr(output) { Exposure::Stops(0.0) } else { Exposure::Auto });
         let (exposure, light_scale) = match (said, render::photometric(scene)) {
             (Exposure::Stops(stops), _) => (stops, 1.0),
             (Exposure::Auto, None) => (0.0, 1.0),
@@ -190,11 +200,6 @@ impl Args {
         })
     }
 
-    fn is_exr(&self) -> bool {
-        let extension = self.output.as_ref().and_then(|path| path.extension());
-        extension.is_some_and(|e| e.eq_ignore_ascii_case("exr"))
-    }
-
     /// What is to be known of the lights' units, in a line.
     fn said_of_lights(&self, scene: &Scene, options: &Options) -> Option<String> {
         let irradiance = render::photometric(scene)?;
@@ -208,6 +213,10 @@ impl Args {
     }
 }
 
+fn is_exr(path: &Path) -> bool {
+    extension(path) == "exr"
+}
+
 /// A line about a film of which most is clipped, with what would help.
 fn said_of_clipping(film: &render::Film, options: &Options) -> Option<String> {
     let (share, stops) = film.overexposed()?;
@@ -217,37 +226,61 @@ fn said_of_clipping(film: &render::Film, options: &Options) -> Option<String> {
 }
 
 pub fn run(args: &Args, ui: &Ui) -> Result<()> {
-    if let Some(path) = &args.output {
-        render::Film::check_name(path)?;
-        let mut read = gltf::named_files(&args.landscape);
-        read.push(args.landscape.clone());
-        outputs::check(&read, [path.as_path()])?;
+    if let (Some(at), [landscape]) = (args.pixel, &args.landscapes[..]) {
+        let scene = read(args, landscape, ui)?;
+        return print_trace(&render::trace_pixel(&scene, &args.options(&scene, Path::new(""))?, at)?, args.json);
+    } else if args.pixel.is_some() {
+        return Err(Error::Options("--pixel is of one landscape".into()));
     }
-    let start = Instant::now();
+    let several = args.landscapes.len() > 1;
+    let named = |path: &PathBuf| output_for(path, args.output.as_deref(), several, "png");
+    let pictures = args.landscapes.iter().map(named).collect::<Result<Vec<_>>>()?;
+    pictures.iter().try_for_each(|path| render::Film::check_name(path))?;
+    let reads: Vec<_> = args.landscapes.iter().map(|path| depfile::of_landscape(path)).collect();
+    outputs::check(&reads.concat(), pictures.iter().map(PathBuf::as_path).chain(args.depfile.path()))?;
+    let (mut rules, mut left) = (Vec::new(), pictures.iter().zip(reads));
+    let done = each(&args.landscapes, args.json, ui, |landscape| {
+        let Some((output, files)) = left.next() else { return Ok(Value::Null) };
+        let summary = picture(args, landscape, output, ui)?;
+        rules.push((output.as_path(), files));
+        Ok(summary)
+    });
+    if !rules.is_empty() {
+        args.depfile.write(rules, ui)?;
+    }
+    done
+}
+
+fn read(args: &Args, landscape: &Path, ui: &Ui) -> Result<Scene> {
+    ui.stage("read", 0);
     let read = gltf::ReadOptions { scene: args.scene.clone(), contained: true, ..Default::default() };
-    let scene = gltf::read(&args.landscape, &read)?;
-    let reading = start.elapsed();
+    let scene = gltf::read(landscape, &read)?;
+    ui.finish();
     ui.warn(&scene.model.warnings)?;
-    let options = args.options(&scene)?;
-    if let Some(at) = args.pixel {
-        return print_trace(&render::trace_pixel(&scene, &options, at)?, args.json);
-    }
-    let Some(output) = &args.output else {
-        return Err(Error::Options("--output or --pixel is needed".into()));
-    };
+    Ok(scene)
+}
+
+/// One picture, and what is told of it.
+fn picture(args: &Args, landscape: &Path, output: &Path, ui: &Ui) -> Result<Value> {
+    let start = Instant::now();
+    let scene = read(args, landscape, ui)?;
+    let reading = start.elapsed();
+    let options = args.options(&scene, output)?;
     if let Some(line) = args.said_of_lights(&scene, &options) {
         ui.say(&line);
     }
+    let [width, height] = options.size;
+    let mut told = json!({ "input": shown(landscape), "output": shown(output), "width": width, "height": height });
     if let Some(samples) = args.reference {
-        let (landscape, scene_name) = (args.landscape.as_path(), args.scene.as_deref());
+        let scene_name = args.scene.as_deref();
         let job = reference::Job { landscape, scene: &scene, scene_name, options: &options, samples, output };
         let (done, noise) = job.run(args.resume, ui)?;
-        if args.stats {
-            print_stats(&done.stats, args.json)?;
-        } else if args.json {
-            put_json(&noise)?;
+        if args.stats && !args.json {
+            print_stats(&done.stats)?;
         }
-        return Ok(());
+        extend(&mut told, noise);
+        extend(&mut told, described(&done.stats));
+        return Ok(told);
     }
     let mut done = render::render(&scene, &options, ui)?;
     ui.finish();
@@ -255,48 +288,55 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
         ui.say(note);
     }
     ui.warn(&done.warnings)?;
-    if let Some(line) = said_of_clipping(&done.film, &options).filter(|_| !args.is_exr()) {
+    if let Some(line) = said_of_clipping(&done.film, &options).filter(|_| !is_exr(output)) {
         ui.say(&line);
     }
     let saving = Instant::now();
     done.film.save(output)?;
     done.stats.times.insert(0, ("read", reading));
     done.stats.times.push(("save", saving.elapsed()));
-    if args.stats {
-        print_stats(&done.stats, args.json)?;
+    if args.stats && !args.json {
+        print_stats(&done.stats)?;
     }
     let total: f64 = done.stats.times.iter().map(|t| t.1.as_secs_f64()).sum();
-    let [width, height] = options.size;
     ui.say(&format!("{}: {width}×{height} in {total:.2} s", output.display()));
-    Ok(())
+    extend(&mut told, described(&done.stats));
+    Ok(told)
 }
 
-fn print_stats(stats: &Stats, json: bool) -> Result<()> {
+fn extend(told: &mut Value, more: Value) {
+    if let (Some(told), Value::Object(more)) = (told.as_object_mut(), more) {
+        told.extend(more);
+    }
+}
+
+fn described(stats: &Stats) -> Value {
+    let c = &stats.counts;
+    let times: serde_json::Map<_, _> =
+        stats.times.iter().map(|(name, t)| (name.replace([' ', '-'], "_"), t.as_secs_f64().into())).collect();
+    json!({
+        "bytes_read": stats.bytes_read,
+        "bytes_in_files": stats.bytes_in_files,
+        "bricks_decoded": stats.bricks,
+        "voxels_decoded": stats.voxels,
+        "deepest_depth": stats.deepest,
+        "shell_boxes": stats.shell_boxes,
+        "cones": c.cones,
+        "boxes_entered": c.boxes,
+        "copies_marched": c.march.segments,
+        "cells_marched": c.march.cells,
+        "voxels_met": c.march.voxels,
+        "near_copies": c.near_copies,
+        "near_triangles": stats.near_triangles,
+        "shadow_rays": c.shadow_rays,
+        "seconds": times,
+        "peak_bytes": stats.peak_bytes,
+    })
+}
+
+fn print_stats(stats: &Stats) -> Result<()> {
     let c = &stats.counts;
     let share = 100.0 * stats.bytes_read as f64 / (stats.bytes_in_files.max(1)) as f64;
-    if json {
-        let times: serde_json::Map<_, _> =
-            stats.times.iter().map(|(name, t)| ((*name).to_owned(), t.as_secs_f64().into())).collect();
-        let all = serde_json::json!({
-            "bytes_read": stats.bytes_read,
-            "bytes_in_files": stats.bytes_in_files,
-            "bricks_decoded": stats.bricks,
-            "voxels_decoded": stats.voxels,
-            "deepest_depth": stats.deepest,
-            "shell_boxes": stats.shell_boxes,
-            "cones": c.cones,
-            "boxes_entered": c.boxes,
-            "copies_marched": c.march.segments,
-            "cells_marched": c.march.cells,
-            "voxels_met": c.march.voxels,
-            "near_copies": c.near_copies,
-            "near_triangles": stats.near_triangles,
-            "shadow_rays": c.shadow_rays,
-            "seconds": times,
-            "peak_bytes": stats.peak_bytes,
-        });
-        return put_json(&all);
-    }
     let row = |name: &str, value: String| outln!("{name:<16} {value}");
     row("bytes read", format!("{} of {} in the texels' files ({share:.1} %)", stats.bytes_read, stats.bytes_in_files))?;
     row("bricks decoded", format!("{}, {} voxels, down to depth {}", stats.bricks, stats.voxels, stats.deepest))?;

@@ -18,6 +18,7 @@ const READ_BYTES: u64 = 2 << 30;
 
 /// How a source is read; each kind of source has its own part.
 #[derive(clap::Args)]
+#[command(next_help_heading = "Sources")]
 pub struct SourceArgs {
     /// What is within closed surfaces: nothing, or opaque matter (auto: in every component that closes)
     #[arg(long, value_enum, default_value = "auto")]
@@ -25,8 +26,6 @@ pub struct SourceArgs {
     /// Width in source units of lines and points, which are left out without it, and of curves whose file gives none
     #[arg(long, visible_alias = "width", value_name = "X", value_parser = positive)]
     line_width: Option<f64>,
-    #[command(flatten)]
-    curves: CurveArgs,
     /// Scene of the file, by name or index
     #[arg(long, value_name = "SCENE")]
     scene: Option<String>,
@@ -36,6 +35,8 @@ pub struct SourceArgs {
     /// Leave out the nodes of this name and all below them; may be given again
     #[arg(long, value_name = "NAME")]
     exclude: Vec<String>,
+    #[command(flatten)]
+    curves: CurveArgs,
     #[command(flatten)]
     stack: StackArgs,
     #[command(flatten)]
@@ -127,6 +128,11 @@ enum FillArg {
 }
 
 impl SourceArgs {
+    /// Files that the options name.
+    pub fn files(&self) -> Vec<PathBuf> {
+        self.stack.transfer.iter().cloned().collect()
+    }
+
     /// `memory`: bytes that reading may take.
     pub fn options(&self, memory: Option<u64>) -> OpenOptions {
         let fill = match self.fill {
@@ -153,7 +159,7 @@ impl SourceArgs {
     /// Add to `out` what decides on the content.
     pub fn provenance(&self, out: &mut Value) {
         out["fill"] = json!(Name::name(&self.fill));
-        self.line_width.into_iter().for_each(|v| out["lineWidth"] = v.into());
+        self.line_width.into_iter().for_each(|v| out["line_width"] = v.into());
         self.curves.provenance(out);
         self.scene.iter().for_each(|v| out["scene"] = v.as_str().into());
         for (key, list) in [("include", &self.include), ("exclude", &self.exclude)] {

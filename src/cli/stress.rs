@@ -1,7 +1,7 @@
 //! `vtex stress`: rays through hostile geometry, and a count of what went wrong.
 
 use super::Ui;
-use super::ui::put_json;
+use super::results::print;
 use crate::render::stress::{Options, SUITES, Suite, Tally, stress};
 use crate::{Error, Result, par};
 
@@ -41,7 +41,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
         };
         let suites: Vec<_> = found.iter().map(suite).collect();
         let all = serde_json::json!({ "rays": rays, "events": events, "seed": args.seed, "suites": suites });
-        put_json(&all)?;
+        print(all, true, ui)?;
     } else {
         out!("{}", table(&found))?;
         outln!("{rays} rays, {events} events")?;

@@ -2,6 +2,10 @@
 
 use std::path::PathBuf;
 
+use serde_json::json;
+
+use super::depfile::DepfileArgs;
+use super::results::{print, shown};
 use super::{Ui, outputs};
 use crate::{Result, format};
 
@@ -16,11 +20,24 @@ pub struct Args {
     /// The file to write
     #[arg(long, short, value_name = "FILE")]
     output: PathBuf,
+    #[command(flatten)]
+    depfile: DepfileArgs,
+    /// Print a summary as JSON
+    #[arg(long)]
+    json: bool,
 }
 
 pub fn run(args: &Args, ui: &Ui) -> Result<()> {
-    outputs::check(std::slice::from_ref(&args.file), [args.output.as_path()])?;
+    let writes = [Some(args.output.as_path()), args.depfile.path()];
+    outputs::check(std::slice::from_ref(&args.file), writes.into_iter().flatten())?;
     let bytes = format::truncate(&args.file, args.depth.into(), &args.output)?;
-    ui.say(&format!("{}: resolution {}, {bytes} bytes", args.output.display(), 1u32 << args.depth));
-    Ok(())
+    args.depfile.write([(args.output.as_path(), vec![args.file.clone()])], ui)?;
+    let resolution = 1u32 << args.depth;
+    if !args.json {
+        ui.say(&format!("{}: resolution {resolution}, {bytes} bytes", args.output.display()));
+    }
+    let (input, output) = (shown(&args.file), shown(&args.output));
+    let summary =
+        json!({ "input": input, "output": output, "depth": args.depth, "resolution": resolution, "file_bytes": bytes });
+    print(summary, args.json, ui)
 }

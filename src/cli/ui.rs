@@ -1,11 +1,14 @@
-//! What the user sees while work goes on: a progress bar on a terminal, lines to stderr, results to stdout.
+//! What the user sees while work goes on: a progress bar on a terminal, in a log a line now and then; lines to stderr,
+//! results to stdout.
 
 use std::fmt;
 use std::io::{ErrorKind, IsTerminal, Write};
-use std::sync::Mutex;
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
 
+use super::progress_log::ProgressLog;
 use super::text;
 use crate::Warnings;
 use crate::progress::Progress;
@@ -13,16 +16,23 @@ use crate::progress::Progress;
 /// The terminal, as the commands use it.
 pub struct Ui {
     bar: Option<Mutex<ProgressBar>>,
+    /// Where stderr is no terminal.
+    log: Option<Arc<ProgressLog>>,
     quiet: bool,
+    /// Warnings since they were last taken.
+    warned: Mutex<Vec<(String, u64)>>,
     /// Warnings are failures.
     pub strict: bool,
 }
 
 impl Ui {
-    /// A bar is drawn only when stderr is a terminal and `quiet` is off.
+    /// A bar is drawn when stderr is a terminal; else a line tells every ten seconds how far it is. Neither with `quiet`.
     pub fn new(quiet: bool, strict: bool) -> Self {
-        let bar = (!quiet && std::io::stderr().is_terminal()).then(|| Mutex::new(ProgressBar::hidden()));
-        Ui { bar, quiet, strict }
+        let terminal = std::io::stderr().is_terminal();
+        let bar = (!quiet && terminal).then(|| Mutex::new(ProgressBar::hidden()));
+        let log = (!quiet && !terminal).then(Arc::default);
+        log.iter().for_each(watch);
+        Ui { bar, log, quiet, warned: Mutex::default(), strict }
     }
 
     /// One line about what is being done, to stderr; not with `--quiet`.
@@ -41,6 +51,7 @@ impl Ui {
         for (text, n) in warnings.iter() {
             let times = if n > 1 { format!(" ({n} times)") } else { String::new() };
             message("warning: ", &format!("{text}{times}"));
+            self.warned.lock().iter_mut().for_each(|all| all.push((text.to_owned(), n)));
         }
         if self.strict && !warnings.is_empty() {
             return Err(crate::Error::Warned(warnings.iter().map(|(_, n)| n).sum()));
@@ -48,8 +59,14 @@ impl Ui {
         Ok(())
     }
 
-    /// Take the bar away.
+    /// The warnings since this was last asked for, with their counts.
+    pub fn take_warnings(&self) -> Vec<(String, u64)> {
+        self.warned.lock().map(|mut all| std::mem::take(&mut *all)).unwrap_or_default()
+    }
+
+    /// Take the bar away: no stage is going on.
     pub fn finish(&self) {
+        self.log.iter().for_each(|log| log.finish());
         if let Some(bar) = self.bar() {
             bar.finish_and_clear();
         }
@@ -58,6 +75,19 @@ impl Ui {
     fn bar(&self) -> Option<ProgressBar> {
         self.bar.as_ref().and_then(|bar| bar.lock().ok().map(|bar| bar.clone()))
     }
+}
+
+/// Tell from time to time how far `log` is, as long as somebody holds it.
+fn watch(log: &Arc<ProgressLog>) {
+    const LOOK: Duration = Duration::from_millis(500);
+    let (log, start) = (Arc::downgrade(log), Instant::now());
+    std::thread::spawn(move || {
+        while let Some(log) = log.upgrade() {
+            log.line(start.elapsed()).iter().for_each(|line| message("", line));
+            drop(log);
+            std::thread::sleep(LOOK);
+        }
+    });
 }
 
 /// Write one line to stderr: `kind`, and `line` with nothing in it that could look like another line. Where stderr is
@@ -90,6 +120,7 @@ fn write(text: &str) -> crate::Result<()> {
 
 impl Progress for Ui {
     fn stage(&self, name: &str, total: u64) {
+        self.log.iter().for_each(|log| log.stage(name, total));
         let Some(slot) = &self.bar else { return };
         let bar = ProgressBar::new(total);
         let template =
@@ -105,6 +136,7 @@ impl Progress for Ui {
     }
 
     fn advance(&self, steps: u64) {
+        self.log.iter().for_each(|log| log.advance(steps));
         if let Some(bar) = self.bar() {
             bar.inc(steps);
         }

@@ -2,8 +2,12 @@
 
 use std::path::PathBuf;
 
-use super::{Ui, ui};
-use crate::{Error, Result, format};
+use serde_json::json;
+
+use super::Ui;
+use super::results::{each, shown};
+use crate::progress::Progress;
+use crate::{Result, format};
 
 /// Check every checksum, count and rule of .vtex files
 #[derive(clap::Args)]
@@ -11,26 +15,21 @@ pub struct Args {
     /// Files to check
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
+    /// Print JSON instead of lines
+    #[arg(long)]
+    json: bool,
 }
 
-pub fn run(args: &Args, _ui: &Ui) -> Result<()> {
-    let mut failed = 0;
-    for path in &args.files {
-        match format::verify(path) {
-            Ok(r) => {
-                let path = path.display();
-                outln!("{path}: ok, {} depths, {} voxels, {} pages, {} bytes", r.depths, r.nodes, r.pages, r.bytes)?;
-            }
-            Err(e) if args.files.len() == 1 => return Err(e),
-            Err(e) => {
-                failed += 1;
-                ui::message("error: ", &e.to_string());
-            }
+pub fn run(args: &Args, ui: &Ui) -> Result<()> {
+    each(&args.files, args.json, ui, |path| {
+        ui.stage("verify", 0);
+        let format::Report { depths, nodes, pages, bytes, .. } = format::verify(path)?;
+        if !args.json {
+            ui.finish();
+            outln!("{}: ok, {depths} depths, {nodes} voxels, {pages} pages, {bytes} bytes", path.display())?;
         }
-    }
-    if failed == 0 {
-        return Ok(());
-    }
-    let what = format!("{failed} of {} files are not valid", args.files.len());
-    Err(Error::Input { path: "verify".into(), at: String::new(), what })
+        Ok(json!({
+            "input": shown(path), "valid": true, "depths": depths, "voxels": nodes, "pages": pages, "file_bytes": bytes,
+        }))
+    })
 }

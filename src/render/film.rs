@@ -7,6 +7,7 @@ use image::{ExtendedColorType, ImageEncoder};
 
 use super::image_io::{Image, srgb8};
 use crate::format;
+use crate::scene::files::extension;
 use crate::{Error, Result};
 
 /// Linear Rec. 709 radiance with the background behind it, and alpha: the share of the pixel that is not background.
@@ -50,8 +51,8 @@ impl Film {
 
     /// Whether [`Film::save`] knows the path's extension.
     pub fn check_name(path: &Path) -> Result<()> {
-        match extension(path).as_deref() {
-            Some("exr" | "png") => Ok(()),
+        match extension(path).as_str() {
+            "exr" | "png" => Ok(()),
             _ => {
                 let what = format!("{}: the picture's name must end in .png or .exr", path.display());
                 Err(Error::Options(what))
@@ -63,7 +64,7 @@ impl Film {
     /// appears under its name once it is whole.
     pub fn save(&self, path: &Path) -> Result<()> {
         Self::check_name(path)?;
-        let bytes = if extension(path).as_deref() == Some("exr") { self.exr(path)? } else { self.png(path)? };
+        let bytes = if extension(path) == "exr" { self.exr(path)? } else { self.png(path)? };
         format::save(path, &bytes)
     }
 
@@ -91,10 +92,6 @@ impl Film {
         image.write().to_buffered(&mut out).map_err(|e| crate::Error::io(path, std::io::Error::other(e)))?;
         Ok(out.into_inner())
     }
-}
-
-fn extension(path: &Path) -> Option<String> {
-    path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase)
 }
 
 #[cfg(test)]

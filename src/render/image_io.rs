@@ -8,6 +8,7 @@ use exr::prelude::{AttributeValue, ReadChannels, ReadLayers};
 
 use crate::format;
 use crate::format::read_file;
+use crate::scene::files::extension;
 use crate::scene::texture::srgb_to_linear;
 use crate::{Error, Result};
 
@@ -65,9 +66,9 @@ pub fn srgb8(linear: f32) -> u8 {
 /// `Io` where the file cannot be read, `Unsupported` for another ending or pixel layout, `Input` where the data are
 /// broken, `Limit` beyond [`MAX_PIXELS`].
 pub fn read(path: &Path) -> Result<Image> {
-    match path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase).as_deref() {
-        Some("png") => read_png(path),
-        Some("exr") => read_exr(path),
+    match extension(path).as_str() {
+        "png" => read_png(path),
+        "exr" => read_exr(path),
         _ => Err(Error::unsupported(path, "a picture that ends neither in .png nor in .exr")),
     }
 }

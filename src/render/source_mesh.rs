@@ -5,7 +5,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use crate::geom::{Aabb, DAffine3, DMat3, DVec3, Ray, Vec3};
-use crate::scene::{Instance, Model, Texture, gltf};
+use crate::scene::{Instance, Model, Texture, files, gltf};
 use crate::volume::{Info, Palette, Style};
 use crate::{Error, Result, Warnings};
 
@@ -31,8 +31,7 @@ pub struct CopyRay {
 impl SourceMesh {
     /// Read the mesh at `path`, of which `info`'s texel was baked, and show it in the colours of `palette`.
     pub fn open(path: &Path, info: &Info, palette: &Palette, warnings: &mut Warnings) -> Result<SourceMesh> {
-        let known = path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
-        if !matches!(known.as_deref(), Some("gltf" | "glb")) {
+        if !["gltf", "glb"].contains(&files::extension(path).as_str()) {
             return Err(Error::unsupported(path, "a texel's geometry that is neither .gltf nor .glb"));
         }
         let mut model = gltf::read(path, &gltf::ReadOptions { contained: true, ..Default::default() })?.model;

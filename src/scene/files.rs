@@ -1,11 +1,13 @@
 //! Files that a source names: URIs and paths as other programs write them → bytes, read once their size is known.
 
 use std::borrow::Cow;
+use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use base64::Engine;
 use base64::alphabet::STANDARD;
 use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
+use sha2::{Digest, Sha256};
 
 pub use crate::format::read_file as read;
 
@@ -29,6 +31,28 @@ pub fn target(uri: &str) -> Result<Target<'_>, String> {
         Some(other) => Err(format!("a URI of scheme {other}: is not read; download the file and name it by its path")),
         None => Ok(Target::File(percent_decoded(uri))),
     }
+}
+
+/// Extension of a file's name, in lower case; empty where it has none.
+pub fn extension(path: &Path) -> String {
+    path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase()
+}
+
+/// SHA-256 of a file in hexadecimal, a piece at a time: files may be larger than memory.
+///
+/// # Errors
+/// `Io` where it cannot be read.
+pub fn sha256(path: &Path) -> crate::Result<String> {
+    let (mut from, mut digest) = (crate::format::open_file(path)?, Sha256::new());
+    let mut piece = vec![0; 1 << 20];
+    loop {
+        let n = from.read(&mut piece).map_err(|e| crate::Error::io(path, e))?;
+        if n == 0 {
+            break;
+        }
+        digest.update(&piece[..n]);
+    }
+    Ok(digest.finalize().iter().map(|byte| format!("{byte:02x}")).collect())
 }
 
 /// The scheme of a URI; one letter is the drive of a path, not a scheme.

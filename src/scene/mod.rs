@@ -77,6 +77,6 @@ impl Default for ReadOptions {
 /// As [`gltf::read`] and [`obj::read`].
 #[cfg(feature = "bake")]
 pub fn read_model(path: &std::path::Path, options: &ReadOptions) -> crate::Result<Model> {
-    let is_obj = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("obj"));
+    let is_obj = files::extension(path) == "obj";
     if is_obj { obj::read(path, options) } else { gltf::read(path, options).map(|scene| scene.model) }
 }

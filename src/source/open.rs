@@ -8,13 +8,14 @@ use super::group::GroupSource;
 use super::lsystem;
 use super::materials;
 use super::mesh::MeshSource;
-use super::options::{FileKind, OpenOptions, extension, file_kind};
+use super::options::{FileKind, OpenOptions, file_kind};
 use super::stack;
 use super::stack::StackSource;
 use super::texel::TexelSource;
 use super::traits::Source;
 use super::{group, recipe};
 use crate::geom::{DAffine3, DVec3};
+use crate::scene::files::extension;
 use crate::scene::{self, files, gltf, text};
 use crate::{Error, Result, Warnings};
 

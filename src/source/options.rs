@@ -6,6 +6,7 @@ use super::curve::trajectory::{self, TrajectoryOptions};
 use super::lsystem::LSystemOptions;
 use super::mesh::MeshOptions;
 use super::stack::{self, StackOptions};
+use crate::scene::files::extension;
 use crate::scene::gltf::ReadOptions;
 
 /// How a source is read; each kind of source has its own part.
@@ -59,9 +60,4 @@ pub fn file_kind(path: &Path) -> FileKind {
         _ if stack::is_stack(path) => FileKind::Stack,
         _ => FileKind::Other,
     }
-}
-
-/// Extension of the file, in lower case.
-pub fn extension(path: &Path) -> String {
-    path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase()
 }

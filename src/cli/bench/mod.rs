@@ -13,7 +13,7 @@ mod texels;
 use std::path::PathBuf;
 
 use super::Ui;
-use super::ui::put_json;
+use super::results::print;
 use crate::{Error, Result, par};
 use context::Bench;
 
@@ -65,7 +65,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
     })??;
     report::write(&args.output, &found, &texels)?;
     if args.json {
-        put_json(&serde_json::json!({ "size": size, "samples": samples, "points": found, "texels": texels }))?;
+        print(serde_json::json!({ "size": size, "samples": samples, "points": found, "texels": texels }), true, ui)?;
     } else {
         out!("{}\n{}", report::table(&found), summary::markdown(&found, &texels))?;
     }

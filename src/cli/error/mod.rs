@@ -8,8 +8,8 @@ use sha2::{Digest, Sha256};
 use super::plot;
 use super::plot::{Axis, Chart, Scale, Series};
 use super::quantity::bytes;
+use super::results::print;
 use super::source::SourceArgs;
-use super::ui::put_json;
 use super::{Ui, outputs};
 use crate::format::{Limits, Reader, read_file};
 use crate::geom::{Aabb, DVec3};
@@ -27,8 +27,6 @@ pub struct Args {
     #[arg(long, value_name = "FILE")]
     source: PathBuf,
     #[command(flatten)]
-    how: SourceArgs,
-    #[command(flatten)]
     measure: MeasureArgs,
     /// Threads to use [default: all cores]
     #[arg(long, default_value_t = 0, hide_default_value = true, value_name = "N")]
@@ -42,6 +40,8 @@ pub struct Args {
     /// Draw the errors over the depths
     #[arg(long, value_name = "SVG|PNG")]
     plot: Option<PathBuf>,
+    #[command(flatten)]
+    how: SourceArgs,
 }
 
 /// How finely it is measured.
@@ -93,7 +93,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
         }
         ui.finish();
         if args.json {
-            put_json(&described(args, &found))?;
+            print(described(args, &found), true, ui)?;
         } else {
             out!("{}", table(args, &found))?;
         }

@@ -12,6 +12,7 @@ use plotters::prelude::*;
 
 use crate::format::PartFile;
 use crate::render::image_io;
+use crate::scene::files::extension;
 use crate::{Error, Result};
 use raster::{Picture, Raster};
 
@@ -70,10 +71,6 @@ pub fn check_name(path: &Path) -> Result<()> {
         "svg" | "png" => Ok(()),
         _ => Err(Error::Options(format!("{}: a plot is written to a name that ends in .svg or .png", path.display()))),
     }
-}
-
-fn extension(path: &Path) -> String {
-    path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase()
 }
 
 /// Write charts, `columns` side by side.

@@ -263,13 +263,13 @@ pub fn is_landscape(path: &Path) -> bool {
 }
 
 /// The JSON of a file; nothing of what cannot be read.
-fn overview(path: &Path) -> Value {
+pub fn overview(path: &Path) -> Value {
     let json = json_of(path).unwrap_or_default();
     serde_json::from_slice(json.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(&json)).unwrap_or_default()
 }
 
 pub fn is_glb(path: &Path) -> bool {
-    path.extension().is_some_and(|e| e.eq_ignore_ascii_case("glb"))
+    files::extension(path) == "glb"
 }
 
 /// The JSON and BIN chunks of a GLB container.

@@ -1,5 +1,6 @@
 //! A glTF file under edit: its JSON as it was read, new arrays of numbers, and URIs that still resolve where it is saved.
 
+use std::collections::BTreeMap;
 use std::ffi::OsStr;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -7,7 +8,7 @@ use std::path::{Path, PathBuf};
 use percent_encoding::{AsciiSet, NON_ALPHANUMERIC, utf8_percent_encode};
 use serde_json::{Value, json};
 
-use super::document::{is_glb, split_glb};
+use super::document::{is_glb, overview, split_glb};
 use crate::format::{PartFile, open_file};
 use crate::scene::files;
 use crate::scene::files::Target;
@@ -34,6 +35,18 @@ pub struct Saved {
     /// Files that were copied beside the output because they lie outside its folder.
     pub copied: Vec<PathBuf>,
     pub warnings: Warnings,
+    /// Name and SHA-256 of the copies that an earlier landscape of this name brought, and of those that this one has.
+    earlier: BTreeMap<String, String>,
+    copies: BTreeMap<String, String>,
+}
+
+/// Where a landscape keeps what it copied: of the same file another version may be written over, of others none.
+const COPIES: &str = "/asset/extras/vtexCopies";
+
+/// What a landscape says that it copied.
+fn copies_of(json: &Value) -> impl Iterator<Item = (String, String)> {
+    let all = json.pointer(COPIES).and_then(Value::as_object).into_iter().flatten();
+    all.filter_map(|(name, digest)| Some((name.clone(), digest.as_str()?.to_owned())))
 }
 
 impl Editor {
@@ -137,6 +150,19 @@ impl Editor {
         Ok(())
     }
 
+    /// Write down what was copied, for the next time.
+    fn keep_copies(&mut self, saved: &Saved) -> Result<()> {
+        let Some((parent, key)) = COPIES.rsplit_once('/') else { return Ok(()) };
+        if saved.copies.is_empty() {
+            let extras = self.json.pointer_mut(parent).and_then(Value::as_object_mut);
+            extras.and_then(|extras| extras.remove(key));
+            return Ok(());
+        }
+        let asset = Self::object(&self.path, &mut self.json, "asset")?;
+        Self::object(&self.path, asset, "extras")?[key] = json!(saved.copies);
+        Ok(())
+    }
+
     /// Make the references that the file has resolve from where it will be saved; files outside that folder are copied
     /// into it. To be called before anything is added.
     ///
@@ -152,12 +178,14 @@ impl Editor {
         if is_glb(output) && self.bin.is_none() {
             self.take_first_buffer()?;
         }
+        saved.earlier = copies_of(&overview(output)).collect();
         self.relocate(output, saved)
     }
 
     /// Write the file as `.glb` or, by any other name, as `.gltf`; what was added goes into the BIN chunk or a file beside.
-    pub fn save(mut self, output: &Path) -> Result<()> {
+    pub fn save(mut self, output: &Path, saved: &Saved) -> Result<()> {
         let glb = is_glb(output);
+        self.keep_copies(saved)?;
         let stem = output.file_stem().and_then(OsStr::to_str).unwrap_or("landscape").to_owned();
         let shell = self.unused(&stem);
         self.place_added(glb, &shell)?;
@@ -272,6 +300,8 @@ impl Editor {
         let (from, to) = (folder(&self.path), folder(output));
         let to_real = to.canonicalize().map_err(|e| Error::io(&to, e))?;
         if from.canonicalize().is_ok_and(|from| from == to_real) {
+            saved.copies = copies_of(&self.json).collect();
+            saved.earlier.extend(saved.copies.clone());
             return Ok(());
         }
         for slot in uris(&mut self.json) {
@@ -346,21 +376,36 @@ fn bring(file: &Path, folder: &Path, folder_real: &Path, saved: &mut Saved) -> R
     let name =
         name.ok_or_else(|| Error::Options(format!("{}: a file name must be UTF-8 to be copied", file.display())))?;
     let copy = folder.join(name);
-    if copy.exists() {
-        if !same_bytes(&real, &copy)? {
+    if !copy.exists() || !same_bytes(&real, &copy)? {
+        // Another version is written over if it is what an earlier run copied, byte for byte.
+        if copy.exists() && !is_own(&copy, folder, name, saved)? {
             return Err(Error::Options(format!(
-                "{} lies outside the output's folder, and a different {name} is already there; write to another folder",
+                "{} lies outside the output's folder, and a different {name} is already there; write to another folder, or remove that one",
                 file.display()
             )));
         }
-    } else {
         let mut source = open_file(&real)?;
         let mut part = PartFile::create(&copy)?;
         std::io::copy(&mut source, &mut part).map_err(|e| Error::io(&copy, e))?;
         part.finish()?;
-        saved.copied.push(copy);
+        saved.copied.push(copy.clone());
     }
+    saved.copies.insert(name.to_owned(), files::sha256(&copy)?);
     Ok(encode(name))
+}
+
+/// Whether `copy` is, byte for byte, what an earlier landscape of this name or another one in `folder` has copied there.
+fn is_own(copy: &Path, folder: &Path, name: &str, saved: &Saved) -> Result<bool> {
+    if !copy.is_file() {
+        return Ok(false);
+    }
+    let digest = files::sha256(copy)?;
+    if saved.earlier.get(name) == Some(&digest) {
+        return Ok(true);
+    }
+    let others = std::fs::read_dir(folder).map_err(|e| Error::io(folder, e))?.flatten().map(|entry| entry.path());
+    let mut landscapes = others.filter(|path| ["gltf", "glb"].contains(&files::extension(path).as_str()));
+    Ok(landscapes.any(|path| copies_of(&overview(&path)).any(|known| known.0 == name && known.1 == digest)))
 }
 
 fn same_bytes(a: &Path, b: &Path) -> Result<bool> {

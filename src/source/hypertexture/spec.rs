@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::error::short;
 use crate::geom::{Aabb, DVec3};
 use crate::source::field::{Colour, FieldSpec};
 use crate::source::noise::{Bias, Gain, Noise};
@@ -249,7 +250,7 @@ impl HypertextureSpec {
         let within = |key: &str, given: Option<f64>, default: f64, low: f64, high: f64| {
             let v = given.unwrap_or(default);
             let fits = v >= low && v <= high;
-            if fits { Ok(v) } else { Err(wrong(key, format!("{v}: from {low} to {high}"))) }
+            if fits { Ok(v) } else { Err(wrong(key, format!("{}: from {low} to {high}", short(v)))) }
         };
         let octaves = self.octaves.unwrap_or(d.octaves);
         if !(1..=10).contains(&octaves) {

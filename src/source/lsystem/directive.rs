@@ -4,6 +4,7 @@ use super::expr;
 use super::expr::Names;
 use super::grammar::{Action, Considered, Giver, Grammar, Surface};
 use super::lexer::{Char, Cursor, Parsed, symbols};
+use crate::error::short;
 use crate::geom::DVec3;
 use crate::random::SplitMix64;
 use crate::scene::texture::srgb_to_linear;
@@ -101,7 +102,7 @@ fn whole(cursor: &mut Cursor, grammar: &Grammar) -> Parsed<u64> {
     if value == value.floor() && (0.0..=1e15).contains(&value) {
         return Ok(value as u64);
     }
-    Err(place.fault(format!("{value} is not a whole number from 0 to 1e15")))
+    Err(place.fault(format!("{} is not a whole number from 0 to 1e15", short(value))))
 }
 
 /// Numbers with commas between.

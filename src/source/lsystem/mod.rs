@@ -104,8 +104,7 @@ pub fn open(
         let Some(found) = find(path, file) else {
             return Err(Error::input(path, at, format!("there is no file {file} beside the grammar")));
         };
-        let mesh_file = found.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
-        if !matches!(mesh_file.as_deref(), Some("gltf" | "glb" | "obj")) {
+        if !["gltf", "glb", "obj"].contains(&files::extension(&found).as_str()) {
             return Err(Error::input(path, at, format!("{file} is no mesh; a surface is a .gltf, .glb or .obj file")));
         }
         let read = ReadOptions { max_bytes: read.max_bytes, ..ReadOptions::default() };
@@ -163,7 +162,7 @@ fn read_grammar(path: &Path, max_bytes: u64) -> Result<Grammar> {
 }
 
 fn parse(path: &Path, text: &str) -> Result<Grammar, Fault> {
-    let other = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("ls"));
+    let other = files::extension(path) == "ls";
     if other { ls::grammar(text) } else { parser::grammar(text) }
 }
 

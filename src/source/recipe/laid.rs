@@ -90,15 +90,14 @@ impl Spec {
             return Ok(Spec { table, ..here });
         }
         let path = Path::new(text);
-        let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
-        if !["toml", "json"].contains(&extension.as_str()) {
+        if !["toml", "json"].contains(&files::extension(path).as_str()) {
             let mut table = toml::Table::new();
             table.insert("image".into(), text.into());
             return Ok(Spec { table, ..here });
         }
         let text = text::decode(&files::read(path, super::MAX_BYTES)?).into_owned();
         let bad = |at: String, what: &str| Error::input(path, at, super::one_line(what));
-        let table = match extension.as_str() {
+        let table = match files::extension(path).as_str() {
             "json" => serde_json::from_str(&text).map_err(|e| bad(String::new(), &e.to_string()))?,
             _ => toml::from_str(&text).map_err(|e: toml::de::Error| {
                 bad(e.span().map_or(String::new(), |span| super::place(&text, span.start)), e.message())

@@ -81,8 +81,7 @@ pub fn files(path: &Path) -> Vec<PathBuf> {
 
 /// Whether a file is a recipe, by its name.
 pub fn is_recipe(path: &Path) -> bool {
-    let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default();
-    ["toml", "json"].iter().any(|e| extension.eq_ignore_ascii_case(e))
+    ["toml", "json"].contains(&files::extension(path).as_str())
 }
 
 /// The file or the folder of slices that `name` stands for beside the recipe `path`.
@@ -130,7 +129,7 @@ fn read(path: &Path) -> Result<(Recipe, String)> {
         let line = e.as_bytes()[..e.utf8_error().valid_up_to()].iter().filter(|&&b| b == b'\n').count() + 1;
         Error::input(path, format!("line {line}"), "is not UTF-8 text")
     })?;
-    let json = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("json"));
+    let json = files::extension(path) == "json";
     let parsed = if json { from_json(&text) } else { from_toml(&text) };
     let recipe = parsed.map_err(|(at, what)| Error::input(path, at, what))?;
     Ok((recipe, text))

@@ -12,6 +12,7 @@ use super::slice::{self, About, Sink, Slice, is_image};
 use super::split::by_names;
 use super::{Channels, Stack};
 use crate::geom::{DAffine3, DVec3};
+use crate::scene::files::extension;
 use crate::{Error, Result, Warnings, par};
 
 /// Number of slices per thread that are decoded at the same time.
@@ -28,10 +29,6 @@ pub fn list(dir: &Path) -> Result<Vec<PathBuf>> {
     }
     files.sort_by(|a, b| natural(&name(a), &name(b)));
     Ok(files)
-}
-
-fn extension(path: &Path) -> String {
-    path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase()
 }
 
 fn name(path: &Path) -> String {

@@ -6,6 +6,7 @@ use super::ranges::{Range, Scan};
 use super::soft::{Field, MediumSampler};
 use super::transfer::TransferSpec;
 use super::{Stack, StackOptions};
+use crate::error::short;
 use crate::geom::polygon::Polygon;
 use crate::geom::{Aabb, DAffine3, DMat3, DVec3};
 use crate::progress::Progress;
@@ -51,7 +52,7 @@ impl StackSource {
         if !(0.0..=MAX_SIGMA).contains(&options.sigma) {
             return Err(Error::Options(format!(
                 "--sigma {}: 0 to {MAX_SIGMA}, in distances of samples",
-                options.sigma
+                short(options.sigma)
             )));
         }
         let samples = &mut stack.samples;
@@ -82,7 +83,8 @@ impl StackSource {
                 let what = "all its values are the same: there is nothing to tell apart; give --iso";
                 Error::input(&stack.path, "", what)
             })?;
-            notes.push(format!("--iso {otsu}: Otsu's threshold of values from {} to {}", scan.whole.lo, scan.whole.hi));
+            let [at, lo, hi] = [otsu, scan.whole.lo, scan.whole.hi].map(|v| short(v.into()));
+            notes.push(format!("--iso {at}: Otsu's threshold of values from {lo} to {hi}"));
             transfer.iso = Some(f64::from(otsu));
         }
         let dims = stack.samples.dims();

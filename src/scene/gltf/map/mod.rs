@@ -95,7 +95,7 @@ pub fn map(input: &Path, options: &MapOptions, output: &Path) -> Result<Mapped> 
             let said = (&mut *said.0, &mut *said.1);
             mapped.covered.extend(copies::place((&document, &graph), options, of, &texels, &mut editor, said)?);
         }
-        editor.save(output)?;
+        editor.save(output, &saved)?;
         saved.warnings.merge(warnings);
         mapped.saved = saved;
         return Ok(mapped);
@@ -135,7 +135,7 @@ pub fn map(input: &Path, options: &MapOptions, output: &Path) -> Result<Mapped> 
         }
     }
     editor.use_extension(extension::NAME)?;
-    editor.save(output)?;
+    editor.save(output, &saved)?;
     saved.warnings.merge(warnings);
     mapped.saved = saved;
     Ok(mapped)

@@ -16,6 +16,7 @@ use std::path::{Path, PathBuf};
 use cursor::{Cursor, Fault, at_byte, point};
 
 use super::{CurveOptions, CurveSource, Section, Strand};
+use crate::error::short;
 use crate::geom::{Aabb, DVec3};
 use crate::scene::far::Decimals;
 use crate::scene::text::decode;
@@ -154,7 +155,7 @@ fn finish(content: &mut Content, options: &TrajectoryOptions) {
         let coarse = (extent / 500.0).max(1e-300);
         let digit = 10f64.powf(coarse.log10().floor());
         width = (coarse / digit).round() * digit;
-        content.warnings.add(format!("the file gives no widths: {width} is taken; say --width"));
+        content.warnings.add(format!("the file gives no widths: {} is taken; say --width", short(width)));
     }
     let linear = |c: f32| if options.linear_colour { c } else { srgb_to_linear((255.0 * c + 0.5) as u8) };
     for strand in &mut content.strands {

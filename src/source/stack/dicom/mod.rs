@@ -17,6 +17,7 @@ use super::bytes::{Spool, check_ratio};
 use super::choice::Choice;
 use super::coding::{Coding, Kind};
 use super::samples::Samples;
+use crate::error::short;
 use crate::geom::{DAffine3, DMat3, DVec3};
 use crate::{Error, Result, Warnings, par};
 use dataset::File;
@@ -177,7 +178,11 @@ fn arrange(path: &Path, images: &[Image], slices: &mut [(usize, usize)], warning
     let [row, column] = first.axes.unwrap_or([DVec3::X, DVec3::Y]);
     let normal = row.cross(column).normalize_or_zero();
     if normal == DVec3::ZERO || spacing.iter().any(|s| *s <= 0.0) {
-        return wrong(format!("its pixels are {spacing:?} mm apart along {row} and {column}: they span no plane"));
+        return wrong(format!(
+            "its pixels are {} and {} mm apart along {row:.4} and {column:.4}: they span no plane",
+            short(spacing[0]),
+            short(spacing[1])
+        ));
     }
     let thickness = images[slices[0].0].thickness.unwrap_or((spacing[0] * spacing[1]).sqrt());
     let affine = |origin: DVec3, step: DVec3| DAffine3 {

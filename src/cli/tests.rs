@@ -1,0 +1,100 @@
+//! All commands' arguments at once: under which heading each stands, and what numbers none of them takes.
+
+use std::any::TypeId;
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+use clap::error::ErrorKind;
+use clap::{Arg, ArgAction, Command, CommandFactory};
+
+use super::{Vtex, version};
+
+fn commands() -> Vec<Command> {
+    let mut all = Vtex::command();
+    all.build();
+    all.get_subcommands().filter(|c| c.get_name() != "help").cloned().collect()
+}
+
+/// What stands under headings of its own, and only in commands that open a source.
+const GROUPS: [(&str, &[&str]); 4] = [
+    ("Sources", &["albedo", "tint", "material", "fill", "line-width", "scene", "include", "exclude"]),
+    ("Curves", &["section", "curve", "width-scale", "curve-colours"]),
+    ("Image stacks", &["iso", "window", "transfer", "sigma", "spacing", "series", "channel", "frame"]),
+    ("L-systems", &["iterations", "seed", "angle", "string", "max-symbols"]),
+];
+
+#[test]
+fn each_argument_stands_under_a_heading_that_fits() {
+    for command in commands() {
+        let mut found: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
+        for arg in command.get_arguments() {
+            let (Some(heading), Some(long)) = (arg.get_help_heading(), arg.get_long()) else {
+                assert!(arg.get_help_heading().is_none(), "{}: {arg}", command.get_name());
+                continue;
+            };
+            found.entry(heading).or_default().push(long);
+        }
+        if !["bake", "error"].contains(&command.get_name()) {
+            assert!(found.is_empty(), "{}: {found:?}", command.get_name());
+            continue;
+        }
+        // How colours are laid is not asked where they are measured.
+        let laid = ["albedo", "tint", "material"];
+        let wanted = GROUPS.map(|(heading, names)| {
+            let known = |name: &&&str| command.get_name() == "bake" || !laid.contains(*name);
+            (heading, names.iter().filter(known).copied().collect())
+        });
+        assert_eq!(found, BTreeMap::from(wanted), "{}", command.get_name());
+    }
+}
+
+/// Whether `arg` takes text that is no number: nothing is to be refused there.
+fn is_text(arg: &Arg) -> bool {
+    let texts = [TypeId::of::<String>(), TypeId::of::<PathBuf>()];
+    texts.iter().any(|id| arg.get_value_parser().type_id() == *id)
+}
+
+/// Every option that is a number or holds some, in all commands, refuses what is no number. What is refused for another
+/// reason (a word that is not one of a list) is refused too.
+#[test]
+fn no_option_takes_nan_or_infinity() {
+    let mut checked = 0;
+    for command in commands() {
+        let options = command.get_arguments().filter(|arg| {
+            arg.get_long().is_some() && matches!(arg.get_action(), ArgAction::Set | ArgAction::Append) && !is_text(arg)
+        });
+        for arg in options {
+            let name = format!("--{}", arg.get_long().unwrap());
+            let words = ["NaN", "nan", "inf", "-inf", "infinity", "1e999"];
+            let values = words.iter().flat_map(|w| {
+                [
+                    w.to_string(),
+                    format!("{w},{w}"),
+                    format!("1,{w}"),
+                    format!("1,1,{w}"),
+                    format!("a={w},1,1"),
+                    format!("{w}/ha"),
+                ]
+            });
+            for value in values {
+                // With an equals sign, as a value that begins with a dash is another option elsewhere.
+                let mut words = vec!["vtex".to_owned(), command.get_name().to_owned()];
+                match arg.get_num_args().map_or(1, |n| n.min_values()) {
+                    0 | 1 => words.push(format!("{name}={value}")),
+                    n => words.extend(std::iter::once(name.clone()).chain(vec![value.clone(); n])),
+                }
+                let kind = <Vtex as clap::Parser>::try_parse_from(words).err().map(|e| e.kind());
+                let refused = [ErrorKind::ValueValidation, ErrorKind::InvalidValue].map(Some);
+                assert!(refused.contains(&kind), "{} {name} {value}: {kind:?}", command.get_name());
+                checked += 1;
+            }
+        }
+    }
+    assert!(checked > 1000, "{checked}");
+}
+
+#[test]
+fn the_version_names_the_features() {
+    assert_eq!(version(), format!("{} (bake, render, plot, parallel)", env!("CARGO_PKG_VERSION")));
+    assert_eq!(Vtex::command().get_version(), Some(version()));
+}
