@@ -11,19 +11,52 @@ use std::path::{Path, PathBuf};
 pub enum Error {
     /// The operating system refused: a missing file, a full disk, no permission.
     #[error("{}: {source}", path.display())]
-    Io { path: PathBuf, source: std::io::Error },
+    Io {
+        /// File.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
     /// The bytes of a `.vtex` file break a rule of `format-spec/vtex-1.md`; `code` names the rule in `format-spec/codes`.
     #[error("{}: not a valid vtex file: {what} [{code}, byte {offset}]", path.display())]
-    Format { path: PathBuf, code: &'static str, offset: u64, what: String },
+    Format {
+        /// File.
+        path: PathBuf,
+        /// Name of the broken rule.
+        code: &'static str,
+        /// Byte of the file at which it is broken.
+        offset: u64,
+        /// What is wrong.
+        what: String,
+    },
     /// Valid input that this version does not read.
     #[error("{}: {what} is not supported", path.display())]
-    Unsupported { path: PathBuf, what: String },
+    Unsupported {
+        /// File.
+        path: PathBuf,
+        /// What is not read.
+        what: String,
+    },
     /// The input breaks its own format's rules, or holds nothing to work on; `at` says where in it.
     #[error("{}{}{at}: {what}", path.display(), if at.is_empty() { "" } else { ": " })]
-    Input { path: PathBuf, at: String, what: String },
+    Input {
+        /// File.
+        path: PathBuf,
+        /// Place in the file, in its own terms; may be empty.
+        at: String,
+        /// What is wrong, and what to do.
+        what: String,
+    },
     /// A size that was checked before memory was taken for it.
     #[error("{what} needs {needed}, the limit is {allowed}")]
-    Limit { what: String, needed: u64, allowed: u64 },
+    Limit {
+        /// What is too large, with its unit.
+        what: String,
+        /// Size that was asked for.
+        needed: u64,
+        /// Largest size that is allowed.
+        allowed: u64,
+    },
     /// So many warnings were given where none was allowed.
     #[error("{0} warnings were given and --strict allows none")]
     Warned(u64),

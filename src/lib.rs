@@ -102,6 +102,7 @@ pub mod morton;
 pub mod par;
 pub mod progress;
 pub mod random;
+mod system;
 
 pub mod format;
 pub mod march;
@@ -116,6 +117,8 @@ pub mod cli;
 pub mod merge;
 #[cfg(feature = "render")]
 pub mod render;
+#[cfg(feature = "bake")]
+mod simd;
 #[cfg(feature = "bake")]
 pub mod source;
 

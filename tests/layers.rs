@@ -4,19 +4,21 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// What each part may use of the crate, besides itself, `error`, `progress` and what those re-export.
-const MAY_USE: [(&str, &[&str]); 14] = [
+const MAY_USE: [(&str, &[&str]); 16] = [
     ("geom", &[]),
     ("morton", &[]),
     ("par", &[]),
     ("error", &[]),
     ("progress", &[]),
     ("random", &[]),
+    ("simd", &[]),
+    ("system", &[]),
     ("volume", &["geom", "morton"]),
     ("format", &["geom", "morton", "par", "volume"]),
     ("scene", &["geom", "random", "volume", "format"]),
     ("march", &["geom", "morton", "par", "volume"]),
-    ("source", &["geom", "morton", "par", "random", "volume", "format", "scene"]),
-    ("bake", &["geom", "morton", "par", "random", "volume", "march", "source"]),
+    ("source", &["geom", "morton", "par", "random", "simd", "system", "volume", "format", "scene"]),
+    ("bake", &["geom", "morton", "par", "random", "simd", "volume", "march", "source"]),
     ("merge", &["geom", "morton", "volume", "source", "bake"]),
     ("render", &["geom", "morton", "par", "random", "volume", "format", "scene", "march"]),
 ];

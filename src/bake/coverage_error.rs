@@ -1,12 +1,11 @@
 //! Error of the fitted coverage: marched blocks against the line masks that were measured.
 
-use multiversion::multiversion;
-
 use super::block_lines::{BlockLineValues, TILE_LINES, axis_lines};
 use super::group_transmittance::{GroupTransmittance, ONE};
 use super::line_mask::LineMask;
 use crate::geom::larger;
 use crate::geom::projection::{PROJECTIONS, SQUARE_LINES, squares_before};
+use crate::simd::multiversioned;
 
 /// Transmittance above which a square counts as empty.
 const EMPTY: f32 = 0.999;
@@ -119,9 +118,12 @@ impl CoverageError {
     }
 }
 
-// A free function, since `multiversion` cannot compile a method for several targets.
-#[multiversion(targets("x86_64+avx2+bmi1+bmi2+lzcnt+popcnt"))]
-fn add(to: &mut CoverageError, errors: &SquareErrors) {
+multiversioned! {
+    fn add(to: &mut CoverageError, errors: &SquareErrors) = add_squares;
+}
+
+#[inline(always)]
+fn add_squares(to: &mut CoverageError, errors: &SquareErrors) {
     to.histogram.resize(BINS + 2, [0; 4]);
     let (mut sums, mut counts) = ([0u32; 16], [0u32; 16]);
     for errors in errors.as_chunks::<16>().0 {

@@ -5,8 +5,6 @@
 //! G. Loubet, F. Neyret, *Hybrid Mesh-Volume LoDs for All-Scale Pre-Filtering*, EG 2017; F. Neyret, *Synthesizing Verdant
 //! Landscapes using Volumetric Textures*, INRIA RR-2846, 1996 (the isotropic model).
 
-use multiversion::multiversion;
-
 use super::block_lines::{BlockLineValues, BlockLines, MARCH_LINES};
 use super::correlation::choose_correlation;
 use super::coverage_error::{SquareErrors, square_errors};
@@ -18,6 +16,7 @@ use super::ndf::{FitTarget, solve_ndfs};
 use super::projected_cell::{Cell, OPAQUE, ProjectedCell};
 use super::refine::solve_log_gain;
 use crate::geom::larger;
+use crate::simd::multiversioned;
 use crate::volume::chord::{Lanes, MAX_RATE, exp_neg};
 use crate::volume::voxel::{RATE_MAX, encode_rate};
 use crate::volume::{Model, Sggx, Voxel};
@@ -101,9 +100,13 @@ impl RateEncoder {
     }
 }
 
-/// Fit the `cells`, at most 64, of one block.
-#[multiversion(targets("x86_64+avx2+bmi1+bmi2+lzcnt+popcnt"))]
-pub fn fit_block(cells: &[Cell], block: &Block, model: Model) -> BlockFit {
+multiversioned! {
+    /// Fit the `cells`, at most 64, of one block.
+    pub fn fit_block(cells: &[Cell], block: &Block, model: Model) -> BlockFit = fit_cells;
+}
+
+#[inline(always)]
+fn fit_cells(cells: &[Cell], block: &Block, model: Model) -> BlockFit {
     let mut voxels = [Voxel::default(); MAX_CELLS];
     let mut projected = Vec::with_capacity(cells.len());
     for (voxel, cell) in voxels.iter_mut().zip(cells) {

@@ -35,6 +35,9 @@ mod refine;
 mod region;
 mod tree;
 
+#[cfg(test)]
+mod tests;
+
 pub(crate) use calibrate::calibrate;
 pub use ellipsoid::fit_sggx;
 pub use estimate::Estimate;

@@ -6,10 +6,9 @@
 //! Based on: G. Loubet, F. Neyret, *Hybrid Mesh-Volume LoDs for All-Scale Pre-Filtering*, EG 2017 (opacity fitted to measured
 //! coverage); the law of [`crate::volume::opacity`].
 
-use multiversion::multiversion;
-
 use super::gain_curve::{GainCurve, weighted_median};
 use super::group_transmittance::GroupTransmittance;
+use crate::simd::multiversioned;
 use crate::volume::Voxel;
 use crate::volume::chord::LENGTHS;
 use crate::volume::voxel::RATE_MAX;
@@ -27,10 +26,18 @@ pub struct CorrectedGroup {
     pub code_steps: i32,
 }
 
-/// Compose the group of `children` (see [`GroupTransmittance::compose`]) and correct its rates so that it covers `cover`, oblique
-/// areas per axis in squares of the cube's edge. `None` where there is no child.
-#[multiversion(targets("x86_64+avx2+bmi1+bmi2+lzcnt+popcnt"))]
-pub fn correct_group(
+multiversioned! {
+    /// Compose the group of `children` (see [`GroupTransmittance::compose`]) and correct its rates so that it covers `cover`,
+    /// oblique areas per axis in squares of the cube's edge. `None` where there is no child.
+    pub fn correct_group(
+        children: &[Option<&GroupTransmittance>; 8],
+        solid: [bool; 8],
+        cover: &[f64; 13],
+    ) -> Option<CorrectedGroup> = compose_and_correct;
+}
+
+#[inline(always)]
+fn compose_and_correct(
     children: &[Option<&GroupTransmittance>; 8],
     solid: [bool; 8],
     cover: &[f64; 13],

@@ -7,14 +7,7 @@ pub fn watch() {
     use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
     let ignored = ignored();
     let wanted = [SIGINT, SIGTERM, SIGHUP].into_iter().filter(|signal| ignored >> (signal - 1) & 1 == 0);
-    // SAFETY: the action only calls functions that are safe in a handler: it writes a constant and ends the program.
-    let _ = unsafe {
-        signal_hook::low_level::register(signal_hook::consts::SIGBUS, || {
-            #[cfg(target_os = "linux")]
-            let _ = rustix::io::write(rustix::stdio::stderr(), CUT_SHORT);
-            signal_hook::low_level::exit(1);
-        })
-    };
+    crate::system::exit_on_bus_error(CUT_SHORT);
     // Without a handler the signals still end the program, as they do by default.
     let Ok(mut signals) = signal_hook::iterator::Signals::new(wanted) else { return };
     std::thread::spawn(move || {
@@ -28,7 +21,7 @@ pub fn watch() {
 #[cfg(not(unix))]
 pub fn watch() {}
 
-#[cfg(target_os = "linux")]
+#[cfg(unix)]
 const CUT_SHORT: &[u8] = b"error: an input became shorter while it was read, or its disk failed; try again\n";
 
 /// Set of the signals that this process was started to ignore: bit n − 1 for signal n.

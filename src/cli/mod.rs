@@ -144,6 +144,8 @@ enum Command {
 
 /// `main` of `vtex`.
 pub fn vtex() -> ExitCode {
+    #[cfg(feature = "bake")]
+    crate::system::keep_free_pages();
     let cli = Vtex::parse();
     report(&Ui::new(cli.global.quiet, cli.global.strict), |ui| run(cli.command, ui))
 }

@@ -73,6 +73,7 @@ impl Channel {
         }
     }
 
+    /// Channel of the four characters `semantic`; `None` where this version knows none.
     pub fn from_semantic(semantic: [u8; 4]) -> Option<Channel> {
         Channel::ALL.into_iter().find(|c| c.semantic() == semantic)
     }

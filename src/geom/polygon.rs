@@ -33,7 +33,12 @@ pub enum VoxelSplit {
     /// Within one voxel, of this lower corner.
     Inside(DVec3),
     /// Across several, parted by the plane `p[axis] = at`.
-    Plane { axis: usize, at: f64 },
+    Plane {
+        /// 0 x, 1 y or 2 z.
+        axis: usize,
+        /// Coordinate of the plane along that axis.
+        at: f64,
+    },
 }
 
 impl Polygon {

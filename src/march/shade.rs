@@ -19,6 +19,7 @@ pub struct ShadowGroup {
     pub light: usize,
     /// Weighted mean of the ray's parameter, and of the position in texel space: the shadow ray's origin.
     pub t: f32,
+    /// Weighted mean of the position, texel space.
     pub position: Vec3,
     /// Weighted mean edge of the voxels, cube edges.
     pub voxel: f32,

@@ -91,6 +91,7 @@ pub struct VoxelHit<'a> {
     pub weight: f32,
     /// Depth of the voxel: its edge is 2^−depth cube edges.
     pub depth: u8,
+    /// Voxel that stops the light.
     pub voxel: &'a Voxel,
     /// The middle of that segment, texel space.
     pub position: Vec3,
@@ -98,6 +99,7 @@ pub struct VoxelHit<'a> {
 
 /// Takes the voxels that stop light, front to back.
 pub trait Sink {
+    /// Called for each voxel that stops light, in order along the ray.
     fn voxel(&mut self, hit: &VoxelHit<'_>);
 }
 

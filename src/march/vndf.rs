@@ -13,8 +13,11 @@ pub const POINTS: usize = 8;
 /// Equally weighted unit normals, each on the viewer's side, one array a component.
 #[derive(Debug, Clone, Copy)]
 pub struct Normals {
+    /// x components.
     pub x: [f32; POINTS],
+    /// y components.
     pub y: [f32; POINTS],
+    /// z components.
     pub z: [f32; POINTS],
 }
 

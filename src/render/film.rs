@@ -14,7 +14,9 @@ use crate::{Error, Result};
 /// Over a black background that is premultiplied alpha.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Film {
+    /// Pixels per row.
     pub width: u32,
+    /// Rows.
     pub height: u32,
     /// Row by row from the upper left.
     pub pixels: Vec<[f32; 4]>,

@@ -20,7 +20,9 @@ const MAX_BYTES: u64 = 32 * MAX_PIXELS;
 /// A picture in linear Rec. 709; row 0 is the top.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Image {
+    /// Pixels per row.
     pub width: usize,
+    /// Rows.
     pub height: usize,
     /// `width * height` pixels, row by row: colour as it is seen (over black, where the file has straight alpha), and the
     /// share of the pixel that is covered, 1 where the file does not say.
@@ -135,7 +137,9 @@ fn read_exr(path: &Path) -> Result<Image> {
 /// Everything in the first layer of an EXR file.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Planes {
+    /// Pixels per row.
     pub width: usize,
+    /// Rows.
     pub height: usize,
     /// Channels by name, `width * height` values each.
     pub planes: BTreeMap<String, Vec<f32>>,

@@ -64,8 +64,11 @@ use prepare::World;
 /// A picture, and what was said on the way.
 #[derive(Debug, Clone)]
 pub struct Rendered {
+    /// The picture.
     pub film: Film,
+    /// Counts of what its rays met, and times.
     pub stats: Stats,
+    /// What was mended or left out, counted.
     pub warnings: Warnings,
     /// What was chosen for want of better, a line each.
     pub notes: Vec<String>,

@@ -7,11 +7,13 @@ use crate::geom::DVec3;
 pub struct Options {
     /// Pixels, width and height, each 1 … 65 536.
     pub size: [u32; 2],
+    /// Where the picture is seen from.
     pub camera: CameraChoice,
     /// Radiance of the sky that lights the scene, linear; over the file's.
     pub sky: Option<[f64; 3]>,
     /// Radiance that an escaped camera ray sees, linear; over the file's.
     pub background: Option<[f64; 3]>,
+    /// How much of the sky lights a point.
     pub ambient: Ambient,
     /// Cones a pixel: 1, 2, 4, 8 or 16.
     pub lanes: u32,
@@ -62,7 +64,14 @@ pub enum CameraChoice {
     /// The scene is framed, whatever the file says.
     Framed,
     /// Perspective from `eye` to `target`, metres; vertical field of view in radians.
-    LookAt { eye: DVec3, target: DVec3, yfov: f64 },
+    LookAt {
+        /// World space, metres.
+        eye: DVec3,
+        /// World space, metres; not the eye.
+        target: DVec3,
+        /// Vertical field of view, radians, in (0, π).
+        yfov: f64,
+    },
 }
 
 /// What stands for a texel where a pixel is smaller than its finest voxel.

@@ -11,8 +11,11 @@ use crate::march::transmittance::{DepthChoice, MarchSegment, MarchStats, march, 
 /// An 8-bit sRGB picture, rows from the top.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Sheet {
+    /// Pixels per row.
     pub width: usize,
+    /// Rows.
     pub height: usize,
+    /// `width * height` pixels, row by row from the top.
     pub rgb: Vec<[u8; 3]>,
 }
 

@@ -15,6 +15,7 @@ use super::mesh::{Contact, Mesh, MeshBuilder, Surface};
 pub struct SourceMesh {
     /// Placed in texel space.
     pub model: Model,
+    /// Its triangles in texel space, with a hierarchy over them.
     pub mesh: Mesh,
 }
 

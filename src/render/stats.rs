@@ -20,6 +20,7 @@ pub struct Counts {
 }
 
 impl Counts {
+    /// Add the counts of another thread.
     pub fn merge(&mut self, other: &Counts) {
         self.cones += other.cones;
         self.boxes += other.boxes;
@@ -32,14 +33,17 @@ impl Counts {
 /// What a render did.
 #[derive(Debug, Clone, Default)]
 pub struct Stats {
+    /// Counts of all threads together.
     pub counts: Counts,
     /// Boxes in the scene, triangles apart.
     pub shell_boxes: u64,
     /// Bytes of the `.vtex` files that were read, of those that they have.
     pub bytes_read: u64,
+    /// Size of the `.vtex` files, in bytes.
     pub bytes_in_files: u64,
     /// Pages of voxels decoded (a page holds 4096), and voxels in them.
     pub bricks: u64,
+    /// Voxels in the decoded pages.
     pub voxels: u64,
     /// Deepest depth of which voxels were decoded.
     pub deepest: usize,

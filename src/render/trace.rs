@@ -7,18 +7,81 @@ pub type Trace = Vec<TraceEvent>;
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
 #[serde(tag = "met", rename_all = "kebab-case")]
 pub enum TraceEvent {
-    /// The cone of one lane: unit direction, and its width at the start and a metre further.
-    Cone { direction: [f64; 3], width: f64, growth: f64 },
+    /// The cone of one lane.
+    Cone {
+        /// Unit.
+        direction: [f64; 3],
+        /// Width at the start, metres.
+        width: f64,
+        /// What the width grows by per metre.
+        growth: f64,
+    },
     /// A layer of a shell's box.
-    Box { index: u32, layer: u32, metres: [f64; 2] },
-    /// A copy of a texel: the depth and number of its voxels that stopped light, transmittance before and after.
-    Cell { texel: String, cell: [i64; 3], metres: [f64; 2], depth: Option<u8>, voxels: usize, before: f32, after: f32 },
+    Box {
+        /// Number of the box in the scene.
+        index: u32,
+        /// Number of the layer in the box.
+        layer: u32,
+        /// Where the ray enters and leaves the box.
+        metres: [f64; 2],
+    },
+    /// A copy of a texel that was marched.
+    Cell {
+        /// Name of the texel.
+        texel: String,
+        /// Cell of the layer; for a rigid copy, its number comes first.
+        cell: [i64; 3],
+        /// Where the ray enters and leaves the cell.
+        metres: [f64; 2],
+        /// Depth of the first voxel that stopped light; `None` where none did.
+        depth: Option<u8>,
+        /// Number of voxels that stopped light.
+        voxels: usize,
+        /// Transmittance before the copy.
+        before: f32,
+        /// Transmittance after the copy.
+        after: f32,
+    },
     /// A copy of a texel whose source was traced instead of voxels.
-    Near { texel: String, cell: [i64; 3], metres: [f64; 2], contacts: usize, before: f32, after: f32 },
-    /// The opaque surface that ends the ray, and how much of the light comes from it.
-    Surface { metres: f64, albedo: [f32; 3], normal: [f64; 3], through: f32 },
-    /// A ray to a light: what it would bring, and the share that it does.
-    Shadow { origin: [f64; 3], light: [f32; 3], seen: f32 },
+    Near {
+        /// Name of the texel.
+        texel: String,
+        /// Cell of the layer; for a rigid copy, its number comes first.
+        cell: [i64; 3],
+        /// Where the ray enters and leaves the cell.
+        metres: [f64; 2],
+        /// Number of triangles that stopped light.
+        contacts: usize,
+        /// Transmittance before the copy.
+        before: f32,
+        /// Transmittance after the copy.
+        after: f32,
+    },
+    /// The opaque surface that ends the ray.
+    Surface {
+        /// Distance along the ray.
+        metres: f64,
+        /// Linear Rec. 709.
+        albedo: [f32; 3],
+        /// Unit, towards the viewer.
+        normal: [f64; 3],
+        /// Share of the cone's light that comes from it.
+        through: f32,
+    },
+    /// A ray to a light.
+    Shadow {
+        /// Where it starts, metres from the camera.
+        origin: [f64; 3],
+        /// Radiance that the light brings where nothing stands before it.
+        light: [f32; 3],
+        /// Share of it that arrives.
+        seen: f32,
+    },
     /// What the lane saw.
-    Radiance { rgb: [f32; 3], alpha: f32 },
+    Radiance {
+        /// Linear Rec. 709.
+        rgb: [f32; 3],
+        /// Share that is not background.
+        alpha: f32,
+    },
 }

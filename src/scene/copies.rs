@@ -34,6 +34,7 @@ impl CopySet {
         self.translations.len()
     }
 
+    /// Whether there are no copies.
     pub fn is_empty(&self) -> bool {
         self.translations.is_empty()
     }

@@ -160,10 +160,16 @@ pub struct Camera {
 /// Projection of a camera.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Projection {
-    /// Vertical field of view, radians.
-    Perspective { yfov: f64 },
-    /// Half the height of the view, metres.
-    Orthographic { ymag: f64 },
+    /// Rays through one point.
+    Perspective {
+        /// Vertical field of view, radians, in (0, π).
+        yfov: f64,
+    },
+    /// Parallel rays.
+    Orthographic {
+        /// Half the height of the view, metres.
+        ymag: f64,
+    },
 }
 
 /// A punctual light (KHR_lights_punctual), in world space. It shines along −z of `to_world`.
@@ -188,6 +194,11 @@ pub enum LightKind {
     Directional,
     /// Light from a point, the same in all directions.
     Point,
-    /// Cone half-angles, radians.
-    Spot { inner: f64, outer: f64 },
+    /// Light from a point within a cone.
+    Spot {
+        /// Half-angle up to which the light is full, radians.
+        inner: f64,
+        /// Half-angle at which it ends, radians.
+        outer: f64,
+    },
 }

@@ -19,6 +19,7 @@ use crate::{Error, Result};
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields, default)]
 pub struct EmitterSpec {
+    /// Where particles start.
     pub shape: Shape,
     /// Particles.
     pub count: u32,
@@ -26,11 +27,13 @@ pub struct EmitterSpec {
     pub chance: f64,
     /// Whether particles start evenly spaced rather than at random.
     pub even: bool,
+    /// Seed of the random choices.
     pub seed: u64,
     /// Where they start to fly; by default away from the shape: up for a point and a box.
     pub direction: Option<[f64; 3]>,
     /// Half the angle of the cone about the direction, degrees.
     pub spread: f64,
+    /// Speed at the start.
     pub speed: f64,
     /// ± of the speed.
     pub speed_jitter: f64,
@@ -38,6 +41,7 @@ pub struct EmitterSpec {
     pub gravity: [f64; 3],
     /// Share of the velocity that is lost, a second.
     pub drag: f64,
+    /// Time that a particle flies, > 0.
     pub lifetime: f64,
     /// ± of the lifetime.
     pub lifetime_jitter: f64,
@@ -53,6 +57,7 @@ pub struct EmitterSpec {
     pub colour: Vec<[f32; 3]>,
     /// ± of a particle's colour, as a share of it.
     pub colour_jitter: f32,
+    /// Cross-section of the trajectories.
     pub section: SectionKind,
     /// Between the two sheets of a V, degrees.
     pub angle: f32,
@@ -94,25 +99,35 @@ impl Default for EmitterSpec {
 #[cfg_attr(test, derive(schemars::JsonSchema), schemars(rename = "EmitterShape"))]
 #[serde(tag = "kind", rename_all = "lowercase", deny_unknown_fields)]
 pub enum Shape {
+    /// A point.
     Point {
+        /// Where it is.
         at: [f64; 3],
     },
     /// All of a disc; `normal` by default +Y.
     Disc {
+        /// Middle of the disc.
         centre: [f64; 3],
+        /// Radius of the disc.
         radius: f64,
+        /// Direction that the disc faces.
         #[serde(default = "upward")]
         normal: [f64; 3],
     },
     /// All of a box; a plane or a line where sides are zero.
     Box {
+        /// Lower corner.
         min: [f64; 3],
+        /// Upper corner.
         max: [f64; 3],
     },
     /// The surface of a sphere, or all of it.
     Sphere {
+        /// Middle of the sphere.
         centre: [f64; 3],
+        /// Radius of the sphere.
         radius: f64,
+        /// Start anywhere in the sphere rather than on its surface.
         #[serde(default)]
         within: bool,
     },
@@ -127,9 +142,12 @@ fn upward() -> [f64; 3] {
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(rename_all = "lowercase")]
 pub enum SectionKind {
+    /// Truncated cones.
     #[default]
     Round,
+    /// A rectangle, of the given thickness.
     Flat,
+    /// Two sheets that meet along the trajectory.
     V,
 }
 

@@ -16,6 +16,7 @@ pub struct Medium {
     pub levels: u32,
     /// The part of the cube that is filled, within [0, 1]^3 of the cube.
     pub lo: DVec3,
+    /// Upper corner of the part that is filled.
     pub hi: DVec3,
     /// Hits in a voxel's edge, > 0, in the mean over all directions.
     pub extinction: f64,

@@ -22,6 +22,7 @@ pub struct OpenOptions {
     pub within: Vec<PathBuf>,
     /// Nodes of those recipes that the source lies within, and copies of it that they draw (0 is 1): their limits go on.
     pub depth: usize,
+    /// Copies that those recipes draw of the source; 0 counts as 1.
     pub copies: u64,
     /// Options of trajectories.
     pub trajectory: TrajectoryOptions,

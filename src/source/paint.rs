@@ -42,11 +42,30 @@ pub struct Paint {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Projection {
     /// From the corner `origin` along two axes, of a picture so wide and high; it repeats itself.
-    Planar { origin: DVec3, right: DVec3, up: DVec3 },
+    Planar {
+        /// Lower left corner of the picture.
+        origin: DVec3,
+        /// From there along the picture's width, as long as it is wide.
+        right: DVec3,
+        /// From there along its height, as long as it is high.
+        up: DVec3,
+    },
     /// Around the axis `up` (unit) through `origin`, once; so high.
-    Cylindrical { origin: DVec3, up: DVec3, height: f64 },
+    Cylindrical {
+        /// Point of the axis at the picture's lower edge.
+        origin: DVec3,
+        /// Unit direction of the axis.
+        up: DVec3,
+        /// Height of the picture along the axis.
+        height: f64,
+    },
     /// Around the axis `up` (unit) through `origin`, from pole to pole.
-    Spherical { origin: DVec3, up: DVec3 },
+    Spherical {
+        /// Middle of the sphere.
+        origin: DVec3,
+        /// Unit direction of the upper pole.
+        up: DVec3,
+    },
 }
 
 impl Projection {
@@ -114,6 +133,7 @@ pub struct PaintedSource {
 }
 
 impl PaintedSource {
+    /// The source `inner` with `paint` on it.
     pub fn new(inner: Box<dyn Source>, paint: Paint) -> PaintedSource {
         PaintedSource { inner, paint }
     }

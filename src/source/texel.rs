@@ -45,6 +45,7 @@ impl TexelSource {
         Ok(TexelSource::new(volume, reader.warnings()))
     }
 
+    /// Source of a texel in memory; `warnings` are passed on to what is baked of it.
     pub fn new(volume: Volume, warnings: Warnings) -> TexelSource {
         let materials = volume.info.materials.iter().map(|m| m.name.clone()).collect();
         let mut source = TexelSource { volume, bounds: Aabb::EMPTY, materials, warnings };

@@ -2,10 +2,9 @@
 
 use std::sync::{Arc, LazyLock};
 
-use multiversion::multiversion;
-
 use crate::geom::DVec3;
 use crate::geom::projection::{LINES, PROJECTIONS, ROWS, SQUARE_LINES, crossing};
+use crate::simd::multiversioned;
 
 /// Set of the lattice lines, of all 13 axes, that meet matter in one voxel.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -107,9 +106,12 @@ impl LineMask {
     }
 }
 
-// A free function, since `multiversion` cannot compile a method for several targets.
-#[multiversion(targets("x86_64+avx2+bmi1+bmi2+lzcnt+popcnt"))]
-fn counts(mask: &LineMask) -> [u32; 13] {
+multiversioned! {
+    fn counts(mask: &LineMask) -> [u32; 13] = count_lines;
+}
+
+#[inline(always)]
+fn count_lines(mask: &LineMask) -> [u32; 13] {
     let mut counts = [0; 13];
     for (k, count) in counts.iter_mut().enumerate() {
         *count = ones(mask.axis(k));

@@ -1,13 +1,12 @@
 //! Rasterizes a polygon, or what its alpha leaves of it, into the line mask of its voxel.
 
-use multiversion::multiversion;
-
 use super::mask::LineMask;
 use super::polygon::{MAX_PADDED_CORNERS, ProjectedPolygon};
 use crate::bake::alpha_mask::AlphaMask;
 use crate::geom::DVec3;
 use crate::geom::polygon::Polygon;
 use crate::geom::projection::{LINES, PROJECTIONS, Projection};
+use crate::simd::multiversioned;
 
 /// Add to `mask` the lines through `polygon` (voxel edges, within the voxel at `origin`); with `alpha`, only those that meet
 /// what it leaves. Their number is added to `sum_before_union`, axis by axis, whether the mask held them already or not.
@@ -21,8 +20,18 @@ pub fn rasterize(
     rasterize_corners(mask, (polygon.corners(), origin), alpha, sum_before_union);
 }
 
-#[multiversion(targets("x86_64+avx2+bmi1+bmi2+lzcnt+popcnt"))]
-fn rasterize_corners(
+multiversioned! {
+    fn rasterize_corners(
+        mask: &mut LineMask,
+        polygon: (&[DVec3], DVec3),
+        alpha: Option<&AlphaMask>,
+        sum_before_union: &mut [u32; 13],
+    ) = rasterize_padded;
+}
+
+/// Rasterize a polygon of these corners in the voxel at this origin.
+#[inline(always)]
+fn rasterize_padded(
     mask: &mut LineMask,
     (corners, origin): (&[DVec3], DVec3),
     alpha: Option<&AlphaMask>,

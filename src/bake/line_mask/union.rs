@@ -1,10 +1,9 @@
 //! The line mask of a parent voxel as the union of its children's.
 
-use multiversion::multiversion;
-
 use super::mask::{LineMask, ones};
 use crate::geom::AXES13;
 use crate::geom::projection::{PROJECTIONS, child_offset};
+use crate::simd::multiversioned;
 
 /// Union of the line masks of up to eight children.
 pub struct MaskUnion {
@@ -32,8 +31,12 @@ pub fn unite(children: &[Option<&LineMask>; 8], depth: usize, visibility: bool) 
     unite_with_phase(children, depth & 1, visibility)
 }
 
-#[multiversion(targets("x86_64+avx2+bmi1+bmi2+lzcnt+popcnt"))]
-fn unite_with_phase(children: &[Option<&LineMask>; 8], phase: usize, visibility: bool) -> MaskUnion {
+multiversioned! {
+    fn unite_with_phase(children: &[Option<&LineMask>; 8], phase: usize, visibility: bool) -> MaskUnion = unite_children;
+}
+
+#[inline(always)]
+fn unite_children(children: &[Option<&LineMask>; 8], phase: usize, visibility: bool) -> MaskUnion {
     match (phase, visibility) {
         (0, false) => unite_from::<0, false>(children),
         (0, true) => unite_from::<0, true>(children),

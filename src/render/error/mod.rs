@@ -28,8 +28,11 @@ use pixels::{Batch, Pixel};
 /// A distribution of errors: mean and 95th percentile of their size, and their mean with the sign (texel − truth).
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
 pub struct Spread {
+    /// Mean of the errors' sizes.
     pub mean: f64,
+    /// 95th percentile of the errors' sizes.
     pub p95: f64,
+    /// Mean of the errors with their signs.
     pub bias: f64,
 }
 
@@ -62,19 +65,24 @@ pub struct Opacity {
     pub spread: Spread,
     /// Covered area over the true one: all directions together, and the least and the most of any.
     pub area: f64,
+    /// Least ratio of any direction.
     pub area_least: f64,
+    /// Greatest ratio of any direction.
     pub area_most: f64,
     /// What |ΔT| owes to the finite number of rays: half the mean difference between the errors by each half of them.
     pub noise: f64,
     /// Rays a pixel, on the average, and pixels that are not background.
     pub rays: f64,
+    /// Pixels that are not background.
     pub pixels: u64,
 }
 
 /// How far one depth is from the truth.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
 pub struct DepthError {
+    /// Depth in the octree; 0 is the root.
     pub depth: usize,
+    /// Voxels at this depth.
     pub voxels: u64,
     /// Pixels as wide as a voxel.
     pub opacity: Opacity,

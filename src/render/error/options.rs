@@ -15,6 +15,7 @@ pub struct Options {
     pub turned: bool,
     /// Depths to measure, finest first.
     pub depths: usize,
+    /// Seed of the rays.
     pub seed: u32,
 }
 

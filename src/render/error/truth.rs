@@ -9,6 +9,7 @@ use crate::render::mesh::Shear;
 /// A triangle of the source, texel space.
 #[derive(Debug, Clone, Copy)]
 pub struct Facet {
+    /// Corners, in order.
     pub corners: [DVec3; 3],
     /// The source's own number for what this is a piece of.
     pub number: u32,
@@ -19,6 +20,7 @@ pub struct Facet {
 /// Semi-transparent matter that fills a box evenly, texel space.
 #[derive(Debug, Clone, Copy)]
 pub struct Soft {
+    /// The box that it fills.
     pub bounds: Aabb,
     /// Hits in an edge of the cube, > 0, in the mean over all directions.
     pub extinction: f64,

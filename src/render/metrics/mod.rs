@@ -13,6 +13,7 @@ use crate::{Error, Result, par};
 /// Added to the squared reference in relMSE, so that black pixels count finitely.
 const RELATIVE_FLOOR: f64 = 0.01;
 
+/// Options of [`compare`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Options {
     /// Pixels a degree of visual angle for FLIP, 1 … 1000.
@@ -31,6 +32,7 @@ impl Default for Options {
 /// Measures over a set of pixels and the three channels.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Measures {
+    /// Pixels that were measured.
     pub pixels: u64,
     /// √ mean (a − b)².
     pub rmse: f64,
@@ -51,7 +53,9 @@ pub struct Measures {
 /// Share of the picture that is covered: the mean alpha, or the share of pixels that differ from the background.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Area {
+    /// Share of picture a, in [0, 1].
     pub a: f64,
+    /// Share of the reference b, in [0, 1].
     pub b: f64,
     /// `a / b`; absent where b is empty.
     pub ratio: Option<f64>,
@@ -60,13 +64,17 @@ pub struct Area {
 /// Picture a against the reference b.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Comparison {
+    /// Pixels per row, of both pictures.
     pub width: usize,
+    /// Rows.
     pub height: usize,
+    /// Pixels per degree of visual angle that FLIP was measured for.
     pub ppd: f64,
     /// Over all pixels.
     pub all: Measures,
     /// Over the pixels that a or b covers; absent where nothing tells what is covered, or nothing is.
     pub covered: Option<Measures>,
+    /// Covered share of both; absent where nothing tells what is covered.
     pub area: Option<Area>,
     /// Pixels of a and of b with a NaN or an infinity; they were taken for black.
     pub not_finite: [u64; 2],

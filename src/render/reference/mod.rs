@@ -35,7 +35,9 @@ pub struct Reference {
     pub halves: [Film; 2],
     /// Samples a pixel.
     pub samples: u32,
+    /// Counts of what its rays met, and times.
     pub stats: Stats,
+    /// What was mended or left out, counted.
     pub warnings: Warnings,
     /// What was chosen for want of better, a line each.
     pub notes: Vec<String>,

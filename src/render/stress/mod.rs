@@ -37,6 +37,7 @@ pub struct Tally {
     pub deviations: u64,
     /// Largest difference by cutting, and largest deviation from the oracle, on rays along which rounding is not magnified.
     pub worst_step: f64,
+    /// Largest deviation from the oracle, on rays along which rounding is not magnified.
     pub worst: f64,
     /// The same, relative to the oracle's result.
     pub worst_relative: f64,
@@ -74,6 +75,7 @@ impl Tally {
 
 /// One kind of hostility.
 pub struct Suite {
+    /// Name, as `--only` takes it.
     pub name: &'static str,
     /// What is done to what.
     pub about: &'static str,
@@ -163,6 +165,7 @@ pub const SUITES: [Suite; 10] = [
 pub struct Options {
     /// Rays of all suites together, at least.
     pub rays: u64,
+    /// Seed of the rays.
     pub seed: u64,
 }
 

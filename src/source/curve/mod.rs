@@ -32,6 +32,7 @@ pub struct Strand {
     /// Linear Rec. 709 and the share that is there, in [0, 1]: one per point; missing values equal the last, or are white
     /// where there is none.
     pub colours: Vec<[f32; 4]>,
+    /// Cross-section that is swept along the path.
     pub section: Section,
     /// Id of its material, where the source names some.
     pub material: u16,
@@ -47,14 +48,21 @@ pub enum Section {
     Round,
     /// A rectangle as wide as the strand; `thickness` is its other side as a share of the width, and 0 a sheet that is seen
     /// from both sides.
-    Rectangular { thickness: f32 },
+    Rectangular {
+        /// Other side, as a share of the width.
+        thickness: f32,
+    },
     /// Two sheets that meet along the path at an angle (radians, in (0, π]), as wide at their upper edges as the strand.
-    V { angle: f32 },
+    V {
+        /// Angle between the sheets, radians.
+        angle: f32,
+    },
 }
 
 /// Interpolation between the points of a strand.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Interpolation {
+    /// Straight lines.
     #[default]
     Linear,
     /// Centripetal Catmull-Rom: through every point, without cusps or loops within a piece.
@@ -64,6 +72,7 @@ pub enum Interpolation {
 /// Options of curve sources.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct CurveOptions {
+    /// Interpolation between the points.
     pub interpolation: Interpolation,
     /// Inside of strands that are thicker than a voxel: empty with [`Fill::Surface`], else opaque matter.
     pub fill: Fill,

@@ -243,7 +243,9 @@ impl Field for Placed {
 
 /// A field's matter grown by `by` all around, or only a skin of it; in units of its values.
 pub struct Grown {
+    /// The field that is grown.
     pub field: Box<dyn Field>,
+    /// Distance by which it grows, in units of its values; below 0 it shrinks.
     pub by: f64,
     /// A skin of this thickness about the surface instead of the whole; 0: none.
     pub skin: f64,
@@ -293,6 +295,7 @@ impl Field for Grown {
 
 /// A field with one colour.
 pub struct Coloured {
+    /// The field that is coloured.
     pub field: Box<dyn Field>,
     /// Linear Rec. 709.
     pub colour: [f32; 3],

@@ -12,8 +12,11 @@ use crate::geom::{Aabb, DVec3};
 /// What a potential falls off from.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Bone {
+    /// A point, source units.
     Point(DVec3),
+    /// The line between two points.
     Segment([DVec3; 2]),
+    /// The area between three corners.
     Triangle([DVec3; 3]),
 }
 
@@ -38,9 +41,11 @@ impl Bone {
 /// One bone's share.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Element {
+    /// What the potential falls off from.
     pub bone: Bone,
     /// Not 0; below 0 the bone pushes matter away.
     pub weight: f64,
+    /// Linear Rec. 709; `None` where it has no colour of its own.
     pub colour: Option<[f32; 3]>,
 }
 
@@ -50,9 +55,15 @@ pub enum Kernel {
     /// 1 / d²: a bone of weight w alone has the radius √w.
     InverseSquare,
     /// e^(−d² / radius²).
-    Gaussian { radius: f64 },
+    Gaussian {
+        /// Distance at which it has fallen to 1/e, > 0.
+        radius: f64,
+    },
     /// (1 − d² / radius²)³, and 0 from the radius on.
-    Wyvill { radius: f64 },
+    Wyvill {
+        /// Distance at which it ends, > 0.
+        radius: f64,
+    },
 }
 
 impl Kernel {

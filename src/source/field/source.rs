@@ -65,11 +65,13 @@ impl FieldSource {
         self
     }
 
+    /// The same field, of which a source unit is so many metres long.
     pub fn with_unit(mut self, metres: f64) -> FieldSource {
         self.metres_per_unit = metres;
         self
     }
 
+    /// The field that is baked.
     pub fn field(&self) -> &dyn Field {
         &*self.field
     }

@@ -17,8 +17,10 @@ type Point = [f64; 3];
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema), schemars(extend("unevaluatedProperties" = false)))]
 pub struct FieldSpec {
+    /// The shape.
     #[serde(flatten)]
     pub shape: Shape,
+    /// What is done with it.
     #[serde(flatten)]
     pub change: Change,
 }
@@ -34,6 +36,7 @@ pub struct Change {
     /// Only a skin of this thickness about the surface.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub skin: Option<f64>,
+    /// Colour of the whole shape.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub colour: Option<Colour>,
     /// A factor, or one an axis.
@@ -42,17 +45,21 @@ pub struct Change {
     /// Degrees about x, then y, then z.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rotate: Option<Point>,
+    /// Shift, in source units.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub translate: Option<Point>,
 }
 
 const CHANGES: [&str; 6] = ["grow", "skin", "colour", "scale", "rotate", "translate"];
 
+/// How a shape is scaled.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(untagged)]
 pub enum Scale {
+    /// One factor for all axes.
     Even(f64),
+    /// Factors along x, y and z.
     Axes(Point),
 }
 
@@ -61,7 +68,9 @@ pub enum Scale {
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(untagged)]
 pub enum Colour {
+    /// Linear Rec. 709, each in [0, 1].
     Linear([f32; 3]),
+    /// "#rrggbb", sRGB.
     Hex(String),
 }
 
@@ -93,82 +102,128 @@ impl Colour {
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(tag = "kind", rename_all = "kebab-case", deny_unknown_fields)]
 pub enum Shape {
+    /// A ball.
     Sphere {
+        /// Middle of the ball.
         #[serde(default)]
         centre: Point,
+        /// Radius, > 0.
         radius: f64,
     },
+    /// An ellipsoid along the axes.
     Ellipsoid {
+        /// Middle of the ellipsoid.
         #[serde(default)]
         centre: Point,
+        /// Half its extent along x, y and z, each > 0.
         radii: Point,
     },
+    /// A box along the axes.
     Box {
+        /// Lower corner.
         min: Point,
+        /// Upper corner.
         max: Point,
         /// Radius of the edges.
         #[serde(default)]
         round: f64,
     },
+    /// A cylinder with flat ends.
     Cylinder {
+        /// Middle of one end.
         from: Point,
+        /// Middle of the other end.
         to: Point,
+        /// Radius, > 0.
         radius: f64,
     },
     /// Truncated where both radii are above 0.
     Cone {
+        /// Middle of one end.
         from: Point,
+        /// Middle of the other end.
         to: Point,
+        /// Radius at either end, ≥ 0; one of them > 0.
         radii: [f64; 2],
     },
+    /// A cylinder with a half-ball at each end.
     Capsule {
+        /// One end of its axis.
         from: Point,
+        /// The other end of its axis.
         to: Point,
+        /// Radius, > 0.
         radius: f64,
     },
+    /// A ring.
     Torus {
+        /// Middle of the ring.
         #[serde(default)]
         centre: Point,
+        /// Direction through the hole; its length does not count.
         #[serde(default = "upward")]
         axis: Point,
+        /// Radius of the circle along which the ring runs.
         radius: f64,
         /// Radius of the ring itself.
         thickness: f64,
     },
+    /// Everything on one side of a plane.
     HalfSpace {
+        /// A point of the plane.
         #[serde(default)]
         point: Point,
+        /// Direction out of the matter; its length does not count.
         #[serde(default = "upward")]
         normal: Point,
     },
+    /// A plate without borders.
     Plane {
+        /// A point in its middle.
         #[serde(default)]
         point: Point,
+        /// Direction across the plate; its length does not count.
         #[serde(default = "upward")]
         normal: Point,
+        /// Thickness, > 0.
         thickness: f64,
     },
+    /// A triangular plate with rounded edges.
     Triangle {
+        /// Corners in its middle.
         corners: [Point; 3],
+        /// Thickness, > 0.
         thickness: f64,
     },
+    /// Everything that is in one of several shapes.
     Union {
+        /// Shapes, at least one.
         of: Vec<FieldSpec>,
+        /// Width over which shapes blend; 0: sharp.
         #[serde(default)]
         smooth: f64,
     },
+    /// Everything that is in all of several shapes.
     Intersection {
+        /// Shapes, at least one.
         of: Vec<FieldSpec>,
+        /// Width over which shapes blend; 0: sharp.
         #[serde(default)]
         smooth: f64,
     },
+    /// The first shape without the others.
     Difference {
+        /// Shapes, at least one.
         of: Vec<FieldSpec>,
+        /// Width over which edges are rounded; 0: sharp.
         #[serde(default)]
         smooth: f64,
     },
+    /// A soft surface around bones, which merge where they meet.
     Skeleton {
+        /// Bones, at least one.
         elements: Vec<ElementSpec>,
+        /// How the potential falls with the distance.
         #[serde(default)]
         kernel: KernelSpec,
         /// Reach of the kernels gaussian and wyvill.
@@ -178,6 +233,7 @@ pub enum Shape {
         #[serde(default)]
         level: Option<f64>,
     },
+    /// A shape formed by noise.
     Hypertexture(Box<HypertextureSpec>),
 }
 
@@ -194,25 +250,34 @@ fn one() -> f64 {
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct ElementSpec {
+    /// A point.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub point: Option<Point>,
+    /// The line between two points.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub segment: Option<[Point; 2]>,
+    /// The area between three corners.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub triangle: Option<[Point; 3]>,
+    /// Factor of its potential; below 0 it takes matter away.
     #[serde(default = "one")]
     pub weight: f64,
+    /// Colour near it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub colour: Option<Colour>,
 }
 
+/// How the potential of a bone falls with the distance d.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum KernelSpec {
+    /// 1 / d².
     #[default]
     InverseSquare,
+    /// e^(−d² / radius²).
     Gaussian,
+    /// (1 − d² / radius²)³, and 0 from the radius on.
     Wyvill,
 }
 

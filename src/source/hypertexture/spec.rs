@@ -13,11 +13,15 @@ use crate::{Error, Result};
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct HypertextureSpec {
+    /// The shape that noise is added to.
     pub base: FieldSpec,
+    /// Where values come from that are not given.
     #[serde(default)]
     pub preset: Preset,
+    /// What the noise does.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub mode: Option<Mode>,
+    /// How octaves of noise are summed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub noise: Option<NoiseKind>,
     /// Cells of the noise in a source unit.
@@ -35,6 +39,7 @@ pub struct HypertextureSpec {
     /// Contrast of the noise in (0, 1); 1/2 leaves it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub gain: Option<f64>,
+    /// Seed of the noise.
     #[serde(default)]
     pub seed: u32,
     /// Hits in a source unit where the matter is densest; 0: a hard surface, opaque within.
@@ -46,6 +51,7 @@ pub struct HypertextureSpec {
     /// A ramp of colours, evenly spaced.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub colours: Option<Vec<Colour>>,
+    /// What chooses from the ramp of colours.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub colour_by: Option<ColourBy>,
     /// Where it is looked at; for bases without end, and along cyclic axes what repeats itself.
@@ -56,11 +62,14 @@ pub struct HypertextureSpec {
     pub cyclic: [bool; 3],
 }
 
+/// A box, in source units.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Bounds {
+    /// Lower corner.
     pub min: [f64; 3],
+    /// Upper corner.
     pub max: [f64; 3],
 }
 
@@ -72,10 +81,15 @@ pub enum Preset {
     /// A shape with a bumpy surface.
     #[default]
     Noise,
+    /// Hairs along the normals.
     Fur,
+    /// Soft matter that glows, turbulent.
     Fire,
+    /// Coloured veins that run through a hard shape.
     Marble,
+    /// Matter that runs down.
     Melt,
+    /// Holes eaten into the shape.
     Eroded,
 }
 
@@ -96,11 +110,14 @@ pub enum Mode {
     Paint,
 }
 
+/// How octaves of noise are summed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum NoiseKind {
+    /// With their signs: smooth hills and valleys.
     Noise,
+    /// By their magnitudes: creases, as in smoke and stone.
     Turbulence,
 }
 
@@ -109,6 +126,7 @@ pub enum NoiseKind {
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum ColourBy {
+    /// The noise's own value.
     Noise,
     /// From the outside of soft matter to its core.
     Depth,

@@ -22,6 +22,7 @@ use crate::{Error, Result, Warnings, morton, par};
 /// Options of a mesh source.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct MeshOptions {
+    /// Treatment of the inside of closed surfaces.
     pub fill: Fill,
 }
 
@@ -60,6 +61,7 @@ pub struct MeshSource {
 const CHUNK: usize = 4096;
 
 impl MeshSource {
+    /// Source of the triangles of `model`, whose lines and points are left out with a warning.
     pub fn new(mut model: Model, options: &MeshOptions) -> MeshSource {
         let mut warnings = std::mem::take(&mut model.warnings);
         let skipped = model.instances.iter().map(|i| &model.parts[i.part]).map(|p| p.lines.len() + p.points.len());

@@ -16,6 +16,7 @@ pub enum Face {
 
 /// Result of the analysis of one part, in the part's own space.
 pub struct Patches {
+    /// Role of each triangle as a boundary of matter.
     pub faces: Vec<Face>,
     /// Width (4 · area / perimeter) and area of each flat patch.
     pub patches: Vec<(f64, f64)>,
@@ -71,6 +72,7 @@ fn weld(positions: &[[f32; 3]]) -> Vec<u32> {
     ids
 }
 
+/// Roles of a part's triangles, and its flat patches.
 pub fn analyse(part: &Part) -> Patches {
     let count = part.triangles.len();
     let ids = weld(&part.positions);

@@ -6,7 +6,7 @@ use std::path::Path;
 use memmap2::Mmap;
 
 use crate::format::open_file;
-use crate::{Error, Result};
+use crate::{Error, Result, system};
 
 /// Where the bytes are.
 pub enum Bytes {
@@ -32,8 +32,7 @@ pub fn map_file(path: &Path) -> Result<Bytes> {
     if file.metadata().map_err(io)?.len() == 0 {
         return Ok(Bytes::Memory(Vec::new()));
     }
-    // SAFETY: the map is only read, as bytes; a file that is cut short by others meanwhile ends the program, as documented.
-    Ok(Bytes::Mapped(unsafe { Mmap::map(&file) }.map_err(io)?))
+    Ok(Bytes::Mapped(system::map(&file).map_err(io)?))
 }
 
 /// Takes decoded bytes one after the other; beyond `in_memory` bytes they go to a file without a name.
@@ -88,8 +87,7 @@ impl Spool {
         let Some(writer) = self.file else { return Ok(Bytes::Memory(self.memory)) };
         let io = |e| Error::io(std::env::temp_dir(), e);
         let file = writer.into_inner().map_err(|e| io(e.into_error()))?;
-        // SAFETY: the file has no name, so nobody else changes it.
-        Ok(Bytes::Mapped(unsafe { Mmap::map(&file) }.map_err(io)?))
+        Ok(Bytes::Mapped(system::map(&file).map_err(io)?))
     }
 }
 

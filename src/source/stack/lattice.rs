@@ -4,11 +4,10 @@
 //!
 //! Beyond its outermost samples a stack goes on for half a distance with the value it has there; then there is nothing.
 
-use multiversion::multiversion;
-
 use super::ranges::BRICK;
 use super::samples::Samples;
 use crate::geom::DAffine3;
+use crate::simd::multiversioned;
 
 /// Standard deviation from which on a Gaussian is a smooth interpolation by itself.
 const SMOOTH: f64 = 0.5;
@@ -265,9 +264,13 @@ impl Lattice {
     }
 }
 
+multiversioned! {
+    fn weigh(out: &mut [f32], rows: &[f32], stride: usize, weights: &[f32]) = weighted_sum;
+}
+
 /// `out` = the weighted sum of rows of `stride` numbers.
-#[multiversion(targets("x86_64+avx2"))]
-fn weigh(out: &mut [f32], rows: &[f32], stride: usize, weights: &[f32]) {
+#[inline(always)]
+fn weighted_sum(out: &mut [f32], rows: &[f32], stride: usize, weights: &[f32]) {
     out.fill(0.0);
     for (n, w) in weights.iter().enumerate().filter(|w| *w.1 != 0.0) {
         for (o, v) in out.iter_mut().zip(&rows[n * stride..]) {

@@ -35,6 +35,7 @@ pub struct TransferSpec {
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct TransferPoint {
+    /// The stack's value, in the units that it has after its own rescaling.
     pub value: f64,
     /// Share of light, [0, 1], that a layer as thick as samples are apart takes away, in the mean over all
     /// directions; where the spacing differs by axis, the layer is the cube root of the spacings' product thick,
@@ -52,6 +53,7 @@ pub struct TransferPoint {
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct GradientPoint {
+    /// Change of the value from one sample to the next.
     pub magnitude: f64,
     /// Factor, [0, 1].
     pub opacity: f64,
@@ -92,6 +94,7 @@ impl TransferSpec {
         TransferSpec { points: vec![point(lo, 0.0), point(hi, 1.0)], ..TransferSpec::default() }
     }
 
+    /// Whether no opacity is given: neither a surface nor points.
     pub fn is_empty(&self) -> bool {
         self.iso.is_none() && self.points.is_empty()
     }
@@ -172,6 +175,7 @@ impl TransferSpec {
         between(&self.gradient, |p| p.magnitude, magnitude, |p| p.opacity)
     }
 
+    /// Whether any point has a colour.
     pub fn has_colour(&self) -> bool {
         self.points.iter().any(|p| p.colour.is_some())
     }

@@ -18,6 +18,7 @@ pub struct MapOptions {
     pub geometries: Vec<PathBuf>,
     /// Names or indices of the materials; none: all of them.
     pub materials: Vec<String>,
+    /// Width of a copy.
     pub cells: Cells,
     /// Bend copies with the ground, in a shell, also where the texels are isolated objects. Those are else placed as rigid
     /// copies; texels that are cyclic fill shells always.
@@ -41,10 +42,13 @@ pub struct MapOptions {
     pub z_up: bool,
     /// Height of the texel's content, metres; by default in proportion to the cell.
     pub thickness: Option<f64>,
+    /// Direction that copies grow in.
     pub heights: Heights,
+    /// Origin of u and v.
     pub chart: Chart,
     /// Write `_VTEX_UVW` and `_VTEX_HEIGHT` even where the material alone would do.
     pub attributes: bool,
+    /// Turns and mirrorings that copies of a shell take at random.
     pub orientations: Orientations,
     /// Uniform scale of a copy, [min, max]; of a shell within (0, 1].
     pub scale: [f64; 2],
@@ -52,6 +56,7 @@ pub struct MapOptions {
     pub displace: [f64; 3],
     /// Share of the cells that hold a copy.
     pub presence: f64,
+    /// Seed of the random choices.
     pub seed: u32,
     /// What becomes of the texels' materials, by name.
     pub palette: BTreeMap<String, Style>,
@@ -75,7 +80,9 @@ pub enum Cells {
 pub enum Heights {
     /// Straight up where the mesh mostly faces up, else along the normals.
     Auto,
+    /// Along the normals of the mesh.
     Normals,
+    /// Along this vector, world space; its length does not count.
     Along(DVec3),
 }
 
@@ -95,18 +102,22 @@ pub enum Chart {
 pub struct Mapped {
     /// One line each about choices that were made.
     pub notes: Vec<String>,
+    /// What each covered material was covered with, in file order.
     pub covered: Vec<Covered>,
+    /// What was written, and the file's bytes that were kept.
     pub saved: Saved,
 }
 
 /// What one material was covered with.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Covered {
+    /// Name of the material.
     pub material: String,
     /// The name of the texel, of rigid copies; `None` of a shell.
     pub texel: Option<String>,
     /// Width along u and v (of a rigid copy's content: along its x and z) and height of a copy, metres, at its full size.
     pub cell: [f64; 2],
+    /// Height of a copy, metres, at its full size.
     pub height: f64,
     /// Number of copies.
     pub copies: f64,

@@ -33,7 +33,9 @@ const POINT_BYTES: usize = 96;
 /// Options of trajectories, and of the lines and points of meshes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TrajectoryOptions {
+    /// Cross-section of every trajectory.
     pub section: Section,
+    /// How the trajectories become matter.
     pub curve: CurveOptions,
     /// Width, in source units, of what the file gives none; by default a 500th of a trajectories' extent, with a warning,
     /// and a mesh's lines and points are left out.
