@@ -1,5 +1,5 @@
 //! vtex: any 3D source → a *texel* (a prefiltered, multiscale octree of directional opacity, normals and colour, in a
-//! `.vtex` file) → pictures of landscapes covered with texels, at one cone a pixel.
+//! `.vtex` file) → pictures of landscapes covered with texels, at one cone per pixel.
 //!
 //! Data flows one way, and each step is a module:
 //!

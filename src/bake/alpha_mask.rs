@@ -10,7 +10,7 @@ use crate::source::{AlphaSampler, Staged};
 
 /// Most cells along an edge: half as many as there are lattice lines. Alpha that is finer is averaged and dithered; as many
 /// cells as lines made opacity no more exact.
-pub const MAX_CELLS: usize = LINES / 2;
+pub const MAX_ALPHA_CELLS: usize = LINES / 2;
 /// Fewest cells along an edge.
 const MIN_CELLS: usize = 4;
 /// Cells per texel of the alpha, where the limits allow.
@@ -18,12 +18,12 @@ const CELLS_PER_TEXEL: f64 = 2.0;
 /// Number of opaque cells whose colour is looked up.
 const COLOUR_SAMPLES: usize = 4;
 
-/// What alpha leaves of a piece: its opaque cells, and the share, colour and bounds of what is left.
+/// Part of a piece that alpha leaves: its opaque cells, and the share, colour and bounds of what is left.
 pub struct AlphaMask {
     grid: CellGrid,
     /// Cells per voxel edge, along both axes of the grid.
     scale: [f64; 2],
-    /// Opaque cells after dithering: row by row, `MAX_CELLS` bits each.
+    /// Opaque cells after dithering: row by row, `MAX_ALPHA_CELLS` bits each.
     cells: u64,
     /// Mean alpha of the piece, in (0, 1].
     pub coverage: f64,
@@ -68,7 +68,7 @@ impl CellGrid {
         let slope = axes.map(|e| libm::sqrt(1.0 + normal[e] * normal[e]));
         let size = [0, 1].map(|i| {
             let want = (CELLS_PER_TEXEL * texels_per_voxel * slope[i] * (hi[axes[i]] - lo[axes[i]])).ceil();
-            (want.min(MAX_CELLS as f64) as usize).max(MIN_CELLS)
+            (want.min(MAX_ALPHA_CELLS as f64) as usize).max(MIN_CELLS)
         });
         let step = [0, 1].map(|i| (hi[axes[i]] - lo[axes[i]]) / size[i] as f64);
         CellGrid { axes, drop, lo, hi, size, step, normal, offset: normal.dot(polygon.corners()[0]) }
@@ -111,7 +111,7 @@ struct CellRange {
 
 /// Alpha of a polygon, sampled once in each cell of its grid.
 struct AlphaSamples {
-    /// Opaque cells after dithering: row by row, `MAX_CELLS` bits each.
+    /// Opaque cells after dithering: row by row, `MAX_ALPHA_CELLS` bits each.
     cells: u64,
     /// Samples within the polygon, and the sum of their alpha.
     inside: u32,
@@ -133,7 +133,7 @@ impl AlphaSamples {
         let mut range = CellRange { first: [usize::MAX; 2], end: [0; 2] };
         let (mut densest, mut highest) = (polygon.corner_mean(), 0.0);
         let seed = hash(polygon.facet, origin);
-        let mut row = [0.0f32; MAX_CELLS];
+        let mut row = [0.0f32; MAX_ALPHA_CELLS];
         for j in 0..grid.size[1] {
             let y = grid.coordinate(1, j as f64 + 0.5);
             let row = &mut row[..grid.size[0]];
@@ -145,7 +145,7 @@ impl AlphaSamples {
                 // The recurrence of the plastic number gives an even dither of partial alpha.
                 let term = seed + 0.754_877_666 * i as f64 + 0.569_840_291 * j as f64;
                 let threshold = term - f64::from(term as u32);
-                cells |= u64::from(alpha > threshold) << (j * MAX_CELLS + i);
+                cells |= u64::from(alpha > threshold) << (j * MAX_ALPHA_CELLS + i);
                 if x >= from && x < to {
                     inside += 1;
                     sum += alpha;
@@ -210,10 +210,10 @@ impl AlphaMask {
             [along(i, 0), along(j, 1)]
         };
         // Opaque cells within the polygon, row by row.
-        let mut inner = [0u32; MAX_CELLS];
+        let mut inner = [0u32; MAX_ALPHA_CELLS];
         let mut count = 0;
         for (j, inner) in inner.iter_mut().enumerate().take(self.grid.size[1]) {
-            let bits = self.cells >> (j * MAX_CELLS);
+            let bits = self.cells >> (j * MAX_ALPHA_CELLS);
             let (from, to) = row_interval(corners, a, b, middle(0, j)[1]);
             for i in (0..self.grid.size[0]).filter(|i| bits >> i & 1 != 0) {
                 let x = middle(i, j)[0];
@@ -274,7 +274,7 @@ impl AlphaMask {
                     let at = cell[axis].wrapping_add(((first + n) as i32).wrapping_mul(step[axis]));
                     (at >> 16).clamp(0, last[axis]) as u32
                 };
-                let at = MAX_CELLS as u32 * along(1) + along(0);
+                let at = MAX_ALPHA_CELLS as u32 * along(1) + along(0);
                 lanes[n as usize] = (if at < 32 { low } else { high } >> (at & 31) & 1) << n;
             }
             bits |= lanes.iter().fold(0, |all, lane| all | lane) << first;

@@ -20,7 +20,7 @@ pub const TILE_LINES: usize = MARCH_LINES * MARCH_LINES;
 const MAX_ROW_LINES: usize = 2 * MARCH_LINES;
 /// Number of a voxel's lines along all axes, rounded up to whole SIMD vectors of eight.
 const VOXEL_LINES: usize = (squares_before(13) * TILE_LINES).next_multiple_of(8);
-/// Number of lines along all axes of the widest block, four voxels an edge.
+/// Number of lines along all axes of the widest block, four voxels per edge.
 const MAX_BLOCK_LINES: usize = squares_before(13) * TILE_LINES * 16;
 
 /// One value per line of a block, axis by axis.
@@ -107,30 +107,30 @@ impl BlockLines {
         depths
     }
 
-    /// Lines that the voxels block with these `rates`: with `FULL`, for the correlation c = 1, at which matter never overlaps along a
+    /// Lines that the voxels block with these `rates`: with `DISJOINT`, for the correlation c = 1, at which matter never overlaps along a
     /// line as long as some of it is free; else for c = 0, at which voxels are independent.
     #[inline(always)]
-    pub fn blocked<const FULL: bool>(&self, rates: &[Lanes]) -> BlockedLines {
+    pub fn blocked<const DISJOINT: bool>(&self, rates: &[Lanes]) -> BlockedLines {
         // Values of lines are optical depths τ at c = 1, and transmittances e^−τ at c = 0.
         let mut alone = [0.0; VOXEL_LINES];
-        let mut lines = [if FULL { 0.0 } else { 1.0 }; MAX_BLOCK_LINES];
+        let mut lines = [if DISJOINT { 0.0 } else { 1.0 }; MAX_BLOCK_LINES];
         for ((chords, firsts), rates) in self.chords.iter().zip(&self.firsts).zip(rates) {
             let mut own = [0.0; VOXEL_LINES];
             for_each_axis!(broadcast(&mut own, rates));
             for n in 0..VOXEL_LINES {
                 let depth = own[n] * chords[n];
-                own[n] = if FULL { depth } else { exp_neg(depth) };
+                own[n] = if DISJOINT { depth } else { exp_neg(depth) };
             }
             for n in 0..VOXEL_LINES {
-                alone[n] += line_opacity::<FULL>(own[n]);
+                alone[n] += line_opacity::<DISJOINT>(own[n]);
             }
-            let both = |all, own| if FULL { all + own } else { all * own };
+            let both = |all, own| if DISJOINT { all + own } else { all * own };
             for_each_axis!(combine(&mut lines, firsts, self.width, &own, both));
         }
         let mut blocked = BlockedLines { alone: [0.0; 13], together: [0.0; 13] };
         for k in 0..13 {
             blocked.alone[k] = sum(&alone[voxel_lines(k)], |opacity| opacity);
-            blocked.together[k] = sum(&lines[axis_lines(k, MARCH_LINES * self.width)], line_opacity::<FULL>);
+            blocked.together[k] = sum(&lines[axis_lines(k, MARCH_LINES * self.width)], line_opacity::<DISJOINT>);
         }
         blocked
     }
@@ -201,8 +201,8 @@ fn combine_row<const N: usize>(lines: &mut [f32], own: &[f32], both: &impl Fn(f3
 
 /// Opacity of a line, from the value that [`BlockLines::blocked`] keeps of it.
 #[inline(always)]
-fn line_opacity<const FULL: bool>(value: f32) -> f32 {
-    if FULL { smaller(value, 1.0) } else { 1.0 - value }
+fn line_opacity<const DISJOINT: bool>(value: f32) -> f32 {
+    if DISJOINT { smaller(value, 1.0) } else { 1.0 - value }
 }
 
 /// Intervals of the dropped coordinate in which a voxel's lines are within a box's slabs, for each plane coordinate. Empty intervals

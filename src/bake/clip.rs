@@ -4,7 +4,7 @@ use crate::geom::DVec3;
 use crate::geom::polygon::{Polygon, VoxelSplit};
 use crate::source::{AlphaClass, AlphaSampler, Staged};
 
-use super::alpha_mask::MAX_CELLS;
+use super::alpha_mask::MAX_ALPHA_CELLS;
 
 /// Call `each` for every piece of `facet` in the half-open box `lo..hi` that is not transparent: with the piece, its voxel's
 /// lower corner and, where the piece may be transparent in part, the sampler of its alpha.
@@ -60,7 +60,7 @@ impl AlphaSampler for PointSampler<'_> {
     }
 
     fn texels_per_voxel(&self) -> f64 {
-        MAX_CELLS as f64
+        MAX_ALPHA_CELLS as f64
     }
 
     fn sample_row(&self, from: DVec3, step: DVec3, _: f64, alpha: &mut [f32]) {

@@ -9,7 +9,7 @@ use super::projected_cell::{Cell, ProjectedCell};
 use crate::volume::chord::{LENGTHS, Lanes, depth_of_opacity};
 
 /// Code of full correlation.
-const FULL: u8 = 15;
+const MAX_CODE: u8 = 15;
 /// Linear model of where the hidden share at c = 1/2 lies between those at c = 1 and c = 0: a constant, and factors of the hidden
 /// shares at 0 and at 1. By least squares over the blocks of four texels (a nut, a wall, fur, a tree of triangles; 64³) it is right
 /// to .005 (RMS) of the covered area, as good as a third march at c = 1/2.
@@ -20,7 +20,7 @@ struct HiddenShares {
     measured: Lanes,
     /// At c = 1, where cells hide each other least.
     at_one: Lanes,
-    /// What the hidden share at c = 0 exceeds that at c = 1 by.
+    /// Excess of the hidden share at c = 0 over that at c = 1.
     excess: Lanes,
     /// Share of `excess` that the hidden share at c = 1/2 exceeds that at c = 1 by.
     middle: Lanes,
@@ -39,12 +39,12 @@ pub fn choose_correlation(
     width: usize,
 ) -> u8 {
     if cells.len() < 2 {
-        return FULL;
+        return MAX_CODE;
     }
     let hidden = hidden_shares(cells, projected, lines, block, width);
     let (mut best, mut least) = (0, f32::INFINITY);
-    for code in 0..=FULL {
-        let c = f32::from(code) / f32::from(FULL);
+    for code in 0..=MAX_CODE {
+        let c = f32::from(code) / f32::from(MAX_CODE);
         // Lagrange's parabola through the hidden shares at 0, 1/2 and 1.
         let (first, second) = ((1.0 - c) * (1.0 - 2.0 * c), 4.0 * c * (1.0 - c));
         let mut squares = [0.0f32; 16];
@@ -97,18 +97,18 @@ fn hidden_shares(
     hidden
 }
 
-/// Lines that the cells block at c = 0, or at c = 1 if they are `FULL`y correlated. Rates come from the mean chord alone, since the
+/// Lines that the cells block at c = 0, or at c = 1 with `DISJOINT`, where matter never overlaps. Rates come from the mean chord alone, since the
 /// hidden share hardly depends on them.
 #[inline(always)]
-fn march_cells<const FULL: bool>(projected: &[ProjectedCell], lines: &BlockLines) -> BlockedLines {
+fn march_cells<const DISJOINT: bool>(projected: &[ProjectedCell], lines: &BlockLines) -> BlockedLines {
     let mut rates = Vec::with_capacity(projected.len());
     for cell in projected {
         let mut own = [0.0; 16];
         for k in 0..16 {
             own[k] = cell.rounded.chords.inverse_mean[k]
-                * depth_of_opacity(cell.rounded.opacity[k], if FULL { 1.0 } else { 0.0 });
+                * depth_of_opacity(cell.rounded.opacity[k], if DISJOINT { 1.0 } else { 0.0 });
         }
         rates.push(own);
     }
-    lines.blocked::<FULL>(&rates)
+    lines.blocked::<DISJOINT>(&rates)
 }

@@ -94,7 +94,7 @@ struct NodeCount {
     all: u64,
 }
 
-/// Number of nodes in a region of `2^region_log2` voxels an edge whose occupied voxels have these Morton `codes`, ascending.
+/// Number of nodes in a region of `2^region_log2` voxels per edge whose occupied voxels have these Morton `codes`, ascending.
 fn count_nodes(region_log2: usize, mut codes: Vec<u64>) -> NodeCount {
     let finest = codes.len() as u64;
     let mut all = finest;

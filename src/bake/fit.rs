@@ -22,14 +22,14 @@ use crate::volume::voxel::{RATE_MAX, encode_rate};
 use crate::volume::{Model, Sggx, Voxel};
 
 /// Most voxels of a block.
-const MAX_CELLS: usize = 64;
+const MAX_BLOCK_CELLS: usize = 64;
 /// Relative error of the covered area below which a rate scale is not corrected any further.
 const AREA_TOLERANCE: f32 = 0.005;
 /// Rate of the code 1, hits per voxel edge: 2^(−143/16).
 const SMALLEST_RATE: f64 = 0.002_039_597_231_303_542_5;
 
 /// Measurements of a block as a whole.
-pub struct Block<'a> {
+pub struct BlockMeasure<'a> {
     pub measure: &'a Measure,
     /// Lines that the block covers, with the insides of solids.
     pub mask: &'a LineMask,
@@ -43,7 +43,7 @@ pub struct Block<'a> {
 
 /// Fitted block.
 pub struct BlockFit {
-    voxels: [Voxel; MAX_CELLS],
+    voxels: [Voxel; MAX_BLOCK_CELLS],
     count: usize,
     /// Errors of its coverage; `None` for the model of 1996, which is not fitted to coverage.
     pub errors: Option<SquareErrors>,
@@ -60,8 +60,8 @@ impl BlockFit {
 /// Rates of a block's cells before they are corrected together.
 struct BlockRates {
     /// Normal distribution, and rate in hits per voxel edge; 0 for cells that have none of their own.
-    ndfs: [Option<[u8; 6]>; MAX_CELLS],
-    rates: [f32; MAX_CELLS],
+    ndfs: [Option<[u8; 6]>; MAX_BLOCK_CELLS],
+    rates: [f32; MAX_BLOCK_CELLS],
     /// Rates along the axes.
     along: Vec<Lanes>,
 }
@@ -102,12 +102,12 @@ impl RateEncoder {
 
 multiversioned! {
     /// Fit the `cells`, at most 64, of one block.
-    pub fn fit_block(cells: &[Cell], block: &Block, model: Model) -> BlockFit = fit_cells;
+    pub fn fit_block(cells: &[Cell], block: &BlockMeasure, model: Model) -> BlockFit = fit_cells;
 }
 
 #[inline(always)]
-fn fit_cells(cells: &[Cell], block: &Block, model: Model) -> BlockFit {
-    let mut voxels = [Voxel::default(); MAX_CELLS];
+fn fit_cells(cells: &[Cell], block: &BlockMeasure, model: Model) -> BlockFit {
+    let mut voxels = [Voxel::default(); MAX_BLOCK_CELLS];
     let mut projected = Vec::with_capacity(cells.len());
     for (voxel, cell) in voxels.iter_mut().zip(cells) {
         projected.push(ProjectedCell::new(cell.measure, voxel));
@@ -161,8 +161,11 @@ fn fit_targets(cells: &[Cell], projected: &[ProjectedCell], c: f32) -> Vec<FitTa
 /// Encode the normal distributions, and scale their rates so that each cell covers its measured area, summed over the axes.
 #[inline(always)]
 fn scale_rates(cells: &[Cell], targets: &[FitTarget], projected: &[ProjectedCell], c: f32) -> BlockRates {
-    let mut block =
-        BlockRates { ndfs: [None; MAX_CELLS], rates: [0.0; MAX_CELLS], along: vec![[0.0f32; 16]; cells.len()] };
+    let mut block = BlockRates {
+        ndfs: [None; MAX_BLOCK_CELLS],
+        rates: [0.0; MAX_BLOCK_CELLS],
+        along: vec![[0.0f32; 16]; cells.len()],
+    };
     for (along, cell) in block.along.iter_mut().zip(cells) {
         if cell.measure.solid {
             *along = [MAX_RATE; 16];
@@ -203,7 +206,13 @@ fn solve_rate_scale(sigma: &Lanes, rate: f32, cell: &ProjectedCell, c: f32) -> f
 
 /// March the block, and correct the rates of its cells together so that it covers what was measured.
 #[inline(always)]
-fn march_and_correct(depths: &BlockLineValues, voxels: usize, block: &Block, c: f32, soft: bool) -> MarchedBlock {
+fn march_and_correct(
+    depths: &BlockLineValues,
+    voxels: usize,
+    block: &BlockMeasure,
+    c: f32,
+    soft: bool,
+) -> MarchedBlock {
     let mut transmittance = GroupTransmittance::from_block(MARCH_LINES * block.width, c, depths, voxels);
     for (j, &solid) in block.solid_octants.iter().enumerate() {
         if solid {

@@ -193,7 +193,7 @@ impl GroupTransmittance {
         let mut at = uniform_lines(squares_before(13) * half * half, 0);
         for (at, all) in at.iter_mut().zip(&self.at) {
             for (k, p) in PROJECTIONS.iter().enumerate() {
-                // Of each tile one line of its first row is kept: the first one in even rows of tiles, the second in odd ones.
+                // One line of the first row of each tile is kept: the first one in even rows of tiles, the second in odd ones.
                 let across = p.extent().0 * half;
                 let rows = all[axis_lines(k, lines)].as_chunks::<TILE_LINES>().0.chunks_exact(2 * across);
                 let kept = at[axis_lines(k, half)].as_chunks_mut::<TILE_LINES>().0.chunks_exact_mut(across / 2);

@@ -1,7 +1,7 @@
 //! Fitted voxels of a bake, and how they are fitted and corrected.
 
 use super::coverage_error::CoverageError;
-use super::fit::{Block, fit_block};
+use super::fit::{BlockMeasure, fit_block};
 use super::group_transmittance::GroupTransmittance;
 use super::materials::MaterialWeights;
 use super::projected_cell::Cell;
@@ -9,7 +9,7 @@ use super::refine::{correct_group, scale_rate_codes};
 use crate::volume::material::{COARSE, FINE};
 use crate::volume::{Depth, Model};
 
-/// How voxels are fitted.
+/// Options of the fit.
 #[derive(Debug, Clone, Copy)]
 pub struct FitOptions {
     pub model: Model,
@@ -60,7 +60,7 @@ impl Output {
 
     /// Fit the `cells` of a block, which are voxels of `depth`, and append them. Returns the block's transmittance where groups of
     /// blocks are to be corrected.
-    pub fn fit(&mut self, depth: usize, cells: Vec<CellWithMask>, block: &Block) -> Option<GroupTransmittance> {
+    pub fn fit(&mut self, depth: usize, cells: Vec<CellWithMask>, block: &BlockMeasure) -> Option<GroupTransmittance> {
         let step = if depth + 1 == self.depths.len() { COARSE } else { FINE };
         let out = &mut self.depths[depth];
         out.masks.extend(cells.iter().map(|c| c.mask));

@@ -12,7 +12,7 @@ use crate::geom::DVec3;
 use crate::morton;
 use crate::source::{Medium, Staged};
 
-/// A region while it is measured: a cube of `2^log2` finest voxels an edge.
+/// A region while it is measured: a cube of `2^log2` finest voxels per edge.
 pub struct Region<'a> {
     staged: &'a dyn Staged,
     pub output: Output,
@@ -23,7 +23,7 @@ pub struct Region<'a> {
     inside: Vec<Option<bool>>,
 }
 
-/// Cube of `2^log2` voxels an edge within a region.
+/// Cube of `2^log2` voxels per edge within a region.
 #[derive(Clone, Copy)]
 struct Cube {
     /// Depth of the cube's node.
@@ -60,7 +60,7 @@ impl Matter {
 }
 
 impl<'a> Region<'a> {
-    /// Region of `2^log2` voxels an edge whose lowest voxel is `origin`; its voxels go to `output`.
+    /// Region of `2^log2` voxels per edge whose lowest voxel is `origin`; its voxels go to `output`.
     pub fn new(staged: &'a dyn Staged, output: Output, origin: [u32; 3], log2: usize) -> Region<'a> {
         Region { staged, output, origin, log2, inside: vec![None; 1 << (3 * log2)] }
     }

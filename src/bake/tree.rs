@@ -4,7 +4,7 @@
 use std::borrow::Cow;
 use std::sync::Arc;
 
-use super::fit::Block;
+use super::fit::BlockMeasure;
 use super::group_transmittance::GroupTransmittance;
 use super::line_mask::{LineMask, MaskUnion, unite};
 use super::measure::Measure;
@@ -39,7 +39,7 @@ struct Children {
     nodes: Vec<Child>,
 }
 
-/// What is left of a child until its voxel is fitted.
+/// Child whose voxel is not fitted yet.
 struct Child {
     measure: Box<Measure>,
     /// Which children it has itself.
@@ -168,7 +168,8 @@ fn fit_grandchildren(
     }
     let mut groups = Vec::new();
     if !cells.is_empty() {
-        let block = Block { measure, mask: &coverage.mask, cover: coverage.cover, solid_octants: solid, width: 4 };
+        let block =
+            BlockMeasure { measure, mask: &coverage.mask, cover: coverage.cover, solid_octants: solid, width: 4 };
         groups.extend(output.fit(depth + 2, cells, &block));
     }
     // Soft matter is independent from block to block, as the march takes it, and needs no correction.
@@ -183,7 +184,7 @@ fn fit_grandchildren(
     groups
 }
 
-/// What is left of the children once their own children are fitted.
+/// Children whose own children are fitted.
 fn release(children: Siblings, measured: [bool; 8], parent: &Measure) -> Children {
     let mut left = Children::default();
     for (j, child) in children.into_iter().enumerate() {
@@ -258,7 +259,7 @@ impl TreeAssembler {
         }
         let Some(root) = self.root else { return false };
         let coverage = BlockCoverage::new(&root.measure, &root.mask, root.mask.counts(), root.inside.as_deref());
-        let block = |width| Block {
+        let block = |width| BlockMeasure {
             measure: &root.measure,
             mask: &coverage.mask,
             cover: coverage.cover,

@@ -15,7 +15,7 @@ use std::path::{Path, PathBuf};
 
 use crate::{Error, Result};
 
-/// How the name of a temporary file begins and ends.
+/// Beginning and end of a temporary file's name.
 pub const PART_NAME: [&str; 2] = [".vtex-", ".part"];
 /// Names that are tried for a temporary file: more than a process writes at once.
 const MAX_NAMES: u32 = 1 << 16;

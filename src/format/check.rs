@@ -11,7 +11,7 @@ use super::layout::SectionKind;
 use super::{Limits, Reader};
 use crate::Result;
 
-/// What [`verify`] went through.
+/// Counts of what [`verify`] went through.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Report {
     /// Number of depths.

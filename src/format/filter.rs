@@ -1,6 +1,6 @@
 //! Reversible reorderings of a page's codes, so that what is alike lies together; one is chosen a section.
 
-/// How many filters there are: 1 is one plane a component.
+/// Number of filters: 1 is one plane per component.
 pub const COUNT: u8 = 3;
 /// Codes of a voxel lie together.
 pub const INTERLEAVED: u8 = 0;

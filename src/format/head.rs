@@ -244,7 +244,7 @@ impl Head {
         1 << self.depths.len().saturating_sub(1)
     }
 
-    /// What the file holds, however it is compressed: equal for equal content.
+    /// Identity of the file's content, however it is compressed: equal for equal content.
     pub fn content_id(&self) -> [u8; 16] {
         self.header.content_id
     }
@@ -360,7 +360,7 @@ fn check_counts(depths: &[DepthEntry], sum: u64, at: u64) -> Result<(), Broken> 
     require(total == sum, codes::COUNTS, 104, || format!("the depths have {total} nodes, the header says {sum}"))
 }
 
-/// What a file holds, in 16 bytes, however it is compressed: SHA-256 over the fields that give the content a meaning and the
+/// Identity of a file's content, in 16 bytes, however it is compressed: SHA-256 over the fields that give the content a meaning and the
 /// depths' digests.
 fn content_id(header: &Header, depths: &[DepthEntry], streams: &[StreamEntry]) -> [u8; 16] {
     let mut bytes = vec![header.depths, header.cyclic, header.up];

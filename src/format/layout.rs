@@ -163,9 +163,9 @@ pub struct DepthEntry {
     pub nodes: u64,
     /// Nodes with a non-zero child mask.
     pub internal: u64,
-    /// Where the depth's block starts in the file.
+    /// Start of the depth's block in the file.
     pub block_offset: u64,
-    /// Where it ends: a prefix of this many bytes holds depths 0 to this one.
+    /// End of the block: a prefix of this many bytes holds depths 0 to this one.
     pub block_end: u64,
     /// SHA-256 of the decoded content.
     pub digest: [u8; 32],
@@ -280,7 +280,7 @@ impl StreamEntry {
     }
 }
 
-/// What a section holds.
+/// Kind of a section.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SectionKind {
     /// JSON that describes the texel.

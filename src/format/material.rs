@@ -14,7 +14,7 @@ pub fn most(materials: usize, k: usize) -> u8 {
     if materials > SLOTS && k < SLOTS { (materials - 1).min(254) as u8 } else { WHOLE }
 }
 
-/// How the mixes of a texel are coded: with the first material and the likeliest one, by the voxel's colour, in each other's
+/// Coding of a texel's mixes of materials: with the first material and the likeliest one, by the voxel's colour, in each other's
 /// place. So most codes are 0.
 pub struct Coding {
     /// Mean albedo of each material, as the codes of a voxel's.
@@ -58,7 +58,7 @@ impl Coding {
         out
     }
 
-    /// Of a voxel's codes; `None` where shares sum up to more than the whole.
+    /// Mix of a voxel's codes; `None` where shares sum up to more than the whole.
     pub fn mix(&self, codes: &[u8], albedo: [u8; 3]) -> Option<Mix> {
         let ids = self.means.len() > SLOTS;
         let shares = if ids { codes.get(SLOTS..)? } else { codes };

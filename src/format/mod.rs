@@ -37,7 +37,7 @@ pub const MAJOR: u16 = 1;
 /// Minor version: additive.
 pub const MINOR: u16 = 0;
 
-/// How much a reader may take.
+/// Most memory that a reader may take.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Limits {
     /// Bytes of decoded voxels and child masks, all depths together. Finest depths beyond it are not opened.

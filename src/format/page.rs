@@ -13,7 +13,7 @@ pub const CODECS: u8 = 2;
 /// Each page is stored, or a zstd frame where that is shorter.
 pub const ZSTD: u8 = 1;
 
-/// Where a page lies.
+/// Place of a page in the file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct PageRef {
     /// From the start of the section.

@@ -178,7 +178,7 @@ impl Reader {
         self.file_bytes
     }
 
-    /// What was left out.
+    /// Warnings about what was left out.
     pub fn warnings(&self) -> Warnings {
         let mut warnings = Warnings::default();
         if self.depths < self.head.depths.len() {
@@ -277,7 +277,7 @@ impl Reader {
         Ok(codes)
     }
 
-    /// What voxels `page << 12 ..` of `depth` show of materials.
+    /// Materials of the voxels from `page << 12` on of `depth`.
     fn read_mixes(&self, depth: usize, page: usize) -> Result<Vec<Mix>, Broken> {
         let Some((stream, coding)) = &self.material else { return Ok(Vec::new()) };
         // Colours tell which material is likely.

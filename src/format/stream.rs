@@ -8,7 +8,7 @@ use super::material;
 use crate::par;
 use crate::volume::{Channels, Depth, Sggx, Volume, Voxel};
 
-/// How finely a file holds the channels.
+/// Fineness of the channels in a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Quality {
     /// Fewer steps: about two thirds of the bytes.
@@ -18,7 +18,7 @@ pub enum Quality {
     Full,
 }
 
-/// What a stream holds.
+/// Content of a stream.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Channel {
     /// Rate: hits per voxel edge inside the support, log2.
@@ -29,7 +29,7 @@ pub enum Channel {
     NdfCorrelation,
     /// Block correlation c.
     BlockCorrelation,
-    /// Support box: a code an axis, the distance from the low face in the low bits, from the high face in the high ones.
+    /// Support box: a code per axis, the distance from the low face in the low bits, from the high face in the high ones.
     Support,
     /// |mean area vector| / area.
     OneSidedness,
@@ -37,7 +37,7 @@ pub enum Channel {
     MeanNormal,
     /// Square root of linear albedo.
     Albedo,
-    /// What is seen of each of the texel's materials; no field of a [`Voxel`].
+    /// Share of each of the texel's materials that is seen; no field of a [`Voxel`].
     Material,
 }
 

@@ -26,7 +26,7 @@ const TRIAL_LEVEL: i32 = 3;
 const LEVELS: [i32; 3] = [4, 7, 11];
 const WORTH: usize = 32;
 
-/// How to write.
+/// Options of writing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct WriteOptions {
     /// zstd's level, 1 (quick) to 19 (small); lower where that saves next to nothing.
@@ -42,7 +42,7 @@ impl Default for WriteOptions {
     }
 }
 
-/// What was written.
+/// Report of what was written.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Written {
     /// Bytes of the file.

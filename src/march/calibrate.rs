@@ -5,7 +5,7 @@
 //! misses that what is seen is what is lit (the hot spot), so the light's factor depends on the angle between the two.
 //!
 //! What is stored is the power 3/4 of what a texel on its own would need: among others like it, a forest's lower parts are dark
-//! anyway. 25 000 trees from afar against 1024 samples of their triangles, 384×216, one cone a pixel, and one tree alone: FLIP
+//! anyway. 25 000 trees from afar against 1024 samples of their triangles, 384×216, one cone per pixel, and one tree alone: FLIP
 //! .0280, .0287 and .0325 with the power 1/2, 3/4 and 1, bias of luminance +.0026, −.0007 and −.0036; the tree's largest step between depths
 //! −1.8, −1.1 and −.2 %.
 
@@ -30,7 +30,7 @@ const DEEPEST: usize = 9;
 /// was.
 ///
 /// # Errors
-/// What reading the texel gives.
+/// Errors of reading the texel.
 pub fn measure(tree: Octree) -> Result<Vec<BrightnessFactors>> {
     let Some(finest) = tree.finest() else { return Ok(Vec::new()) };
     let mut levels = vec![BrightnessFactors::PLAIN; finest + 1];
@@ -90,7 +90,7 @@ fn on_sphere(height: f32, turn: f32) -> Vec3 {
     Vec3::new(r * libm::cos(angle) as f32, r * libm::sin(angle) as f32, z)
 }
 
-/// What `f` gives for each of `depths` depths, summed over all rays, chunk by chunk in order.
+/// Results of `f` for each of `depths` depths, summed over all rays, chunk by chunk in order.
 fn sums<T>(depths: usize, content: &Aabb, f: impl Fn(Sample) -> Vec<T> + Sync) -> Vec<T>
 where
     T: Copy + Default + AddAssign + Send,

@@ -82,18 +82,18 @@ pub(super) struct VoxelSegment<'a> {
     depth: u32,
     /// The cell's low corner in cells of the walk's depth, mirrored.
     corner: Vec3A,
-    /// Where the line enters and leaves the cell, enter < leave.
+    /// The line's s where it enters and leaves the cell, enter < leave.
     pub enter: f32,
     pub leave: f32,
 }
 
-/// What a walk calls.
+/// Calls that a walk makes.
 pub(super) trait VoxelVisitor {
     /// Each occupied voxel on the way. `false` ends the walk.
     fn segment(&mut self, segment: &VoxelSegment<'_>) -> bool;
     /// Between the 4^3 blocks that pieces belong to, and terminal nodes as large; also where there was none.
     fn block_end(&mut self);
-    /// How many cells and empty cubes were crossed, once a walk.
+    /// Called once per walk with the number of cells and empty cubes that were crossed.
     fn stepped(&mut self, cells: u64);
 }
 
@@ -120,7 +120,7 @@ const fn reach() -> [[u64; 64]; 8] {
     table
 }
 
-/// How a walk ended.
+/// End of a walk.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum WalkEnd {
     /// At the end of the line, or after the last voxel.
@@ -131,7 +131,7 @@ pub(super) enum WalkEnd {
     Stopped,
 }
 
-/// Where a walk is in the block of one node: a cell of it, and where the line leaves that cell.
+/// Position of a walk in the block of one node: a cell of it, and where the line leaves that cell.
 #[derive(Clone, Copy)]
 struct BlockCursor<'a> {
     block: &'a Block,

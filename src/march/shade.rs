@@ -64,7 +64,7 @@ struct SolidSurface {
     position: Vec3,
 }
 
-/// How far within a solid its surface is still seen, in voxels.
+/// Distance within a solid at which its surface is still seen, in voxels.
 const SURFACE_SEEN_WITHIN: f32 = 3.0;
 
 /// The sink that shades. Directions are in the space in which normals are to be taken: texel space, or with a `warp` the
@@ -216,7 +216,7 @@ pub fn warped(s: &Sggx, j: Mat3) -> Sggx {
 /// In facets, see [`shadow_start`].
 const SHADOW_START: f32 = 0.4;
 
-/// How far from the matter that it starts in a shadow ray begins, in cube edges, so that a strand doesn't shade itself: less than
+/// Distance from the matter that it starts in at which a shadow ray begins, in cube edges, so that a strand doesn't shade itself: less than
 /// half a facet, beyond which the facet's own neighbours are missed, and within the voxel. What of the rest is its own flat
 /// matter is known by its c (see [`super::transmittance::transmittance_from_own_matter`]). FLIP of one lane with a quarter, .4 and a half: a tree .0396, –,
 /// .0409; clumps .0474, –, .0485; fur .142, –, .111; near .0405, –, .0414. `facet_size`: [`crate::volume::Info::facet_size`];

@@ -1,6 +1,6 @@
 //! The march: what a straight segment of a ray loses to the matter of one texel, and where.
 //!
-//! Based on: F. Neyret, *Synthesizing Verdant Landscapes using Volumetric Textures*, INRIA RR-2846, 1996 (one ray a pixel, the
+//! Based on: F. Neyret, *Synthesizing Verdant Landscapes using Volumetric Textures*, INRIA RR-2846, 1996 (one ray per pixel, the
 //! depth by the size of its cone); M. Levoy, *Efficient Ray Tracing of Volume Data*, TOG 1990 (early termination).
 
 use crate::geom::Vec3;
@@ -21,7 +21,7 @@ pub struct MarchSegment {
     pub length: f32,
     /// Width of the ray's cone at t = 0, in cube edges.
     pub footprint: f32,
-    /// What the width grows by per unit of t.
+    /// Growth of the width per unit of t.
     pub growth: f32,
     /// Multiplies the rates, ≥ 0.
     pub opacity_scale: f32,
@@ -59,7 +59,7 @@ impl DepthChoice {
     }
 }
 
-/// What the marches of a thread met.
+/// Counts of a thread's marches.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct MarchStats {
     /// Segments marched.
@@ -150,7 +150,7 @@ impl Sink for NoSink {
     fn voxel(&mut self, _: &VoxelHit<'_>) {}
 }
 
-/// Where a ray is that starts on matter: its own block is that of the first voxel, if that is within a voxel's width.
+/// Position of a ray that starts on matter with respect to its own block. That is the block of the first voxel, if that is within a voxel's width.
 #[derive(Clone, Copy, PartialEq)]
 enum StartBlock {
     Ahead,
@@ -239,7 +239,7 @@ struct OpacityLaw<'a, S> {
     /// Transmittance within the current block.
     block: f32,
     stop_below: f32,
-    /// Whether the current block is the one that the ray starts in.
+    /// Where the current block is with respect to the one that the ray starts in.
     start_block: StartBlock,
     sink: &'a mut S,
     stats: &'a mut MarchStats,

@@ -7,10 +7,10 @@
 use crate::geom::Vec3;
 use crate::volume::Sggx;
 
-/// How many normals stand for a voxel.
+/// Number of normals that stand for a voxel.
 pub const POINTS: usize = 8;
 
-/// Equally weighted unit normals, each on the viewer's side, one array a component.
+/// Equally weighted unit normals, each on the viewer's side, one array per component.
 #[derive(Debug, Clone, Copy)]
 pub struct Normals {
     /// x components.

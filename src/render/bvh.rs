@@ -9,7 +9,7 @@ use obvhs::{Boundable, BvhBuildParams};
 
 use crate::geom::{Aabb, Ray, Vec3};
 
-/// How far every box is grown, in units in which the scene is about 1 across: more than the rounding of origins and
+/// Distance by which every box is grown, in units in which the scene is about 1 across: more than the rounding of origins and
 /// bounds to f32 (2^-24), so that the f32 slabs never lose what the exact tests in f64 would find.
 const PAD: f32 = 1.0 / (1 << 21) as f32;
 
@@ -56,7 +56,7 @@ impl Slabs {
         Slabs { origin: ray.origin.as_vec3(), inv: Vec3::new(inv(ray.dir.x), inv(ray.dir.y), inv(ray.dir.z)) }
     }
 
-    /// Where the ray enters the node, if it does so before `t1`.
+    /// The ray's t where it enters the node, if it does so before `t1`.
     #[inline]
     fn enter(&self, node: &Node, t1: f32) -> Option<f32> {
         let a = (Vec3::from_array(node.min) - self.origin) * self.inv;

@@ -3,7 +3,7 @@
 use crate::geom::{Aabb, DVec3, Ray};
 use crate::scene::{Camera, Projection};
 
-/// Where a picture is seen from. Rays are relative to `eye` and in the caller's unit of length.
+/// Eye and projection of a picture. Rays are relative to `eye` and in the caller's unit of length.
 #[derive(Debug, Clone)]
 pub struct View {
     /// World space, metres.
@@ -22,7 +22,7 @@ pub struct Cone {
     pub ray: Ray,
     /// Width at t = 0.
     pub width: f64,
-    /// What the width grows by per unit of t.
+    /// Growth of the width per unit of t.
     pub growth: f64,
 }
 

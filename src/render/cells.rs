@@ -170,7 +170,7 @@ impl TexelLayer {
             let (texel, tint) = (first.texel, first.tint);
             return Some(CopyHit { texel, tint, cell, t0, t1, origin: p, dir: sign * dir, linear, zoom: 1.0 });
         };
-        let (choice, Placed { linear: m, origin, zoom }) = self.place(discrete, cell)?;
+        let (choice, CopyPlacement { linear: m, origin, zoom }) = self.place(discrete, cell)?;
         let linear = DMat3::from_cols(m.x_axis * sign.x, m.y_axis * sign.y, m.z_axis * sign.z);
         Some(CopyHit {
             texel: choice.texel,
@@ -185,8 +185,8 @@ impl TexelLayer {
         })
     }
 
-    /// Where the hash puts the object of `cell`.
-    fn place(&self, discrete: &Discrete, cell: [i64; 3]) -> Option<(&TexelChoice, Placed)> {
+    /// Variant and placement that the hash gives the copy in `cell`.
+    fn place(&self, discrete: &Discrete, cell: [i64; 3]) -> Option<(&TexelChoice, CopyPlacement)> {
         let h = hash(cell, discrete.seed).map(unit);
         if h[0] >= discrete.presence {
             return None;
@@ -212,17 +212,17 @@ impl TexelLayer {
             }
         }
         let linear = forward.transpose() * (1.0 / (scale * scale));
-        Some((choice, Placed { linear, origin, zoom: 1.0 / scale }))
+        Some((choice, CopyPlacement { linear, origin, zoom: 1.0 / scale }))
     }
 }
 
 /// The point of a texel about which copies are scaled and turned: the middle of its floor.
 const BASE: DVec3 = DVec3::new(0.5, 0.5, 0.0);
 
-struct Placed {
+struct CopyPlacement {
     /// Cell → texel.
     linear: DMat3,
-    /// Where BASE is put, in the cell.
+    /// Place of [`BASE`] in the cell.
     origin: DVec3,
     zoom: f64,
 }

@@ -11,23 +11,23 @@ use crate::{Error, Result};
 /// All copies of a scene, numbered through.
 #[derive(Default)]
 pub struct Copies<'a> {
-    sets: Vec<Placed<'a>>,
+    sets: Vec<PlacedSet<'a>>,
     count: usize,
 }
 
 /// One set in the renderer's space.
-struct Placed<'a> {
+struct PlacedSet<'a> {
     set: &'a CopySet,
     /// Number of the set's first copy.
     first: usize,
     /// The node's space → the renderer's.
     place: DAffine3,
     /// As the set's variants.
-    kinds: Vec<Kind>,
+    kinds: Vec<CopyVariant>,
 }
 
 /// A variant.
-struct Kind {
+struct CopyVariant {
     texel: usize,
     tint: Vec3,
     /// A copy's own space → the texel's cube, and the content's box in the copy's own space.
@@ -37,7 +37,7 @@ struct Kind {
 
 /// One copy.
 #[derive(Debug, Clone, Copy)]
-pub struct Copy {
+pub struct RigidCopy {
     index: u32,
     pub texel: usize,
     pub tint: Vec3,
@@ -66,10 +66,15 @@ impl<'a> Copies<'a> {
                 let info = info(v.texel).ok_or_else(missing)?;
                 let map = to_texel(info);
                 let content = info.content.transformed(map.inverse());
-                Ok(Kind { texel: v.texel, tint: Vec3::from_array(v.diffuse.map(|d| d as f32)), to_texel: map, content })
+                Ok(CopyVariant {
+                    texel: v.texel,
+                    tint: Vec3::from_array(v.diffuse.map(|d| d as f32)),
+                    to_texel: map,
+                    content,
+                })
             };
             let kinds = set.variants.iter().map(kind).collect::<Result<Vec<_>>>()?;
-            copies.sets.push(Placed { set, first: copies.count, place: place(set.to_world), kinds });
+            copies.sets.push(PlacedSet { set, first: copies.count, place: place(set.to_world), kinds });
             copies.count += set.len();
         }
         Ok(copies)
@@ -99,20 +104,20 @@ impl<'a> Copies<'a> {
     }
 
     /// The copy of that number; `None` where it is not there, or is flat.
-    pub fn get(&self, index: usize) -> Option<Copy> {
+    pub fn get(&self, index: usize) -> Option<RigidCopy> {
         let after = self.sets.partition_point(|placed| placed.first <= index);
         let placed = self.sets.get(after.checked_sub(1)?)?;
         let i = index - placed.first;
         let kind = placed.kinds.get(placed.set.choice(i)).filter(|_| i < placed.set.len())?;
         let to_texel = kind.to_texel * (placed.place * placed.set.local(i)).inverse();
         let tint = placed.set.tints.get(i).map_or(kind.tint, |t| kind.tint * Vec3::from_array(*t));
-        let found = Copy { index: index as u32, texel: kind.texel, tint, to_texel };
+        let found = RigidCopy { index: index as u32, texel: kind.texel, tint, to_texel };
         to_texel.is_finite().then_some(found)
     }
 }
 
-impl Copy {
-    /// Where the ray is inside of the cube, in [0, t1].
+impl RigidCopy {
+    /// Interval of the ray inside of the cube, within [0, t1].
     pub fn span(&self, ray: &Ray, t1: f64) -> Option<(f64, f64)> {
         let (origin, dir) = (self.to_texel.transform_point3(ray.origin), self.to_texel.matrix3 * ray.dir);
         let (mut near, mut far) = (0.0_f64, t1);
@@ -130,7 +135,7 @@ impl Copy {
         (near < far).then_some((near, far))
     }
 
-    /// The segment of the ray from t0 to t1, which lies in [`Copy::span`].
+    /// The segment of the ray from t0 to t1, which lies in [`RigidCopy::span`].
     pub fn hit(&self, ray: &Ray, t0: f64, t1: f64) -> CopyHit {
         let origin = self.to_texel.transform_point3(ray.at(t0));
         CopyHit {

@@ -13,7 +13,7 @@ use crate::geom::Vec3;
 use crate::march::transmittance::{Sink, VoxelHit};
 use crate::volume::Voxel;
 
-/// What stops part of the light, at a distance along the ray.
+/// Matter that stops part of the light, at a distance along the ray.
 #[derive(Clone, Copy)]
 pub struct Event {
     pub t: f64,
@@ -22,7 +22,7 @@ pub struct Event {
     pub origin: EventOrigin,
 }
 
-/// What an event is of. `copy` is an index into the cone's list of [`CopySegment`]s.
+/// Matter that an event is of. `copy` is an index into the cone's list of [`CopySegment`]s.
 #[derive(Clone, Copy)]
 pub enum EventOrigin {
     Voxel {
@@ -41,7 +41,7 @@ pub enum EventOrigin {
 }
 
 impl Event {
-    /// What is lit together: a copy, so that its voxels share shadow rays, or one blended surface.
+    /// Number of what is lit together: a copy, so that its voxels share shadow rays, or one blended surface.
     pub fn group(&self) -> u32 {
         match self.origin {
             EventOrigin::Voxel { copy, .. } | EventOrigin::Source { copy, .. } => copy,
@@ -83,7 +83,7 @@ pub struct Recorder<'a> {
     /// Share of the march's light that has not been stopped.
     pub transmittance: f32,
     pub copy: u32,
-    /// Where the ray enters the copy.
+    /// The ray's t where it enters the copy.
     pub t0: f64,
 }
 

@@ -76,7 +76,7 @@ pub fn read(path: &Path) -> Result<Image> {
 }
 
 /// The size that a header claims, against [`MAX_PIXELS`] and the length of the file: deflate, the densest coding there
-/// is in both formats, gives at most 1032 bytes a byte, and a byte at most 8 pixels.
+/// is in both formats, gives at most 1032 bytes per byte, and a byte at most 8 pixels.
 fn check_size(path: &Path, width: u64, height: u64, file_bytes: u64) -> Result<()> {
     let pixels = width.saturating_mul(height);
     if pixels == 0 {

@@ -20,7 +20,7 @@ use crate::march::transmittance::{DepthChoice, Sink, VoxelHit};
 /// Contributions below this, where the display's white is 1, are not tested for shadows.
 const FAINT: f32 = 1.0 / 256.0;
 
-/// What the width of a cone towards the sky grows by per unit of length.
+/// Growth of the width of a cone towards the sky per unit of length.
 const SKY_GROWTH: f64 = 0.8;
 
 impl Tracer<'_> {

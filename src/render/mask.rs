@@ -8,7 +8,7 @@ use std::sync::{Arc, OnceLock};
 use crate::scene::alpha::AlphaSums;
 use crate::scene::{Alpha, Material, Texture};
 
-/// Where a cone meets the texture of a triangle.
+/// Place and footprint of a cone in the texture of a triangle.
 pub struct Lookup<'a> {
     pub texture: &'a Texture,
     pub uv: [f32; 2],

@@ -26,7 +26,7 @@ pub struct Mesh {
     masks: Masks,
 }
 
-/// Where a ray met a triangle.
+/// Intersection of a ray with a triangle.
 #[derive(Debug, Clone, Copy)]
 pub struct Contact {
     pub t: f64,
@@ -44,11 +44,11 @@ impl Contact {
     }
 }
 
-/// What is seen at a contact.
+/// Surface as it is seen at a contact.
 #[derive(Debug, Clone, Copy)]
 pub struct Surface {
     pub point: DVec3,
-    /// Where shadow rays start: the point lifted to the surface that the normals suggest.
+    /// Start of shadow rays: the point lifted to the surface that the normals suggest.
     pub lifted: DVec3,
     /// Unit, towards the viewer.
     pub normal: DVec3,
@@ -223,7 +223,7 @@ impl Mesh {
         self.masks.share(material, part.material, &lookup, vertex)
     }
 
-    /// Where a contact falls in its material's texture; `None` without one, or without coordinates for it.
+    /// Place of a contact in its material's texture; `None` without one, or without coordinates for it.
     fn lookup<'a>(
         &self,
         part: &Part,
@@ -269,7 +269,7 @@ impl Mesh {
         rgba
     }
 
-    /// What is seen at a contact of `ray`, whose cone is `width` wide there.
+    /// Surface as it is seen at a contact of `ray`, whose cone is `width` wide there.
     pub fn surface(&self, model: &Model, ray: &Ray, contact: &Contact, width: f64) -> Surface {
         let triangle = &self.triangles[contact.triangle as usize];
         let instance = &model.instances[triangle.instance as usize];
@@ -310,7 +310,7 @@ fn facing(corners: &[DVec3; 3], dir: DVec3) -> f64 {
     n.dot(dir).abs().max(0.05)
 }
 
-/// How normals transform: the cofactor matrix, for outward normals of mirrored parts too.
+/// Matrix by which normals transform: the cofactors, for outward normals of mirrored parts too.
 fn cofactor(m: DMat3) -> DMat3 {
     let c = DMat3::from_cols(m.y_axis.cross(m.z_axis), m.z_axis.cross(m.x_axis), m.x_axis.cross(m.y_axis));
     if m.determinant() < 0.0 { c * -1.0 } else { c }

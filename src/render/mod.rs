@@ -1,4 +1,4 @@
-//! Scene → film: one cone a pixel through plain meshes and shells full of texels.
+//! Scene → film: one cone per pixel through plain meshes and shells full of texels.
 //!
 //! Units: world space in metres, radiance linear Rec. 709. A directional light's intensity is the irradiance on a surface
 //! that faces it; a diffuse facet reflects albedo / π · E · max(0, n·l) · visibility + albedo · sky.
@@ -68,9 +68,9 @@ pub struct Rendered {
     pub film: Film,
     /// Counts of what its rays met, and times.
     pub stats: Stats,
-    /// What was mended or left out, counted.
+    /// Warnings about what was mended or left out, counted.
     pub warnings: Warnings,
-    /// What was chosen for want of better, a line each.
+    /// Choices that were made for want of better, a line each.
     pub notes: Vec<String>,
 }
 
@@ -124,7 +124,7 @@ pub fn render_with(
     })?
 }
 
-/// What the rays of the pixel (x, y), from the upper left, meet.
+/// Trace of the rays of the pixel (x, y), counted from the upper left: all that they meet.
 pub fn trace_pixel(scene: &Scene, options: &Options, at: [u32; 2]) -> Result<Trace> {
     check(options)?;
     if at[0] >= options.size[0] || at[1] >= options.size[1] {
@@ -159,7 +159,7 @@ fn check(options: &Options) -> Result<()> {
     Ok(())
 }
 
-/// Where the voxels of a texel come from.
+/// Origin of a texel's voxels.
 enum Store {
     File(Arc<Reader>),
     Memory(Arc<Volume>),
@@ -321,7 +321,7 @@ fn lane_of(tracer: &mut Tracer<'_>, [x, y]: [u32; 2], lane: u32, lanes: u32) -> 
     radiance.extend(alpha)
 }
 
-/// Where in its pixel a lane looks: a rotated grid, row i at column bit-reversed i.
+/// Place in its pixel at which a lane looks: a rotated grid, row i at column bit-reversed i.
 fn lane_offset(lane: u32, lanes: u32) -> [f64; 2] {
     let bits = lanes.trailing_zeros();
     let column = if bits == 0 { 0 } else { lane.reverse_bits() >> (32 - bits) };

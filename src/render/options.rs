@@ -7,13 +7,13 @@ use crate::geom::DVec3;
 pub struct Options {
     /// Pixels, width and height, each 1 … 65 536.
     pub size: [u32; 2],
-    /// Where the picture is seen from.
+    /// Camera that the picture is seen from.
     pub camera: CameraChoice,
     /// Radiance of the sky that lights the scene, linear; over the file's.
     pub sky: Option<[f64; 3]>,
     /// Radiance that an escaped camera ray sees, linear; over the file's.
     pub background: Option<[f64; 3]>,
-    /// How much of the sky lights a point.
+    /// Share of the sky that lights a point.
     pub ambient: Ambient,
     /// Cones a pixel: 1, 2, 4, 8 or 16.
     pub lanes: u32,
@@ -28,7 +28,7 @@ pub struct Options {
     pub depth_bias: f64,
     /// Added to the depth of what is seen for what shades it: −1 is one coarser, which is faster and darker.
     pub shadow_bias: f64,
-    /// What is seen where a pixel is smaller than a texel's finest voxel.
+    /// Representation of a texel where a pixel is smaller than its finest voxel.
     pub source_lod: SourceLod,
     /// Whether lights are tested for what stands before them.
     pub shadows: bool,
@@ -74,7 +74,7 @@ pub enum CameraChoice {
     },
 }
 
-/// What stands for a texel where a pixel is smaller than its finest voxel.
+/// Representation of a texel where a pixel is smaller than its finest voxel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum SourceLod {
     /// The mesh that it was baked from, where the scene names it; read when a cone first needs it.
@@ -84,7 +84,7 @@ pub enum SourceLod {
     Voxels,
 }
 
-/// How much of the sky a point sees.
+/// Share of the sky that a point sees.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Ambient {
     /// All of it: the figure used in comparisons.

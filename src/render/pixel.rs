@@ -1,7 +1,7 @@
 //! One camera cone: the nearest surface, and before it every copy of a texel in order of distance.
 //!
 //! Based on: J. Amanatides, *Ray Tracing with Cones*, SIGGRAPH 1984; F. Neyret, *Synthesizing Verdant Landscapes using
-//! Volumetric Textures*, INRIA RR-2846, 1996 (one cone a pixel through boxes full of texels).
+//! Volumetric Textures*, INRIA RR-2846, 1996 (one cone per pixel through boxes full of texels).
 //!
 //! Boxes are visited in order of where the ray enters them. Before the next box is marched, all that lies before it is
 //! composited ([`super::events`]) and lit ([`super::lighting`]), so that the cone ends as soon as nothing comes through.
@@ -64,7 +64,7 @@ pub struct ConeState<'c> {
     pub radiance: Vec3,
     /// Light too faint to be worth a shadow ray.
     pub faint: Vec3,
-    /// Of the light that was tested by shadow rays: how much arrived, and how much there was.
+    /// Light that arrived, of what was tested by shadow rays, and how much that was.
     pub arrived: f32,
     pub tested: f32,
 }

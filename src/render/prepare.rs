@@ -6,7 +6,7 @@
 use super::bvh::Bvh;
 use super::camera::View;
 use super::cells::{TexelChoice, TexelLayer};
-use super::copies::{Copies, Copy};
+use super::copies::{Copies, RigidCopy};
 use super::faces;
 use super::light::{DEFAULT_SKY, PunctualLight, default_sun};
 use super::mesh::{Mesh, MeshBuilder};
@@ -60,7 +60,7 @@ pub struct World<'a> {
     pub sky: Vec3,
     pub background: Vec3,
     pub warnings: Warnings,
-    /// What was chosen for want of better, in words.
+    /// Choices that were made for want of better, a line each.
     pub notes: Vec<String>,
 }
 
@@ -208,7 +208,7 @@ impl<'a> World<'a> {
     }
 
     /// The copy that is item `index` of `shells`; `None` where that is a box, or the copy is flat.
-    pub fn copy(&self, index: u32) -> Option<Copy> {
+    pub fn copy(&self, index: u32) -> Option<RigidCopy> {
         self.copies.get((index as usize).checked_sub(self.boxes.len())?)
     }
 

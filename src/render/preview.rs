@@ -19,7 +19,7 @@ pub struct Sheet {
     pub rgb: Vec<[u8; 3]>,
 }
 
-/// What a tile of the sheet shows: where its pixels start, and which way its rays go.
+/// View of a tile of the sheet: where its pixels start, and which way its rays go.
 struct View {
     /// Rightward and downward edge of the tile, texel space.
     right: Vec3,
@@ -27,7 +27,7 @@ struct View {
     into: Vec3,
     /// The tile's centre, on the plane that the rays start from.
     centre: Vec3,
-    /// How far they go.
+    /// Length of its rays.
     reach: f32,
     lit: bool,
 }
@@ -41,10 +41,10 @@ const TO_SUN: [f32; 3] = [-0.45, -0.75, -0.55];
 const SUN: f32 = 0.75;
 const SKY: f32 = 0.25;
 const BACKGROUND: f32 = 0.9;
-/// How thick a slice is, of the content's largest edge.
+/// Thickness of a slice, as a share of the content's largest edge.
 const SLICE: f32 = 1.0 / 128.0;
 
-/// The sheet of `tree`, each tile `tile` pixels a side: above from the front (along v, as the source's −Z to +Z), from the
+/// The sheet of `tree`, each tile `tile` pixels per side: above from the front (along v, as the source's −Z to +Z), from the
 /// side (along −u) and from above, below slices through the middle in the same three directions. Fails where the texel
 /// cannot be read, or `tile` is not in 16 ..= 4096.
 pub fn preview(tree: Octree, tile: usize) -> Result<Sheet> {

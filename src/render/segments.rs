@@ -32,7 +32,7 @@ pub struct CopySegment {
     pub scale: f64,
 }
 
-/// How far a chord may stray from the ray's path, in widths of the cone.
+/// Distance by which a chord may stray from the ray's path, in widths of the cone.
 const MAX_STRAY: f64 = 0.25;
 /// The stray that is always allowed, in cells: finer than a voxel of depth 10.
 const FREE_STRAY: f64 = 1.0 / 4096.0;
@@ -111,7 +111,7 @@ fn round_inside(origin: DVec3) -> Vec3 {
     Vec3::select(rounded.cmpeq(Vec3::ONE) & origin.cmplt(DVec3::ONE), Vec3::splat(1.0f32.next_down()), rounded)
 }
 
-/// How many texel units a unit of length across the unit direction `d` is: the root of the ratio of areas.
+/// Texel units per unit of length across the unit direction `d`: the root of the ratio of areas.
 fn scale_across(m: &DMat3, d: DVec3) -> f64 {
     let along = (*m * d).length();
     if along > 0.0 { (m.determinant().abs() / along).sqrt() } else { 0.0 }

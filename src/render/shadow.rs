@@ -47,7 +47,7 @@ pub struct ShadowCone {
     pub growth: f64,
 }
 
-/// How exactly shadows are found.
+/// Depths that shadow rays read, and where they end.
 #[derive(Clone, Copy)]
 pub struct ShadowQuality {
     pub choice: DepthChoice,

@@ -1,7 +1,8 @@
 //! The boxes of a shell: one for each face, between the face and its copy pushed out by the height vectors; where a ray
 //! is inside, and the texel coordinates that it runs through there.
 //!
-//! Based on: F. Neyret, *Synthesizing Verdant Landscapes using Volumetric Textures*, RR-2846, 1996 (boxes on faces);
+//! Based on: S. Porumbescu, B. Budge, L. Feng, K. Joy, *Shell Maps*, SIGGRAPH 2005 (a shell over a surface as texture space);
+//! F. Neyret, *Synthesizing Verdant Landscapes using Volumetric Textures*, RR-2846, 1996 (boxes on faces);
 //! S. Ogaki, *Nonlinear Ray Tracing for Displacement and Shell Mapping*, SIGGRAPH Asia 2023 (height along the ray is the
 //! root of a cubic); A. Reshetov, *Cool Patches*, Ray Tracing Gems, 2019 (walls are bilinear patches).
 //!
@@ -164,7 +165,7 @@ impl Wall {
     }
 }
 
-/// How far beyond its rim a wall still gives a crossing (a share of its size); an extra crossing is harmless.
+/// Distance beyond its rim at which a wall still gives a crossing (a share of its size); an extra crossing is harmless.
 const RIM: f64 = 1e-6;
 
 /// Roots of c0 + c1 x + c2 x², without cancellation; NaN or infinite where there is none.
@@ -203,10 +204,10 @@ pub struct TwistedBox {
 
 /// A place in a box: weights of corners 1 and 2, and the height W in [0, 1].
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Place {
+struct BoxPoint {
     b: [f64; 2],
     w: f64,
-    /// How far outside the box it is; ≤ 0 inside.
+    /// Distance outside the box, a share of its size; ≤ 0 inside.
     outside: f64,
 }
 
@@ -219,32 +220,32 @@ impl TwistedBox {
         let bounds = Aabb::around(face.iter().flat_map(|f| [f.p, f.p + f.h]));
         let it =
             TwistedBox { corners: *face, walls: [Wall::new(a, b), Wall::new(b, c), Wall::new(c, a)], normal, bounds };
-        let middle = it.edges(Place { b: [1.0 / 3.0; 2], w: 0.5, outside: 0.0 });
+        let middle = it.edges(BoxPoint { b: [1.0 / 3.0; 2], w: 0.5, outside: 0.0 });
         (middle.determinant() != 0.0 && middle.inverse().is_finite()).then_some(it)
     }
 
     /// Whether the box turns inside out somewhere: its volume element changes sign between corners.
     pub fn folded(&self) -> bool {
-        let sign = |b: [f64; 2], w: f64| self.edges(Place { b, w, outside: 0.0 }).determinant().signum();
+        let sign = |b: [f64; 2], w: f64| self.edges(BoxPoint { b, w, outside: 0.0 }).determinant().signum();
         let all = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]].map(|b| [sign(b, 0.0), sign(b, 1.0)]);
         all.iter().flatten().any(|&s| s != all[0][0])
     }
 
     /// dx/d(b1, b2, W).
-    fn edges(&self, at: Place) -> DMat3 {
+    fn edges(&self, at: BoxPoint) -> DMat3 {
         let [a, b, c] = &self.corners;
         let rise = (1.0 - at.b[0] - at.b[1]) * a.h + at.b[0] * b.h + at.b[1] * c.h;
         DMat3::from_cols(b.p - a.p + at.w * (b.h - a.h), c.p - a.p + at.w * (c.h - a.h), rise)
     }
 
-    fn texel(&self, at: Place) -> DVec3 {
+    fn texel(&self, at: BoxPoint) -> DVec3 {
         let [a, b, c] = &self.corners;
         let top = |k: &Corner| k.q + at.w * k.dw * DVec3::Z;
         (1.0 - at.b[0] - at.b[1]) * top(a) + at.b[0] * top(b) + at.b[1] * top(c)
     }
 
     /// World → texel, the linear part, there.
-    fn to_texel(&self, at: Place) -> DMat3 {
+    fn to_texel(&self, at: BoxPoint) -> DMat3 {
         let [a, b, c] = &self.corners;
         let dw = (1.0 - at.b[0] - at.b[1]) * a.dw + at.b[0] * b.dw + at.b[1] * c.dw;
         let up = |k: &Corner| k.q - a.q + at.w * (k.dw - a.dw) * DVec3::Z;
@@ -252,11 +253,11 @@ impl TwistedBox {
     }
 
     /// The place of a point: of the heights at which the triangle's plane holds it, the one least outside.
-    fn locate(&self, x: DVec3) -> Option<Place> {
+    fn locate(&self, x: DVec3) -> Option<BoxPoint> {
         let [a, b, c] = &self.corners;
         let (r, [n0, n1, n2]) = (x - a.p, self.normal);
         let k = [n0.dot(r), n1.dot(r) - n0.dot(a.h), n2.dot(r) - n1.dot(a.h), -n2.dot(a.h)];
-        let mut best: Option<Place> = None;
+        let mut best: Option<BoxPoint> = None;
         for w in cubic_in_unit(k).into_iter().flatten() {
             let n = n0 + w * (n1 + w * n2);
             let foot = r - w * a.h;
@@ -265,7 +266,7 @@ impl TwistedBox {
             let (b1, b2) = (foot.cross(e2).dot(n) / area, e1.cross(foot).dot(n) / area);
             let outside = (-b1).max(-b2).max(b1 + b2 - 1.0).max(-w).max(w - 1.0);
             if outside.is_finite() && best.is_none_or(|p| outside < p.outside) {
-                best = Some(Place { b: [b1, b2], w, outside });
+                best = Some(BoxPoint { b: [b1, b2], w, outside });
             }
         }
         best
@@ -307,7 +308,7 @@ impl TwistedBox {
     }
 
     /// Texel coordinate at t; `None` where the box is degenerate.
-    fn along(&self, ray: &Ray, t: f64) -> Option<(Place, DVec3)> {
+    fn along(&self, ray: &Ray, t: f64) -> Option<(BoxPoint, DVec3)> {
         let place = self.locate(ray.at(t))?;
         Some((place, self.texel(place)))
     }
@@ -415,7 +416,7 @@ impl ShellBox {
         }
     }
 
-    /// How far inside a point is, a share of the box's size; not above 0 outside.
+    /// Depth of a point inside, a share of the box's size; not above 0 outside.
     pub fn depth_inside(&self, x: DVec3) -> f64 {
         match self {
             ShellBox::Prism(b) => {

@@ -11,7 +11,7 @@ use crate::{Result, Warnings};
 
 /// Copies whose voxels are this many pixels wide, log2, are the first that are traced, and those a band further are all
 /// traced; between the two, neighbouring pixels take one or the other by ordered lod_dithers, so that no seam shows. In a
-/// crown whose leaves are several voxels wide triangles are better from half a voxel a pixel on (FLIP .045 with three rays a pixel,
+/// crown whose leaves are several voxels wide triangles are better from half a voxel a pixel on (FLIP .045 with three rays per pixel,
 /// .071 with one cone through voxels, 1.4 times the time).
 const BEGIN: f32 = -1.0;
 const BAND: f32 = 0.5;
@@ -47,7 +47,7 @@ impl LazySource {
         self.source.get_or_init(read).as_ref().ok().map(|(source, _)| source)
     }
 
-    /// How many triangles were read; what went wrong is added to `warnings`.
+    /// Number of triangles that were read; what went wrong is added to `warnings`.
     pub fn finish(self, warnings: &mut Warnings) -> u64 {
         match self.source.into_inner() {
             Some(Ok((source, own))) => {

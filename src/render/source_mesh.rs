@@ -64,7 +64,7 @@ impl SourceMesh {
         SourceMesh { mesh: builder.build(&model.materials), model }
     }
 
-    /// What is seen of a copy at a contact of `ray`, in the renderer's space; `width`: of the ray's cone there, cube edges.
+    /// Surface of a copy as it is seen at a contact of `ray`, in the renderer's space; `width`: of the ray's cone there, cube edges.
     pub fn surface(&self, ray: &Ray, copy: &CopyRay, contact: &Contact, width: f64) -> Surface {
         let seen = self.mesh.surface(&self.model, &copy.ray, contact, width);
         let point = ray.at(copy.t0 + contact.t);
@@ -102,7 +102,7 @@ pub fn restyle(model: &mut Model, palette: &Palette) {
     }
 }
 
-/// Where something in `bounds` has to be put so that what leaves the cube along a cyclic axis comes in at the other side.
+/// Shifts by which something in `bounds` has to be repeated so that what leaves the cube along a cyclic axis comes in at the other side.
 fn shifts(bounds: &Aabb, cyclic: [bool; 3]) -> Vec<DVec3> {
     let steps = |k: usize| {
         let [before, after] = [cyclic[k] && bounds.max[k] > 1.0, cyclic[k] && bounds.min[k] < 0.0];

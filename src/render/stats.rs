@@ -30,7 +30,7 @@ impl Counts {
     }
 }
 
-/// What a render did.
+/// Report of a render.
 #[derive(Debug, Clone, Default)]
 pub struct Stats {
     /// Counts of all threads together.

@@ -13,7 +13,7 @@ pub enum TraceEvent {
         direction: [f64; 3],
         /// Width at the start, metres.
         width: f64,
-        /// What the width grows by per metre.
+        /// Growth of the width per metre.
         growth: f64,
     },
     /// A layer of a shell's box.
@@ -22,7 +22,7 @@ pub enum TraceEvent {
         index: u32,
         /// Number of the layer in the box.
         layer: u32,
-        /// Where the ray enters and leaves the box.
+        /// Interval of the ray in the box.
         metres: [f64; 2],
     },
     /// A copy of a texel that was marched.
@@ -31,7 +31,7 @@ pub enum TraceEvent {
         texel: String,
         /// Cell of the layer; for a rigid copy, its number comes first.
         cell: [i64; 3],
-        /// Where the ray enters and leaves the cell.
+        /// Interval of the ray in the cell.
         metres: [f64; 2],
         /// Depth of the first voxel that stopped light; `None` where none did.
         depth: Option<u8>,
@@ -48,7 +48,7 @@ pub enum TraceEvent {
         texel: String,
         /// Cell of the layer; for a rigid copy, its number comes first.
         cell: [i64; 3],
-        /// Where the ray enters and leaves the cell.
+        /// Interval of the ray in the cell.
         metres: [f64; 2],
         /// Number of triangles that stopped light.
         contacts: usize,
@@ -70,14 +70,14 @@ pub enum TraceEvent {
     },
     /// A ray to a light.
     Shadow {
-        /// Where it starts, metres from the camera.
+        /// Start, metres from the camera.
         origin: [f64; 3],
         /// Radiance that the light brings where nothing stands before it.
         light: [f32; 3],
         /// Share of it that arrives.
         seen: f32,
     },
-    /// What the lane saw.
+    /// Result of the lane.
     Radiance {
         /// Linear Rec. 709.
         rgb: [f32; 3],

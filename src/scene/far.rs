@@ -7,7 +7,7 @@ use crate::geom::{Aabb, DVec3};
 /// the extent, a 256th of a voxel at 4096 voxels.
 const NEAR: f64 = 16.0;
 
-/// What to subtract from coordinates that fill `bounds`: along axes on which they are far from 0 a round decimal number
+/// Offset to subtract from coordinates that fill `bounds`: along axes on which they are far from 0 a round decimal number
 /// near their middle, 0 along the others.
 pub fn offset(bounds: Aabb) -> DVec3 {
     let extent = bounds.size().max_element();
@@ -56,7 +56,7 @@ pub fn subtract(p: DVec3, offset: DVec3, decimals: Decimals) -> DVec3 {
     DVec3::from([0, 1, 2].map(rounded))
 }
 
-/// What is said where `offset` is subtracted.
+/// Note about the `offset` that is subtracted.
 pub fn note(offset: DVec3) -> String {
     let DVec3 { x, y, z } = offset;
     format!(

@@ -11,7 +11,7 @@ use sha2::{Digest, Sha256};
 
 pub use crate::format::read_file as read;
 
-/// What a URI in a glTF file stands for.
+/// Target of a URI in a glTF file.
 #[derive(Debug, PartialEq)]
 pub enum Target<'a> {
     /// The decoded bytes of a data URI.
@@ -64,7 +64,7 @@ pub fn scheme(uri: &str) -> Option<&str> {
     (first && rest && scheme.len() > 1).then_some(scheme)
 }
 
-/// What is wrong with a URI that [`contained`] refuses.
+/// Reason why [`contained`] refuses a URI.
 pub const NOT_CONTAINED: &str = "is not a relative path without scheme, query and \"..\"";
 
 /// The path of a URI that stays within the folder of the file that names it: the rule for every URI of a landscape, so that

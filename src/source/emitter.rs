@@ -21,7 +21,7 @@ use crate::{Error, Result};
 pub struct EmitterSpec {
     /// Where particles start.
     pub shape: Shape,
-    /// Particles.
+    /// Number of particles.
     pub count: u32,
     /// The share of seeds for which there are any particles; emitters of one seed agree.
     pub chance: f64,
@@ -29,7 +29,7 @@ pub struct EmitterSpec {
     pub even: bool,
     /// Seed of the random choices.
     pub seed: u64,
-    /// Where they start to fly; by default away from the shape: up for a point and a box.
+    /// Direction in which they start to fly; by default away from the shape: up for a point and a box.
     pub direction: Option<[f64; 3]>,
     /// Half the angle of the cone about the direction, degrees.
     pub spread: f64,
@@ -39,13 +39,13 @@ pub struct EmitterSpec {
     pub speed_jitter: f64,
     /// Acceleration.
     pub gravity: [f64; 3],
-    /// Share of the velocity that is lost, a second.
+    /// Share of the velocity that is lost per second.
     pub drag: f64,
     /// Time that a particle flies, > 0.
     pub lifetime: f64,
     /// ± of the lifetime.
     pub lifetime_jitter: f64,
-    /// Between two points of a trajectory.
+    /// Time between two points of a trajectory.
     pub time_step: f64,
     /// Standard deviation of what chance adds to each part of the velocity in a second.
     pub jitter: f64,
@@ -59,9 +59,9 @@ pub struct EmitterSpec {
     pub colour_jitter: f32,
     /// Cross-section of the trajectories.
     pub section: SectionKind,
-    /// Between the two sheets of a V, degrees.
+    /// Angle between the two sheets of a V, degrees.
     pub angle: f32,
-    /// Of a flat section, as a share of its width.
+    /// Thickness of a flat section, as a share of its width.
     pub thickness: f32,
 }
 

@@ -101,7 +101,7 @@ pub fn facets(staged: &dyn Staged, place: &Placement, max_bytes: u64, progress: 
 }
 
 impl Facets {
-    /// Areas by ascending code, one a voxel.
+    /// Areas by ascending code, one per voxel.
     fn merge(&mut self) {
         self.areas.sort_by_key(|v| v.0);
         self.areas.dedup_by(|next, kept| {

@@ -160,7 +160,7 @@ struct StagedLayers<'a> {
     layers: Vec<Layer<'a>>,
     regions: Vec<u64>,
     facets: u32,
-    /// Of a region, in voxels.
+    /// Width of a region, in voxels.
     width: f64,
 }
 

@@ -31,7 +31,7 @@ pub struct Medium {
     pub scattered: bool,
     /// Linear Rec. 709.
     pub albedo: [f32; 3],
-    /// Of which materials it is, among those of its source.
+    /// Materials that it is of, among those of its source.
     pub materials: Mix,
 }
 

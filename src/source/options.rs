@@ -12,7 +12,7 @@ use crate::scene::gltf::ReadOptions;
 /// How a source is read; each kind of source has its own part.
 #[derive(Debug, Clone, Default)]
 pub struct OpenOptions {
-    /// Of every source: what is selected, and the limits.
+    /// Options of every source: what is selected, and the limits.
     pub read: ReadOptions,
     /// Options of mesh sources.
     pub mesh: MeshOptions,

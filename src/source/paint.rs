@@ -263,7 +263,7 @@ impl Staged for StagedPaint<'_> {
     fn normal(&self, facet: u32, at: DVec3, own: DVec3) -> DVec3 {
         let own = self.inner.normal(facet, at, own);
         let Some(bump) = &self.paint.bump else { return own };
-        // The slope of the height, in voxels a voxel, along the grid's axes.
+        // The slope of the height, in voxels per voxel, along the grid's axes.
         let slope = self.to_source.matrix3.transpose() * bump(self.to_source.transform_point3(at)) / self.unit;
         (own - (slope - slope.dot(own) * own)).try_normalize().unwrap_or(own)
     }

@@ -15,7 +15,7 @@ pub struct Placement {
     pub transform: DAffine3,
     /// Voxel edges in a unit of that space.
     pub scale: f64,
-    /// Finest depth: 2^depth voxels a side.
+    /// Finest depth: 2^depth voxels per side.
     pub depth: usize,
     /// Source axis that becomes w: 1 (+Y up) or 2 (+Z up).
     pub up: u8,

@@ -116,7 +116,7 @@ pub fn codes(depths: &[Depth]) -> Vec<Vec<u64>> {
 /// A voxel that is laid into another grid.
 #[derive(Clone, Copy)]
 struct Leaf {
-    /// Of its first voxel, at the depth that was chosen.
+    /// Code of its first voxel, at the depth that was chosen.
     code: u64,
     /// log2 of its edge, in voxels of that depth.
     levels: u32,
@@ -228,7 +228,7 @@ struct StagedTexel {
 }
 
 impl StagedTexel {
-    /// What a voxel covers, as independent matter: hits an edge along 13 axes.
+    /// What a voxel covers, as independent matter: hits per edge along 13 axes.
     fn rates(&self, voxel: &Voxel) -> [f64; 13] {
         let shape = Sggx::decode(voxel.ndf);
         let rate = self.rates[usize::from(voxel.rate)];
@@ -243,7 +243,7 @@ impl StagedTexel {
         std::array::from_fn(|k| rates[k].into())
     }
 
-    /// The voxel as a medium of the other grid: one a voxel that its support box reaches.
+    /// The voxel as a medium of the other grid: one per voxel that its support box reaches.
     fn lay(&self, leaf: &Leaf, map: &DAffine3, region: Aabb, each: &mut dyn FnMut(Medium)) {
         let (lo, hi) = leaf.voxel.support_box();
         let (corner, edge) = (leaf.lowest(), leaf.edge());

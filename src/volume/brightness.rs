@@ -1,5 +1,5 @@
 //! Brightness factors, which make the depths of a texel agree: a coarse voxel cannot hold the order of its matter, and that
-//! changes how much of the visible matter is lit. `march::calibrate` measures them against the finest depth once a texel is baked, META keeps them, and
+//! changes how much of the visible matter is lit. `march::calibrate` measures them against the finest depth when a texel is baked, META keeps them, and
 //! shading applies them, so that no brightness steps where the depth changes.
 
 use serde_json::{Map, Value, json};

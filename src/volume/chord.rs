@@ -296,7 +296,7 @@ mod tests {
                         }
                     }
                 }
-                // 200 lines an edge: the rim is wrong by half a line, under .5 % of the lines; Gauss on e^−12 by 1e-2.
+                // 200 lines per edge: the rim is wrong by half a line, under .5 % of the lines; Gauss on e^−12 by 1e-2.
                 let want = sum / f64::from(n);
                 assert!((f64::from(p[k]) - want).abs() < 0.012, "{k} {r} {c}: {} {want}", p[k]);
                 // The last of Newton's steps is below 3 %, so what is left is far below .1 % of the rate.

@@ -37,7 +37,7 @@ pub struct Spread {
 }
 
 impl Spread {
-    /// Of errors with weights ≥ 0.
+    /// Spread of errors with weights ≥ 0.
     fn of(mut errors: Vec<(f64, f64)>) -> Spread {
         let total: f64 = errors.iter().map(|e| e.1).sum();
         if total.is_nan() || total <= 0.0 {
@@ -69,7 +69,7 @@ pub struct Opacity {
     pub area_least: f64,
     /// Greatest ratio of any direction.
     pub area_most: f64,
-    /// What |ΔT| owes to the finite number of rays: half the mean difference between the errors by each half of them.
+    /// Part of |ΔT| that is due to the finite number of rays: half the mean difference between the errors by each half of them.
     pub noise: f64,
     /// Rays a pixel, on the average, and pixels that are not background.
     pub rays: f64,
@@ -77,7 +77,7 @@ pub struct Opacity {
     pub pixels: u64,
 }
 
-/// How far one depth is from the truth.
+/// Error of one depth against the truth.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
 pub struct DepthError {
     /// Depth in the octree; 0 is the root.
@@ -163,7 +163,7 @@ pub fn measure(
     Ok(found)
 }
 
-/// Of the pixels of each direction.
+/// Errors of the pixels of all directions.
 fn opacity(directions: &[Vec<Pixel>]) -> Opacity {
     let area = |pixels: &[Pixel]| {
         let sum = |f: &dyn Fn(&Pixel) -> f64| pixels.iter().map(f).sum::<f64>();

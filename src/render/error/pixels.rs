@@ -10,7 +10,7 @@ use crate::march::transmittance::{
 use crate::render::reference::sampling::{hash, point};
 use crate::volume::{Octree, Voxel};
 
-/// What is to be measured.
+/// Texel and source that are compared.
 pub struct Batch<'a> {
     pub tree: &'a Octree,
     pub truth: &'a Truth<'a>,

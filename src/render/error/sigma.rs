@@ -29,7 +29,7 @@ impl Areas {
         self
     }
 
-    /// Of the voxels twice as wide.
+    /// Areas of the voxels twice as wide.
     pub fn coarser(mut self) -> Areas {
         self.voxels.iter_mut().for_each(|v| v.0 >>= 3);
         self.merged()

@@ -54,7 +54,7 @@ pub struct Truth<'a> {
     look: &'a Look<'a>,
 }
 
-/// What a ray sees: a share of it ends on each.
+/// Matter that a ray sees: a share of the ray ends on each.
 #[derive(Debug, Clone, Copy)]
 pub struct Layer {
     pub facet: u32,
@@ -110,7 +110,7 @@ impl<'a> Truth<'a> {
         shear.meet(self.facets[index as usize].corners.map(|c| c - ray.origin)).map(|m| m.0)
     }
 
-    /// What `ray` sees, front to back; gives the share that comes through.
+    /// Matter that `ray` sees, front to back; returns the share that comes through.
     pub fn see(&self, ray: &Ray, layers: &mut Vec<Layer>) -> f64 {
         layers.clear();
         let shear = Shear::new(ray.dir);

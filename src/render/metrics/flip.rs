@@ -26,7 +26,7 @@ const BAND: usize = 64;
 
 /// The LDR-FLIP of every pixel, row by row, 0 (same) to 1; symmetric in `a` and `b`.
 ///
-/// Colours are clamped to [0, 1]; alpha is ignored. `ppd` is in pixels a degree.
+/// Colours are clamped to [0, 1]; alpha is ignored. `ppd` is in pixels per degree.
 ///
 /// # Panics
 /// Never, but the result is empty where the sizes differ.
@@ -39,7 +39,7 @@ pub fn flip(a: &Image, b: &Image, ppd: f64) -> Vec<f32> {
     let mut map = vec![0.0; a.rgba.len()];
     par::chunks_mut(&mut map, a.width * BAND, |band, out| {
         let first = band * BAND;
-        let seen = [a, b].map(|image| Seen::new(image, first, out.len() / image.width, &filters));
+        let seen = [a, b].map(|image| Features::new(image, first, out.len() / image.width, &filters));
         for (i, error) in out.iter_mut().enumerate() {
             let feature = seen[0].feature_difference(&seen[1], i);
             let colour = colour_difference(seen[0].lab(i), seen[1].lab(i), farthest);
@@ -101,13 +101,13 @@ fn balanced(f: Vec<f64>) -> Vec<f32> {
 }
 
 /// A band of one picture as the eye has it: filtered YCxCz, and gradients and second derivatives of Y in [0, 1].
-struct Seen {
+struct Features {
     ycxcz: [Vec<f32>; 3],
     edge: [Vec<f32>; 2],
     point: [Vec<f32>; 2],
 }
 
-impl Seen {
+impl Features {
     /// Rows `first .. first + rows` of `image`.
     fn new(image: &Image, first: usize, rows: usize, filters: &Filters) -> Self {
         let reach = (filters.achromatic.len() / 2).max(filters.gauss.len() / 2);
@@ -131,7 +131,7 @@ impl Seen {
             *sum += part;
         }
         let smooth = across(&gray, &filters.gauss);
-        Seen {
+        Features {
             ycxcz: [both(&y, &filters.achromatic), both(&cx, &filters.red_green), blue_yellow],
             edge: [down(&across(&gray, &filters.edge), &filters.gauss), down(&smooth, &filters.edge)],
             point: [down(&across(&gray, &filters.point), &filters.gauss), down(&smooth, &filters.point)],
@@ -144,7 +144,7 @@ impl Seen {
     }
 
     /// Difference of edge or point strength at pixel `i`, 0 … 1.
-    fn feature_difference(&self, other: &Seen, i: usize) -> f32 {
+    fn feature_difference(&self, other: &Features, i: usize) -> f32 {
         let length = |v: &[Vec<f32>; 2]| (v[0][i] * v[0][i] + v[1][i] * v[1][i]).sqrt();
         let edge = (length(&self.edge) - length(&other.edge)).abs();
         let point = (length(&self.point) - length(&other.point)).abs();

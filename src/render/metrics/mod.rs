@@ -142,7 +142,7 @@ pub fn compare(a: &Image, b: &Image, options: &Options) -> Result<Comparison> {
     })
 }
 
-/// What is covered in a picture.
+/// Criterion of what a picture covers.
 #[derive(Clone, Copy)]
 enum Cover {
     Alpha,

@@ -25,7 +25,7 @@ use crate::scene::shell::TexelRef;
 use crate::volume::Octree;
 use crate::{Error, Result, Warnings, par};
 
-/// A picture by many samples a pixel, and how far it may be from the limit.
+/// A picture by many samples per pixel, and how far it may be from the limit.
 #[derive(Debug, Clone)]
 pub struct Reference {
     /// Mean of all samples.
@@ -37,9 +37,9 @@ pub struct Reference {
     pub samples: u32,
     /// Counts of what its rays met, and times.
     pub stats: Stats,
-    /// What was mended or left out, counted.
+    /// Warnings about what was mended or left out, counted.
     pub warnings: Warnings,
-    /// What was chosen for want of better, a line each.
+    /// Choices that were made for want of better, a line each.
     pub notes: Vec<String>,
 }
 

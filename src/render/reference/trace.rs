@@ -13,7 +13,7 @@ use crate::scene::Model;
 
 use super::sampling::{chance, hash, point};
 
-/// How far a straight segment may stray from the true path through a curved box, in edges of the texel's cube.
+/// Distance by which a straight segment may stray from the true path through a curved box, in edges of the texel's cube.
 const STRAY: f64 = 1e-4;
 
 pub struct Tracer<'a> {

@@ -102,7 +102,7 @@ fn a_twisted_box_agrees_with_dense_inversion() {
 
 fn newton(b: &TwistedBox, x: DVec3) -> Option<DVec3> {
     for start in [0.5, 0.1, 0.9] {
-        let mut at = Place { b: [0.33, 0.33], w: start, outside: 0.0 };
+        let mut at = BoxPoint { b: [0.33, 0.33], w: start, outside: 0.0 };
         let mut left = f64::INFINITY;
         for _ in 0..30 {
             let [p, q, r] = &b.corners;
@@ -111,7 +111,7 @@ fn newton(b: &TwistedBox, x: DVec3) -> Option<DVec3> {
                 + at.b[1] * (r.p + at.w * r.h);
             let step = b.edges(at).inverse() * (x - here);
             left = step.length();
-            at = Place { b: [at.b[0] + step.x, at.b[1] + step.y], w: at.w + step.z, outside: 0.0 };
+            at = BoxPoint { b: [at.b[0] + step.x, at.b[1] + step.y], w: at.w + step.z, outside: 0.0 };
         }
         let inside = at.b[0] >= 0.0 && at.b[1] >= 0.0 && at.b[0] + at.b[1] <= 1.0 && (0.0..=1.0).contains(&at.w);
         if inside && left < 1e-12 {

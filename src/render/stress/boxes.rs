@@ -31,7 +31,7 @@ fn spans(boxes: &[ShellBox], ray: &Ray, tally: &mut Tally) -> Vec<(f64, f64, usi
 
 /// What spans are together.
 struct Joined {
-    /// Of their union.
+    /// Length of their union.
     length: f64,
     /// The longest stretch in a box that no span has, and the longest that is in two boxes.
     missing: f64,
@@ -113,7 +113,7 @@ impl Placing {
     }
 }
 
-/// An octahedron, its faces cut in four `cuts` times, with rough heights that are one a vertex.
+/// An octahedron, its faces cut in four `cuts` times, with rough heights that are one per vertex.
 fn ball(cuts: u32, random: &mut Random, rough: f64, place: &Placing) -> Vec<[Corner; 3]> {
     let mut faces: Vec<[DVec3; 3]> = Vec::new();
     for s in 0..8 {

@@ -22,7 +22,7 @@ struct Cells {
 }
 
 impl Cells {
-    /// Of voxels by ascending code; coarser ones are blank.
+    /// Tree of voxels by ascending code; coarser ones are blank.
     fn new(depth: usize, cells: std::collections::BTreeMap<u64, Voxel>) -> Option<Cells> {
         let (codes, voxels): (Vec<u64>, Vec<Voxel>) = cells.into_iter().unzip();
         let mut depths = vec![Depth { masks: vec![0; codes.len()], voxels: voxels.clone(), mixes: Vec::new() }];

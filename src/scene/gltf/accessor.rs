@@ -9,7 +9,7 @@ use crate::Result;
 /// Elements that an accessor without bytes behind it may have: it is all zeros, and grows by its sparse values only.
 const MAX_ZEROS: u64 = 1 << 24;
 
-/// What an accessor holds, understood.
+/// Elements of an accessor, decoded.
 struct Layout {
     component: ComponentType,
     normalized: bool,
@@ -62,7 +62,7 @@ impl Document {
         })
     }
 
-    /// How many elements an accessor says it has.
+    /// Number of elements that an accessor says it has.
     pub fn count(&self, index: usize, at: &str) -> Result<u64> {
         Ok(self.accessor(index, at)?.count.0)
     }

@@ -6,7 +6,7 @@ use super::nodes::{Instancing, Placed};
 use crate::scene::copies::CopySet;
 use crate::{Result, Warnings};
 
-/// Of each material, whether meshes in it stand in for copies.
+/// Whether meshes in each material stand in for copies.
 pub fn stand_ins(document: &Document) -> Vec<bool> {
     let stands = |m: &gltf::json::Material| {
         let json = m.extensions.as_ref().and_then(|e| e.others.get(extension::NAME));

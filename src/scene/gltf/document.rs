@@ -49,7 +49,7 @@ pub struct NodeTransform {
     pub matrix: Option<[f64; 16]>,
 }
 
-/// What the typed JSON leaves out or rounds.
+/// Parts of the JSON that the typed one leaves out or rounds.
 #[derive(Default, Deserialize)]
 #[serde(default)]
 struct Precise {

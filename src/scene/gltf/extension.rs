@@ -14,7 +14,7 @@ use crate::volume::material::MOST_MATERIALS;
 use crate::volume::{Palette, Style};
 use crate::{Error, Result, Warnings};
 
-/// What the root says.
+/// Extension object of the root.
 #[derive(Debug, Default)]
 pub struct Root {
     pub texels: Vec<TexelRef>,

@@ -2,7 +2,7 @@
 //!
 //! Based on: EXT_meshopt_compression, KHR_meshopt_compression; Meyer et al., *On Floating-Point Normal Vectors*, 2010.
 
-/// How decoded elements still have to be changed, and the bytes of one number.
+/// Change that decoded elements still need, and the bytes of one number.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Filter {
     Octahedral(usize),

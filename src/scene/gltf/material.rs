@@ -114,7 +114,7 @@ struct SpecularGlossiness {
     diffuse_texture: Option<Info>,
 }
 
-/// How a sampler lays an image on, as far as it matters here; ordered, so that it can be a key.
+/// Way in which a sampler lays an image on, as far as it matters here; ordered, so that it can be a key.
 type Sampling = ([u8; 2], bool);
 
 /// Images decoded so far, and textures made of them.
@@ -239,7 +239,7 @@ fn wrap(mode: &Checked<WrappingMode>) -> u8 {
     }
 }
 
-/// How a material lays its textures on the set `set` of texture coordinates: KHR_texture_transform of the first texture that
+/// Map by which a material lays its textures on the set `set` of texture coordinates: KHR_texture_transform of the first texture that
 /// uses it, base colour before the others; identity where there is none.
 pub fn uv_transform(material: Option<&gltf::json::Material>, set: u32) -> [[f32; 3]; 2] {
     let Some(material) = material else { return IDENTITY };

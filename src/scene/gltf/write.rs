@@ -14,7 +14,7 @@ use crate::scene::files;
 use crate::scene::files::Target;
 use crate::{Error, Result, Warnings};
 
-/// What a path segment of a URI may hold besides letters and digits (RFC 3986, pchar, without `:`).
+/// Characters that a path segment of a URI may hold besides letters and digits (RFC 3986, pchar, without `:`).
 const SEGMENT: &AsciiSet =
     &NON_ALPHANUMERIC.remove(b'-').remove(b'.').remove(b'_').remove(b'~').remove(b'@').remove(b'+');
 
@@ -29,7 +29,7 @@ pub struct Editor {
     limit: u64,
 }
 
-/// What was written besides the glTF file.
+/// Files that were written besides the glTF file.
 #[derive(Debug, Default)]
 pub struct Saved {
     /// Files that were copied beside the output because they lie outside its folder.

@@ -87,7 +87,7 @@ fn a_cylinder_covers_its_width_from_26_sides() {
     let strand = straight([0.02; 2], Section::Round);
     let way = strand.points[1] - strand.points[0];
     let (length, d) = (way.length(), way.normalize());
-    // (voxels a side, most deviation): radii of .16, 1.3 and 10 voxels, as 3, 9 and 25 sides.
+    // (voxels per side, most deviation): radii of .16, 1.3 and 10 voxels, as 3, 9 and 25 sides.
     for (side, allowed) in [(8, 0.11), (64, 0.01), (512, 0.002)] {
         let got = areas(&source(strand.clone()), &grid(side));
         for w in directions13() {

@@ -22,7 +22,7 @@ pub trait Cells {
     fn may_cross(&self, lo: [i64; 3], hi: [i64; 3]) -> bool;
 }
 
-/// Boxes of at most so many cells an edge are looked at corner by corner.
+/// Boxes of at most so many cells per edge are looked at corner by corner.
 const LEAF: i64 = 2;
 /// Steps of a search along an edge, and how near to the crossing it ends, in edges.
 const STEPS: usize = 12;
@@ -52,10 +52,10 @@ struct CellBlock<'a> {
     size: i64,
     /// At corners, x fastest; NaN until it is asked for.
     values: Vec<f64>,
-    /// Of cells that the surface passes: their place in `passed`, from 1 on.
+    /// Place in `passed` of each cell that the surface passes, counted from 1.
     places: Vec<u32>,
     passed: Vec<Passed>,
-    /// Of the edges from each corner along x, y, z: the place in `crossings`, from 1 on.
+    /// Place in `crossings` of the edges from each corner along x, y and z, counted from 1.
     edges: Vec<[u32; 3]>,
     crossings: Vec<Crossing>,
 }
@@ -269,8 +269,8 @@ impl<'a> CellBlock<'a> {
         }
     }
 
-    /// Of the face with both edges of the cell `p`: its axis, whether it is the upper one, and the vertex beyond it if the cell
-    /// there has one.
+    /// The face with both edges of the cell `p`: its axis, whether it is the upper one, and the vertex beyond it if the cell there
+    /// has one.
     fn beyond(&self, p: [i64; 3], edge: u8, next: u8) -> Option<(usize, bool, DVec3)> {
         let (axis, upper, cell) = beside_of(p, edge, next)?;
         let place = self.places[self.index(cell)] as usize;
@@ -278,7 +278,7 @@ impl<'a> CellBlock<'a> {
     }
 }
 
-/// Of the face with both edges of the cell `p`: its axis, whether it is the upper one, and the cell beyond it.
+/// The face with both edges of the cell `p`: its axis, whether it is the upper one, and the cell beyond it.
 fn beside_of(p: [i64; 3], edge: u8, next: u8) -> Option<(usize, bool, [i64; 3])> {
     let ([a, b], [c, d]) = (EDGES[usize::from(edge)], EDGES[usize::from(next)]);
     let (all, any) = (a & b & c & d, a | b | c | d);

@@ -53,7 +53,7 @@ impl FieldSource {
         })
     }
 
-    /// Cut every voxel into `2^fine` cells an edge where the surface is looked for, for details smaller than a voxel.
+    /// Cut every voxel into `2^fine` cells per edge where the surface is looked for, for details smaller than a voxel.
     pub fn with_cells(mut self, fine: u32) -> FieldSource {
         self.fine = fine.min(MOST_FINE);
         self

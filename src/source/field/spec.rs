@@ -39,7 +39,7 @@ pub struct Change {
     /// Colour of the whole shape.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub colour: Option<Colour>,
-    /// A factor, or one an axis.
+    /// A factor, or one per axis.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub scale: Option<Scale>,
     /// Degrees about x, then y, then z.

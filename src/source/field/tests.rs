@@ -35,7 +35,7 @@ fn source(field: impl Field + 'static) -> FieldSource {
     FieldSource::new(Box::new(field), None).unwrap()
 }
 
-/// Relative errors of area and volume at 16, 32 and 64 voxels a side.
+/// Relative errors of area and volume at 16, 32 and 64 voxels per side.
 fn errors(field: impl Field + Copy + 'static, area: f64, volume: f64) -> [[f64; 2]; 3] {
     [16, 32, 64].map(|n| {
         let (a, v, sum) = surface(&source(field), n);

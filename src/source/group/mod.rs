@@ -180,13 +180,13 @@ struct StagedCopies<'a> {
     /// Material of the group for each material of the source.
     ids: &'a [u16],
     /// None where it is in the group's grid itself.
-    copies: Vec<Copy>,
+    copies: Vec<PlacedCopy>,
     /// log2 of the voxels a region of its own grid is wide.
     levels: usize,
 }
 
 /// A copy of what is in a grid of its own.
-struct Copy {
+struct PlacedCopy {
     /// Its own grid → the group's, and back.
     map: DAffine3,
     back: DAffine3,
@@ -250,7 +250,7 @@ impl<'a> StagedCopies<'a> {
             for shift in place.shifts(bounds) {
                 let map = DAffine3::from_translation(shift) * map;
                 let determinant = map.matrix3.determinant();
-                copies.push(Copy {
+                copies.push(PlacedCopy {
                     map,
                     back: map.inverse(),
                     scale: 1.0 / libm::cbrt(determinant.abs()),
@@ -263,7 +263,7 @@ impl<'a> StagedCopies<'a> {
     }
 
     /// The copy of a facet, and its number in the piece.
-    fn find(&self, facet: u32) -> (Option<&Copy>, u32) {
+    fn find(&self, facet: u32) -> (Option<&PlacedCopy>, u32) {
         let local = facet - self.first;
         match self.copies.get((local / self.facets.max(1)) as usize) {
             Some(copy) => (Some(copy), local % self.facets.max(1)),
@@ -390,7 +390,7 @@ impl<'a> StagedGroup<'a> {
         Ok(())
     }
 
-    fn find(&self, facet: u32) -> (&StagedCopies<'a>, Option<&Copy>, u32) {
+    fn find(&self, facet: u32) -> (&StagedCopies<'a>, Option<&PlacedCopy>, u32) {
         let at = self.pieces.partition_point(|p| p.first <= facet) - 1;
         let piece = &self.pieces[at];
         let (copy, local) = piece.find(facet);
@@ -584,7 +584,7 @@ impl Staged for StagedGroup<'_> {
 }
 
 /// Give the polygon of a copy in the group's grid; clipped ones may have more corners than a facet has, and go in two.
-fn carry(corners: &[DVec3], copy: &Copy, facet: u32, each: &mut dyn FnMut(&Polygon)) {
+fn carry(corners: &[DVec3], copy: &PlacedCopy, facet: u32, each: &mut dyn FnMut(&Polygon)) {
     let mut placed = [DVec3::ZERO; MAX_PIECE_CORNERS];
     for (to, from) in placed.iter_mut().zip(corners) {
         *to = copy.map.transform_point3(*from);

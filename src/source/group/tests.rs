@@ -7,7 +7,7 @@ use crate::scene::model::{Instance, Material, Model, Part as MeshPart};
 use crate::source::mesh::{MeshOptions, MeshSource};
 use crate::source::placement::REGION_LOG2;
 
-/// Cubes of edge 1 standing on 0, one an instance.
+/// Cubes of edge 1 standing on 0, one per instance.
 fn cubes(places: &[DAffine3]) -> MeshSource {
     let positions = (0..8).map(|i| [i & 1, i >> 1 & 1, i >> 2].map(|v| v as f32)).collect();
     let quads = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
@@ -35,7 +35,7 @@ fn group(places: &[DAffine3]) -> GroupSource {
     GroupSource::new(vec![Box::new(cubes(&[DAffine3::IDENTITY]))], &parts, 0.0)
 }
 
-/// Of everything a source gives at 64^3.
+/// Area and area vector of everything that a source gives at 64^3.
 fn area(source: &dyn Source) -> (f64, DVec3) {
     let place = crate::bake::plan(source.bounds(), &Options { resolution: 64, ..Options::default() }).unwrap();
     let staged = source.stage(&place, &Quiet).unwrap();

@@ -39,7 +39,7 @@ impl From<Either<String, SourceTable>> for SourceFile {
 #[serde(deny_unknown_fields)]
 pub struct SourceTable {
     pub file: String,
-    /// Of a glTF file: its scene, and which of its nodes.
+    /// Scene of a glTF file, and which of its nodes.
     pub scene: Option<String>,
     #[serde(default)]
     pub include: Vec<String>,
@@ -49,29 +49,29 @@ pub struct SourceTable {
     pub fill: Option<FillName>,
     /// Width of lines and points of a mesh, and of curves whose file gives none.
     pub line_width: Option<Positive>,
-    /// Of curves: factor of all widths.
+    /// Factor of all widths of curves.
     pub width_scale: Option<Positive>,
-    /// Of curves: what is swept along them.
+    /// Cross-section that is swept along curves.
     pub section: Option<SectionKind>,
-    /// Of curves: what runs from point to point.
+    /// Curve that runs from point to point.
     pub curve: Option<CurveName>,
-    /// Of an image stack: values from here on are solid.
+    /// Value of an image stack from which on it is solid.
     pub iso: Option<Number>,
-    /// Of an image stack: opacity rises from 0 at the first value to 1 at the second.
+    /// Values of an image stack: opacity rises from 0 at the first to 1 at the second.
     pub window: Option<Window>,
-    /// Of an image stack: opacity and colour by value, and factors of opacity by gradient.
+    /// Opacity and colour of an image stack by value, and factors of opacity by gradient.
     pub transfer: Option<Transfer>,
-    /// Of an image stack: deviation of the filter of values, in distances of samples.
+    /// Standard deviation of the filter of an image stack's values, in distances of samples.
     pub sigma: Option<Least0>,
-    /// Of an image stack: distances of samples in millimetres.
+    /// Distances of an image stack's samples in millimetres.
     pub spacing: Option<Size>,
-    /// Of several DICOM series, the one of this UID or number; after a colon the number of a stack in it.
+    /// UID or number of one of several DICOM series; after a colon the number of a stack in it.
     pub series: Option<String>,
-    /// Of several channels of an image stack, the one of this name, or number from 1 on.
+    /// Name of one of several channels of an image stack, or its number from 1 on.
     pub channel: Option<String>,
-    /// Of several frames of an image stack, the one of this number, from 1 on.
+    /// Number of one of several frames of an image stack, from 1 on.
     pub frame: Option<usize>,
-    /// Of an L-system: derivation steps, the seed of its lots, degrees that the turtle turns by.
+    /// Derivation steps of an L-system, the seed of its random choices, degrees that the turtle turns by.
     pub iterations: Option<u64>,
     pub seed: Option<u64>,
     pub angle: Option<Number>,

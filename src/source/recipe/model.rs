@@ -244,11 +244,11 @@ impl TryFrom<RawNode> for Node {
 pub struct Line {
     /// Two or more.
     pub points: Vec<Point>,
-    /// All along, or one a point.
+    /// All along, or one per point.
     pub width: Widths,
     #[serde(default)]
     pub section: LineSection,
-    /// Of a rectangular section: its other side as a share of the width; 0: a sheet.
+    /// Other side of a rectangular section as a share of its width; 0: a sheet.
     pub thickness: Option<Unit>,
     /// Where the flat side of a rectangular section faces.
     pub up: Option<Direction>,

@@ -37,9 +37,9 @@ struct Sums {
     /// Area by colour's red, and by alpha.
     red: f64,
     there: f64,
-    /// Of area vectors.
+    /// Sum of the area vectors.
     vector: DVec3,
-    /// Of what is opaque, from the area vectors (divergence theorem), and from the points that are within.
+    /// Volume of what is opaque, from the area vectors (divergence theorem), and from the points that are within.
     volume: f64,
     within: f64,
     /// Area by the normal that is shown: |x|.

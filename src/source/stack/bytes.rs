@@ -46,7 +46,7 @@ pub struct Spool {
 /// Decoded samples that a stack may have: 256 GiB.
 const MAX_DECODED: u64 = 1 << 38;
 
-/// Refuse `total` bytes that `stored` ones cannot stand for: deflate gives at most 1032 bytes a byte.
+/// Refuse `total` bytes that `stored` ones cannot stand for: deflate gives at most 1032 bytes per byte.
 pub fn check_ratio(path: &Path, total: u64, stored: u64) -> Result<()> {
     if total / 1100 > stored.saturating_add(1 << 10) {
         let what = format!("{stored} bytes cannot hold the {total} that its sizes ask for: it is cut short, or lies");

@@ -14,7 +14,7 @@ pub struct Choice<'a> {
     pub path: &'a Path,
     channel: Option<&'a str>,
     frame: Option<usize>,
-    /// Of DICOM: UID or number of a series, and after a colon the number of a stack in it.
+    /// UID or number of a DICOM series, and after a colon the number of a stack in it.
     pub series: Option<&'a str>,
 }
 
@@ -106,13 +106,13 @@ pub struct Outer {
 
 /// One of several volumes in a row.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Volume {
+pub struct StoredVolume {
     pub index: u64,
     pub count: u64,
 }
 
-impl Volume {
-    pub const ONLY: Volume = Volume { index: 0, count: 1 };
+impl StoredVolume {
+    pub const ONLY: StoredVolume = StoredVolume { index: 0, count: 1 };
 }
 
 impl Outer {
@@ -121,7 +121,7 @@ impl Outer {
     }
 
     /// The volume of the channel and the frame that `choice` takes.
-    pub fn choose(&self, choice: &Choice, warnings: &mut Warnings) -> Result<Volume> {
+    pub fn choose(&self, choice: &Choice, warnings: &mut Warnings) -> Result<StoredVolume> {
         let frame = choice.frame(self.count(false), warnings)?;
         let channels = self.count(true);
         let mut left = [frame, 0];
@@ -137,7 +137,7 @@ impl Outer {
             *rest /= size;
             stride = stride.saturating_mul(size as u64);
         }
-        Ok(Volume { index, count: stride })
+        Ok(StoredVolume { index, count: stride })
     }
 }
 
@@ -173,7 +173,7 @@ mod tests {
         let mut warnings = Warnings::default();
         // Frame 8 is the second of the third row: 1 + 3 · 1 + 6 · 2.
         let volume = outer.choose(&Choice::new(Path::new("a"), &options), &mut warnings).unwrap();
-        assert_eq!((volume, warnings.is_empty()), (Volume { index: 16, count: 24 }, true));
+        assert_eq!((volume, warnings.is_empty()), (StoredVolume { index: 16, count: 24 }, true));
         options.frame = Some(13);
         let error = outer.choose(&Choice::new(Path::new("a"), &options), &mut warnings).unwrap_err();
         assert!(error.to_string().contains("1 to 12"), "{error}");

@@ -4,7 +4,7 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use super::bytes::{Spool, check_ratio, map_file};
-use super::choice::Volume;
+use super::choice::StoredVolume;
 use super::coding::{Coding, Kind, byte_count};
 use super::samples::Samples;
 use crate::{Error, Result};
@@ -33,7 +33,7 @@ pub struct Data<'a> {
     pub coding: Coding,
     pub dims: [usize; 3],
     /// Which of the volumes that are stored one after the other is taken.
-    pub volume: Volume,
+    pub volume: StoredVolume,
 }
 
 /// What a stream of gzip or zlib gives, by its first bytes.

@@ -5,7 +5,7 @@ use crate::geom::DVec3;
 use crate::source::loops::{EDGES, Loops};
 
 /// A block of nodes whose values are in a [`Scratch`].
-pub struct Block<'a> {
+pub struct LatticeBlock<'a> {
     pub lattice: &'a Lattice,
     /// Lowest node, and nodes along each axis.
     pub from: [usize; 3],
@@ -13,7 +13,7 @@ pub struct Block<'a> {
     pub iso: f32,
 }
 
-impl Block<'_> {
+impl LatticeBlock<'_> {
     /// Give the corners of every loop, index space, counter-clockwise from outside as long as index space is right-handed.
     pub fn loops(&self, scratch: &Scratch, each: &mut dyn FnMut(&[DVec3])) {
         let (values, loops) = (&scratch.values, Loops::known());

@@ -5,7 +5,7 @@
 use std::path::{Path, PathBuf};
 
 use super::bytes::map_file;
-use super::choice::{Choice, Outer, Volume};
+use super::choice::{Choice, Outer, StoredVolume};
 use super::coding::{Coding, Kind};
 use super::data::{Data, Packing};
 use super::header::{file_list, metres, numbers, size};
@@ -151,13 +151,13 @@ impl<'a> Axes<'a> {
     }
 
     /// The channel of each sample that is taken, where samples hold frames, and the volume of those in a row.
-    fn choose(&self, choice: &Choice, warnings: &mut Warnings) -> Result<(usize, Volume)> {
+    fn choose(&self, choice: &Choice, warnings: &mut Warnings) -> Result<(usize, StoredVolume)> {
         let inner = if self.interleaves_frames() { 0..self.first } else { 0..0 };
         let axes = inner.clone().chain(self.first + self.space..self.sizes.len());
         let outer = Outer { axes: axes.map(|n| (self.sizes[n], self.roles[n] == Role::Channel)).collect() };
         let chosen = outer.choose(choice, warnings)?;
         let channels = self.sizes[inner].iter().fold(1u64, |n, &d| n.saturating_mul(d as u64));
-        let volume = Volume { index: chosen.index / channels, count: chosen.count / channels };
+        let volume = StoredVolume { index: chosen.index / channels, count: chosen.count / channels };
         Ok(((chosen.index % channels) as usize, volume))
     }
 }
@@ -327,7 +327,7 @@ fn data<'a>(fields: &Fields<'a>, body: Option<usize>, coding: Coding, dims: [usi
         Packing::Deflate => (Some(skip), bytes.max(0) as u64),
         _ => (Some(skip + bytes.max(0) as u64), 0),
     };
-    Ok(Data { header: path, files, skip, skip_unpacked, packing, coding, dims, volume: Volume::ONLY })
+    Ok(Data { header: path, files, skip, skip_unpacked, packing, coding, dims, volume: StoredVolume::ONLY })
 }
 
 /// The files of the samples.

@@ -1,7 +1,7 @@
 //! A stack as a source: facets of its iso-surface made a region at a time, opaque matter where values are above.
 
 use super::lattice::{Lattice, MAX_SIGMA, Scratch, margin};
-use super::march::Block;
+use super::march::LatticeBlock;
 use super::ranges::{Range, Scan};
 use super::soft::{Field, MediumSampler};
 use super::transfer::TransferSpec;
@@ -154,7 +154,7 @@ impl StackSource {
         lattice.fill(&self.stack.samples, from, size, self.outside, scratch);
         let above = scratch.values.iter().filter(|v| **v >= iso).count();
         if above > 0 && above < scratch.values.len() {
-            Block { lattice, from, size, iso }.loops(scratch, each);
+            LatticeBlock { lattice, from, size, iso }.loops(scratch, each);
         }
     }
 
@@ -284,9 +284,9 @@ struct StagedStack<'a> {
     lattice: Lattice,
     images: Vec<PeriodicImage>,
     mirrored: bool,
-    /// Of samples, in voxels: the mean of the three.
+    /// Distance of samples, in voxels: the mean of the three.
     distance: f64,
-    /// Of a region, in voxels.
+    /// Width of a region, in voxels.
     width: f64,
     regions: Vec<u64>,
     weights: Vec<u64>,

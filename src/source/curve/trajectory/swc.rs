@@ -21,7 +21,7 @@ struct Node {
     radius: f32,
     is_soma: bool,
     parent: Option<usize>,
-    /// Of its children the one that goes on; others branch off.
+    /// The child with which the branch goes on; the others branch off.
     next: Option<usize>,
 }
 

@@ -48,7 +48,7 @@ const MAX_INFLATED: u64 = 1 << 32;
 pub enum Element {
     Value(Range<usize>),
     Items(Vec<Dataset>),
-    /// Of packed pixels: the table of offsets, then the pieces.
+    /// Packed pixels: the table of offsets, then the pieces.
     Fragments(Vec<Range<usize>>),
 }
 
