@@ -1,6 +1,5 @@
 //! `vtex bake`: a 3D source → a .vtex file.
 
-use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -328,10 +327,7 @@ fn sources(input: &Path, files: &[PathBuf]) -> Result<Value> {
 }
 
 fn hex(digest: Sha256) -> String {
-    digest.finalize().iter().fold(String::new(), |mut text, byte| {
-        let _ = write!(text, "{byte:02x}");
-        text
-    })
+    digest.finalize().iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
 /// Names and digests as META keeps them. Where they take too much room, the first alone, and of the others their number and the
