@@ -15,6 +15,7 @@ mod depfile;
 mod error;
 mod files;
 mod golden;
+mod haze;
 mod import;
 mod json;
 mod layers;

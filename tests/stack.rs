@@ -282,3 +282,28 @@ fn the_sample_stack_shows_by_window_and_by_iso() {
         assert!(path.metadata().unwrap().len() > 1000);
     }
 }
+
+/// A stack of more files than META has room to list.
+#[test]
+fn a_stack_of_3000_slices_is_baked() {
+    let dir = tempfile::tempdir().unwrap();
+    let slices = dir.path().join("slices");
+    std::fs::create_dir(&slices).unwrap();
+    for i in 0..3000 {
+        let inside = (1000..2000).contains(&i);
+        image::GrayImage::from_pixel(2, 2, image::Luma([if inside { 255 } else { 0 }]))
+            .save(slices.join(format!("a slice of a long name, as scanners give them {i}.png")))
+            .unwrap();
+    }
+    let run = |args: &[&str]| {
+        let output = Command::cargo_bin("vtex").unwrap().args(args).current_dir(dir.path()).assert().success();
+        String::from_utf8(output.get_output().stdout.clone()).unwrap()
+    };
+    run(&["bake", "slices", "--iso", "128", "--sigma", "0", "-r", "32", "-q", "-o", "s.vtex"]);
+    run(&["verify", "s.vtex", "-q"]);
+    let told: serde_json::Value = serde_json::from_str(&run(&["inspect", "s.vtex", "--json"])).unwrap();
+    let sources = told["meta"]["sources"].as_array().unwrap();
+    assert_eq!(sources.len(), 2);
+    assert_eq!(sources[1]["files"], 2999);
+    assert_eq!(sources[1]["sha256"].as_str().map(str::len), Some(64));
+}

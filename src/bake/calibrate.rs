@@ -1,4 +1,4 @@
-//! The last step of a bake: how bright each depth of the texel is, against its finest.
+//! The last step of a bake: how bright each depth of the texel is, against its finest or, in a deeper texel, depth 9.
 
 use std::sync::Arc;
 

@@ -34,9 +34,9 @@ pub struct Measure {
     pub soft: f64,
     /// Sum of the area vectors of one-sided facets.
     pub mean: DVec3,
-    /// Mean linear colour, weighted by visible area.
+    /// Mean linear colour, weighted by area; upward, by the area of each child that is visible.
     pub albedo: DVec3,
-    /// Visible areas of materials; empty where materials are not tracked.
+    /// Areas of materials, visible ones as of `albedo`; empty where materials are not tracked.
     pub materials: MaterialWeights,
     /// Whether the voxel is opaque throughout.
     pub solid: bool,
@@ -131,7 +131,7 @@ pub struct Gather {
 }
 
 impl Gather {
-    /// Accumulator without matter; with `track_materials`, visible areas are kept for each material.
+    /// Accumulator without matter; with `track_materials`, areas are kept for each material.
     pub fn new(track_materials: bool) -> Gather {
         Gather {
             track_materials,

@@ -45,6 +45,12 @@ fn compose_and_correct(
     Some(correct_rates(GroupTransmittance::compose(children, solid)?, cover))
 }
 
+/// Compose the group of `children` as [`correct_group`] does, without a correction.
+#[multiversion(targets("x86_64+avx2+bmi1+bmi2+lzcnt+popcnt"))]
+pub fn compose_group(children: &[Option<&GroupTransmittance>; 8], solid: [bool; 8]) -> Option<GroupTransmittance> {
+    GroupTransmittance::compose(children, solid).map(GroupTransmittance::thin_lines)
+}
+
 /// Correct the rates of `group`, in whole steps of their codes.
 #[inline(always)]
 fn correct_rates(group: GroupTransmittance, cover: &[f64; 13]) -> CorrectedGroup {

@@ -10,6 +10,7 @@ use super::line_mask::{LineMask, MaskUnion, unite};
 use super::measure::Measure;
 use super::output::{CellWithMask, Output};
 use super::projected_cell::Cell;
+use super::refine::compose_group;
 use crate::geom::projection::LINES;
 use crate::morton;
 
@@ -172,11 +173,16 @@ fn fit_grandchildren(
             BlockMeasure { measure, mask: &coverage.mask, cover: coverage.cover, solid_octants: solid, width: 4 };
         groups.extend(output.fit(depth + 2, cells, &block));
     }
-    // Soft matter is independent from block to block, as the march takes it, and needs no correction.
-    let refine = if measure.is_soft() { 0 } else { output.options.refine };
-    for size in 1..=refine {
+    for size in 1..=output.options.refine {
         let parts = children.each_ref().map(|c| c.as_ref().and_then(|c| c.groups.get(size - 1)));
-        let Some(group) = output.correct(depth + 2 + size, &parts, solid, &coverage.cover) else { break };
+        // Soft matter is independent from block to block, as the march takes it, and needs no correction. But the groups that it is
+        // part of may need one, and they are told by the number of their voxels.
+        let group = if measure.is_soft() {
+            compose_group(&parts, solid)
+        } else {
+            output.correct(depth + 2 + size, &parts, solid, &coverage.cover)
+        };
+        let Some(group) = group else { break };
         groups.push(group);
     }
     // The parent corrects no group that is larger.
@@ -281,5 +287,58 @@ impl TreeAssembler {
         output.fit(0, vec![CellWithMask { cell, mask: root.children.mask }], &block(1));
         output.materials = root.measure.materials;
         true
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bake::measure::Gather;
+    use crate::bake::medium::cover_cube;
+    use crate::bake::output::FitOptions;
+    use crate::source::Medium;
+    use crate::volume::Model;
+
+    const FINEST: usize = 4;
+    const REFINE: usize = 3;
+
+    /// Leaf at the finest depth: smoke in the last octant of the root, and in all others a wall two voxels above the floor.
+    fn leaf(code: u64) -> Option<Box<Node>> {
+        let at = morton::decode(code);
+        let scattered = at.iter().all(|&v| v >= 8);
+        if !scattered && at[2] != 2 {
+            return None;
+        }
+        let medium = Medium { scattered, ..Medium::even(at, 0, if scattered { 0.01 } else { 3.0 }, [0.5; 3]) };
+        let mut gather = Box::new(Gather::new(false));
+        gather.add_medium(&cover_cube(&medium, at, 0).unwrap(), &medium);
+        gather.finish().map(|(measure, mask)| Box::new(Node::leaf(measure, mask)))
+    }
+
+    /// Node of `depth`; its groups are compared with the voxels that were appended for it.
+    fn node(depth: usize, code: u64, output: &mut Output) -> Option<Box<Node>> {
+        if depth == FINEST {
+            return leaf(code);
+        }
+        let count = |output: &Output| -> Vec<usize> { output.depths.iter().map(|d| d.voxels.len()).collect() };
+        let before = count(output);
+        let children: Siblings = std::array::from_fn(|j| node(depth + 1, code << 3 | j as u64, output));
+        let node = join(depth, children, output)?;
+        let groups: Vec<usize> = node.groups.iter().map(|g| g.voxels).collect();
+        let own = count(output).into_iter().zip(before).map(|(after, before)| after - before);
+        let own: Vec<usize> = own.skip(depth + 2).take(REFINE).collect();
+        assert_eq!(groups, own, "depth {depth}, node {code}");
+        Some(node)
+    }
+
+    /// A group is corrected as the last voxels of its depth, as many as it says that it has.
+    #[test]
+    fn groups_count_all_voxels_below_them() {
+        let mut output =
+            Output::new(FINEST + 1, FitOptions { model: Model::Coverage, refine: REFINE, track_materials: false });
+        let root = node(0, 0, &mut output).unwrap();
+        assert!(!root.measure.is_soft(), "most of it is the wall");
+        assert_eq!(root.groups.len(), FINEST - 1);
+        assert_eq!(output.depths[FINEST].voxels.len(), 256 + 512);
     }
 }

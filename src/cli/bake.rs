@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use serde_json::{Value, json};
+use sha2::{Digest, Sha256};
 
 use super::clap_name;
 use super::depfile::DepfileArgs;
@@ -310,6 +311,9 @@ fn depths(volume: &Volume, reports: &[DepthReport]) -> Value {
     reports.iter().enumerate().map(row).collect()
 }
 
+/// Bytes of META that the list of sources may take: half of what META may have.
+const MAX_SOURCES: usize = 128 << 10;
+
 /// Names, relative to the input's folder, and digests.
 fn sources(input: &Path, files: &[PathBuf]) -> Result<Value> {
     let folder = input.parent().unwrap_or(Path::new(""));
@@ -317,7 +321,42 @@ fn sources(input: &Path, files: &[PathBuf]) -> Result<Value> {
     for file in files {
         let name = file.strip_prefix(folder).ok().filter(|n| n.is_relative()).map(Path::to_path_buf);
         let name = name.or_else(|| file.file_name().map(PathBuf::from)).unwrap_or_default();
-        list.push(json!({ "uri": name.to_string_lossy().replace('\\', "/"), "sha256": sha256(file)? }));
+        list.push((name.to_string_lossy().replace('\\', "/"), sha256(file)?));
     }
-    Ok(list.into())
+    Ok(source_list(&list))
+}
+
+fn hex(digest: Sha256) -> String {
+    digest.finalize().iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+/// Names and digests as META keeps them. Where they take too much room, the first alone, and of the others their number and the
+/// digest of the list that `sha256sum` would print of them.
+fn source_list(files: &[(String, String)]) -> Value {
+    let entry = |(uri, sha256): &(String, String)| json!({ "uri": uri, "sha256": sha256 });
+    let list: Vec<Value> = files.iter().map(entry).collect();
+    let room: usize = list.iter().map(|entry| entry.to_string().len() + 1).sum();
+    let Some((first, rest)) = files.split_first().filter(|_| room > MAX_SOURCES) else { return list.into() };
+    let mut digest = Sha256::new();
+    for (uri, sha256) in rest {
+        digest.update(format!("{sha256}  {uri}\n"));
+    }
+    json!([entry(first), { "files": rest.len(), "sha256": hex(digest) }])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_long_list_of_sources_is_a_digest() {
+        let files = |n: usize| (0..n).map(|i| (format!("slice{i}.png"), format!("{i:064x}"))).collect::<Vec<_>>();
+        assert_eq!(source_list(&files(500)).as_array().unwrap().len(), 500);
+        let many = source_list(&files(3000));
+        assert_eq!(many[0], json!({ "uri": "slice0.png", "sha256": format!("{:064x}", 0) }));
+        let text: String = (1..3000).map(|i| format!("{i:064x}  slice{i}.png\n")).collect();
+        let all = hex(Sha256::new_with_prefix(text));
+        assert_eq!(many[1], json!({ "files": 2999, "sha256": all }));
+        assert_eq!(many.as_array().unwrap().len(), 2);
+    }
 }

@@ -1,4 +1,5 @@
-//! How much light each depth of a texel shows, against the finest: the factors of [`crate::volume::brightness`].
+//! How much light each depth of a texel shows, against the finest one or, in a texel that is deeper, depth 9: the factors of
+//! [`crate::volume::brightness`].
 //!
 //! The same rays, evenly spread over places and directions, are marched at every depth by the renderer's own law and lit by
 //! the same lamps. Coarse matter that is clumped lets too much light in, and where the lamp stands behind the viewer it

@@ -189,10 +189,12 @@ fn march_from(
     }
     stats.segments += 1;
     let line = Line::new(segment.origin, segment.dir / speed);
-    let min = (info.content.min.as_vec3() - CONTENT_PAD).max(Vec3::ZERO);
-    let max = (info.content.max.as_vec3() + CONTENT_PAD).min(Vec3::ONE);
-    let (mut s, end) = line.clip(min, max, 0.0, segment.length * speed);
     let (width, growth) = (segment.footprint, segment.growth / speed);
+    // The root's support in a file may be wider than the content, at a lower rate: nothing of it may be cut off.
+    let pad = if choice.depth(width, finest) == 0 { 1.0 } else { CONTENT_PAD };
+    let min = (info.content.min.as_vec3() - pad).max(Vec3::ZERO);
+    let max = (info.content.max.as_vec3() + pad).min(Vec3::ONE);
+    let (mut s, end) = line.clip(min, max, 0.0, segment.length * speed);
     let mut law = OpacityLaw {
         tree,
         origin: segment.origin,

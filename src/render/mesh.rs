@@ -89,6 +89,21 @@ impl Shear {
         let t = (u * a.z + v * b.z + w * c.z) / det;
         t.is_finite().then_some((t, [v / det, w / det]))
     }
+
+    /// Whether the triangle is met by the ray moved aside by (ε, ε²), ε → 0: of two triangles that share an edge, one alone is,
+    /// where the ray itself meets both of them on their edge. Based on: H. Edelsbrunner, E. Mücke, *Simulation of Simplicity*,
+    /// TOG 1990.
+    fn is_within(&self, corners: [DVec3; 3]) -> bool {
+        let [x, y, z] = self.axes;
+        let [a, b, c] = corners.map(|p| [p[x] - self.scale.x * p[z], p[y] - self.scale.y * p[z]]);
+        let side = |from: [f64; 2], to: [f64; 2]| {
+            let exact = from[0] * to[1] - from[1] * to[0];
+            let terms = [exact, from[1] - to[1], to[0] - from[0]];
+            terms.into_iter().find(|v| *v != 0.0).unwrap_or(0.0) > 0.0
+        };
+        let first = side(c, b);
+        side(a, c) == first && side(b, a) == first
+    }
 }
 
 /// Builds a [`Mesh`].
@@ -199,6 +214,9 @@ impl Mesh {
         let part = &model.parts[instance.part];
         let material = &model.materials[part.material];
         if material.alpha != Alpha::Opaque {
+            if !shear.is_within(corners) {
+                return None;
+            }
             let cosine = facing(&corners, ray.dir);
             contact.alpha = self.share(part, material, triangle, &contact, width_at(t) / cosine);
         }
@@ -211,16 +229,7 @@ impl Mesh {
         let (Alpha::Mask(_), Some(lookup)) = (material.alpha, lookup) else {
             return material.alpha.share(self.color(part, material, triangle, at, width)[3]);
         };
-        let corners = part.triangles.get(triangle.index as usize);
-        let alphas = part
-            .colors
-            .as_ref()
-            .zip(corners)
-            .map(|(colors, corners)| corners.map(|i| colors.get(i as usize).map_or(1.0, |c| c[3])));
-        let [a, b, c] = alphas.unwrap_or([1.0; 3]);
-        let [wa, wb, wc] = at.weights();
-        let vertex = (wa * a + wb * b + wc * c, [a, b, c] == [1.0; 3]);
-        self.masks.share(material, part.material, &lookup, vertex)
+        self.masks.share(material, part.material, &lookup)
     }
 
     /// Place of a contact in its material's texture; `None` without one, or without coordinates for it.
@@ -235,19 +244,25 @@ impl Mesh {
         let reference = material.texture.as_ref()?;
         let texture = &*reference.texture;
         let uvs = part.uvs.get(reference.tex_coord)?;
-        let corners = part.triangles.get(triangle.index as usize)?;
-        let corners = corners.map(|i| reference.map(uvs.get(i as usize).copied().unwrap_or_default()));
+        let indices = part.triangles.get(triangle.index as usize)?;
+        let corners = indices.map(|i| reference.map(uvs.get(i as usize).copied().unwrap_or_default()));
         let [a, b, c] = corners;
         let weights = at.weights();
         let uv = [0, 1].map(|k| weights[0] * a[k] + weights[1] * b[k] + weights[2] * c[k]);
-        // Texels across the width: the root of the ratio of areas.
-        let size = [texture.width as f32, texture.height as f32];
-        let [e, f] = [[b[0] - a[0], b[1] - a[1]], [c[0] - a[0], c[1] - a[1]]];
-        let texels = f64::from((e[0] * f[1] - e[1] * f[0]).abs() * size[0] * size[1]);
+        let colors = part.colors.as_ref();
+        let corner_alphas = indices.map(|i| colors.and_then(|c| c.get(i as usize)).map_or(1.0, |c| c[3]));
+        let own_alpha = weights.iter().zip(corner_alphas).map(|(w, alpha)| w * alpha).sum();
+        // Texels across the width, by how fast u and v change on the surface: the gradient of a linear function whose differences
+        // along the edges e and f are d has the square (d₀² f·f − 2 d₀ d₁ e·f + d₁² e·e) / |e × f|².
         let [p, q, r] = self.corners(triangle);
-        let area = (q - p).cross(r - p).length();
-        let footprint = if area > 0.0 { width * (texels / area).sqrt() } else { 0.0 };
-        Some(Lookup { texture, uv, corners, footprint: footprint as f32 })
+        let (e, f) = (q - p, r - p);
+        let (ee, ef, ff, area) = (e.dot(e), e.dot(f), f.dot(f), e.cross(f).length_squared());
+        let widths = [(0, texture.width), (1, texture.height)].map(|(k, size)| {
+            let d = [f64::from(b[k] - a[k]), f64::from(c[k] - a[k])];
+            let square = (d[0] * d[0] * ff - 2.0 * d[0] * d[1] * ef + d[1] * d[1] * ee) / area;
+            if area > 0.0 { (width * f64::from(size) * square.max(0.0).sqrt()) as f32 } else { 0.0 }
+        });
+        Some(Lookup { texture, uv, corners, widths, corner_alphas, own_alpha })
     }
 
     /// Linear RGBA at a contact, over `width` of the surface.
@@ -263,7 +278,7 @@ impl Mesh {
             }
         }
         if let Some(lookup) = self.lookup(part, material, triangle, at, width) {
-            let sampled = lookup.texture.average(lookup.uv, lookup.footprint);
+            let sampled = lookup.texture.average(lookup.uv, lookup.footprint());
             rgba.iter_mut().zip(sampled).for_each(|(c, s)| *c *= s);
         }
         rgba

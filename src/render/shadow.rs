@@ -101,10 +101,12 @@ impl ShadowCone {
     ) -> f32 {
         let CopySegment { hit, march, .. } = segment;
         let Some(Some(texel)) = world.texels.get(hit.texel) else { return 1.0 };
-        if let Some(source) = texel.source_lod(march.footprint, quality.choice.lod_dither) {
+        // By the width in the middle, as a camera's cone does.
+        let mid_width = march.footprint + 0.5 * march.growth * march.length;
+        if let Some(source) = texel.source_lod(mid_width, quality.choice.lod_dither) {
             counts.near_copies += 1;
             let skip = SelfHit::source_triangle(self.start, hit);
-            let (end, width) = (hit.t1 - hit.t0, f64::from(march.footprint));
+            let (end, width) = (hit.t1 - hit.t0, f64::from(mid_width));
             return source.mesh.transmittance(&source.model, &hit.ray(), end, skip, width);
         }
         let choice = DepthChoice { finest: texel.finest, ..quality.choice };

@@ -114,19 +114,19 @@ impl AlphaSums {
         found.map_or(0.0, |(sum, count)| (f64::from(sum) / (255.0 * count.max(1) as f64)) as f32)
     }
 
-    /// Mean share, in [0, 1], of the box of `width` texels (1 or more) around `uv`, of which what lies beyond the texture
+    /// Mean share, in [0, 1], of the box of `widths` texels (at least one is read) around `uv`, of which what lies beyond the texture
     /// coordinates `lo` … `hi` is folded back. So the mean over all `uv` in that range is the range's own mean however wide
     /// the box is, and what is beside a card in an atlas does not count.
-    pub fn mean_within(&self, uv: [f64; 2], width: f64, [lo, hi]: [[f64; 2]; 2]) -> f32 {
+    pub fn mean_within(&self, uv: [f64; 2], widths: [f64; 2], [lo, hi]: [[f64; 2]; 2]) -> f32 {
         let folded = [0, 1].map(|k| {
             let size = f64::from(self.size[k]);
-            fold(uv[k] * size, width, lo[k] * size, hi[k] * size)
+            fold(uv[k] * size, widths[k], lo[k] * size, hi[k] * size)
         });
         let (mut sum, mut count) = (0.0, 0);
         for y in folded[1].into_iter().flatten() {
             for x in folded[0].into_iter().flatten() {
                 let Some((own, texels)) = self.sum([self.spans(0, x.0, x.1), self.spans(1, y.0, y.1)]) else {
-                    return self.mean(uv, width);
+                    return self.mean(uv, widths[0].max(widths[1]));
                 };
                 sum += f64::from(own);
                 count += texels;
@@ -354,7 +354,8 @@ mod tests {
             const N: u32 = 120;
             let at = |i: u32, size: f64| (f64::from(i) + 0.5) / f64::from(N) * size;
             let places = (0..N * N).map(|i| [at(i % N, 0.5), at(i / N, 0.5)]);
-            let mean = places.map(|uv| f64::from(blend.mean_within(uv, width, range))).sum::<f64>() / f64::from(N * N);
+            let mean =
+                places.map(|uv| f64::from(blend.mean_within(uv, [width; 2], range))).sum::<f64>() / f64::from(N * N);
             // Ends are rounded to texels, which a ratio of sums feels a little.
             assert!((mean - 11.0 / 12.0).abs() < 0.02, "{width}: {mean}");
         }

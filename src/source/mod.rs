@@ -35,6 +35,7 @@ pub use facets::{FacetTriangle, Facets, facets};
 pub use group::{GroupSource, Part};
 pub use lsystem::LSystemOptions;
 pub use medium::Medium;
+pub(crate) use medium::least_extinction;
 pub use mesh::{Fill, MeshOptions, MeshSource};
 pub use open::{dependencies, open};
 pub use options::OpenOptions;

@@ -18,7 +18,8 @@ use crate::{Error, Result};
 pub const PAGE_LOG2: u32 = 12;
 const PAGE: usize = 1 << PAGE_LOG2;
 
-/// Provider of an [`Octree`]'s content: a file's reader, or a volume in memory. Each call may be slow; each is made once.
+/// Provider of an [`Octree`]'s content: a file's reader, or a volume in memory. Each call may be slow: an octree asks once for
+/// the masks of a depth and the voxels of a page, and never for mixes, which [`super::palette`] turns into colours.
 pub trait Pages: Send + Sync {
     /// Description of the texel.
     fn info(&self) -> &Info;
@@ -172,12 +173,15 @@ impl Octree {
     /// [`Error::Limit`] where there are more depths, or more nodes in a depth, than an octree may have.
     pub fn new(source: impl Pages + 'static) -> Result<Octree> {
         let counts = source.counts();
-        if counts.len() > MAX_DEPTH + 1 || counts.iter().any(|&n| n >= u32::MAX as usize) {
-            return Err(Error::Limit {
-                what: "the octree's depths".into(),
-                needed: counts.len() as u64,
-                allowed: MAX_DEPTH as u64 + 1,
-            });
+        let limit = |what: String, needed: usize, allowed: usize| {
+            Err(Error::Limit { what, needed: needed as u64, allowed: allowed as u64 })
+        };
+        if counts.len() > MAX_DEPTH + 1 {
+            return limit("the number of the octree's depths".into(), counts.len(), MAX_DEPTH + 1);
+        }
+        const MAX_NODES: usize = u32::MAX as usize - 1;
+        if let Some((depth, &n)) = counts.iter().enumerate().find(|(_, n)| **n > MAX_NODES) {
+            return limit(format!("the number of voxels at depth {depth} of the octree"), n, MAX_NODES);
         }
         let pages = counts.iter().map(|n| (0..n.div_ceil(PAGE)).map(|_| OnceLock::new()).collect()).collect();
         Ok(Octree {

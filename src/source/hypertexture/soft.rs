@@ -4,10 +4,10 @@ use super::Hypertexture;
 use crate::geom::polygon::Polygon;
 use crate::geom::{Aabb, DVec3};
 use crate::progress::Progress;
-use crate::source::Medium;
 use crate::source::field::{Field, Laid, Met};
 use crate::source::placement::Placement;
 use crate::source::traits::{Source, Staged, Surface};
+use crate::source::{Medium, least_extinction};
 use crate::{Error, Result, Warnings, morton};
 
 /// A hypertexture without a hard surface.
@@ -30,8 +30,6 @@ const PLACES: [DVec3; 4] = [
     DVec3::new(0.75, 0.25, 0.75),
     DVec3::new(0.25, 0.75, 0.75),
 ];
-/// Optical depth of a voxel below which there is nothing.
-const NOTHING: f64 = 1e-4;
 
 impl HypertextureSource {
     /// # Errors
@@ -74,7 +72,8 @@ impl Source for HypertextureSource {
         let regions = laid.regions(place, level, progress);
         // Hits in a voxel's edge where it is densest.
         let density = self.texture.set.density * laid.voxel_edge();
-        Ok(Box::new(Soft { texture: &self.texture, laid, regions, width, density }))
+        let least = least_extinction(place.side());
+        Ok(Box::new(Soft { texture: &self.texture, laid, regions, width, density, least }))
     }
 }
 
@@ -85,6 +84,8 @@ struct Soft<'a> {
     /// Voxels along a region's edge.
     width: u32,
     density: f64,
+    /// Hits per voxel edge below which there is nothing.
+    least: f64,
 }
 
 impl Soft<'_> {
@@ -95,7 +96,7 @@ impl Soft<'_> {
         if levels > 0 {
             let (near, far) = self.laid.range(lo, lo + edge);
             let most = self.density * self.texture.share(near);
-            if most < NOTHING {
+            if most < self.least {
                 return;
             }
             let least = self.density * self.texture.share(far);
@@ -121,7 +122,7 @@ impl Soft<'_> {
 
     /// One cube, with what is met in its middle where that is known.
     fn give(&self, at: [u32; 3], levels: u32, extinction: f64, met: Option<Met>, each: &mut dyn FnMut(&Medium)) {
-        if extinction < NOTHING {
+        if extinction < self.least {
             return;
         }
         let centre = DVec3::from(at.map(f64::from)) + 0.5 * f64::from(1u32 << levels);

@@ -125,7 +125,7 @@ impl Outer {
         let frame = choice.frame(self.count(false), warnings)?;
         let channels = self.count(true);
         let mut left = [frame, 0];
-        if channels > 1 {
+        if channels > 1 || choice.names_channel() && self.axes.iter().any(|a| a.1) {
             left[1] = choice.channel(&vec![String::new(); channels], warnings)?;
         }
         let (mut index, mut stride) = (0u64, 1u64);

@@ -10,8 +10,8 @@ use crate::source::Medium;
 const MAX_NODES: usize = 1 << 21;
 /// Points along a voxel's edge at most.
 const MAX_POINTS: usize = 8;
-/// Share of the opacity that has to be gained within a distance of samples for matter to be all flakes.
-const SHEET: f64 = 0.25;
+/// Opacity that has to be gained within a distance of samples for matter to be seen as a face.
+const FACE: f64 = 0.25;
 
 /// Values at the nodes of a block, linear in between; or straight from the samples.
 pub struct Field<'a> {
@@ -87,8 +87,10 @@ pub struct MediumSampler<'a> {
     /// Values from here on are solid, and not soft.
     pub solid_from: f64,
     pub to_index: DAffine3,
-    /// Distance of samples in voxels, the mean of the three.
+    /// Distance of samples in voxels, the geometric mean of the three.
     pub distance: f64,
+    /// Hits per voxel edge below which there is nothing.
+    pub least: f64,
     /// Where the stack is, index space.
     pub index_bounds: Aabb,
     /// Whether the cells of samples without a value are left out.
@@ -148,15 +150,14 @@ impl MediumSampler<'_> {
             colour += density * DVec3::from(rgb.map(f64::from));
         }
         let extinction = sum * step * step * step;
-        if extinction < 1e-4 {
+        if extinction < self.least {
             return None;
         }
+        // A slope turns what is seen, and not how much: opacity is the same from every side, as a transfer function means it.
         let slope = slope / sum;
-        let flat = (slope.length() / SHEET).min(1.0);
         Some(Medium {
-            flat,
             normal: slope.normalize_or_zero(),
-            facing: flat,
+            facing: (slope.length() / FACE).min(1.0),
             ..Medium::even(at, 0, extinction, (colour / sum).as_vec3().to_array())
         })
     }

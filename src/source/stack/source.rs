@@ -10,10 +10,10 @@ use crate::error::short;
 use crate::geom::polygon::Polygon;
 use crate::geom::{Aabb, DAffine3, DMat3, DVec3};
 use crate::progress::Progress;
-use crate::source::Medium;
 use crate::source::loops::facets;
 use crate::source::placement::Placement;
 use crate::source::traits::{Source, Staged, Surface};
+use crate::source::{Medium, least_extinction};
 use crate::{Error, Result, Warnings, morton, par};
 
 /// A stack and what is matter in it.
@@ -284,7 +284,7 @@ struct StagedStack<'a> {
     lattice: Lattice,
     images: Vec<PeriodicImage>,
     mirrored: bool,
-    /// Distance of samples, in voxels: the mean of the three.
+    /// Distance of samples, in voxels: the geometric mean of the three.
     distance: f64,
     /// Width of a region, in voxels.
     width: f64,
@@ -376,6 +376,7 @@ impl StagedStack<'_> {
                 solid_from: f64::from(source.iso),
                 to_index: image.to_index,
                 distance: self.distance,
+                least: least_extinction(self.place.side()),
                 index_bounds: index_bounds(samples.dims()),
                 masked: source.masked,
             };

@@ -37,11 +37,8 @@ pub struct TransferSpec {
 pub struct TransferPoint {
     /// The stack's value, in the units that it has after its own rescaling.
     pub value: f64,
-    /// Share of light, [0, 1], that a layer as thick as samples are apart takes away, in the mean over all
-    /// directions; where the spacing differs by axis, the layer is the cube root of the spacings' product thick,
-    /// whichever way it lies. Where opacity changes by a quarter or more from one sample to the next, the layer is
-    /// flakes across the gradient: its optical depth is twice the mean along the gradient and none across it, and in
-    /// between for slower changes.
+    /// Share of light, [0, 1], that a layer as thick as samples are apart takes away, from whichever side it is
+    /// seen; where the spacing differs by axis, the layer is the cube root of the spacings' product thick.
     pub opacity: f64,
     /// Linear Rec. 709, [0, 1]; white, or the stack's own colour, where it is left out.
     #[serde(default, skip_serializing_if = "Option::is_none")]

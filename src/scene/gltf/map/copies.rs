@@ -104,7 +104,7 @@ pub fn place(
     }
     let border = options.inset.then(|| {
         let reach = kinds.iter().map(|k| k.reach() * options.scale[1]).fold(0.0, f64::max);
-        Border::new(&target.border(), reach)
+        Border::new(&target.border(), reach, plan.up)
     });
     // The widest first: they find room less easily.
     let mut order: Vec<usize> = (0..kinds.len()).collect();

@@ -129,16 +129,25 @@ impl Discs {
 pub struct Border {
     cell: f64,
     cells: HashMap<[i64; 3], Vec<[DVec3; 2]>>,
+    /// Unit vector along which all is seen.
+    up: Option<DVec3>,
+}
+
+/// `v` without its part along the unit vector `up`.
+fn flattened(v: DVec3, up: DVec3) -> DVec3 {
+    v - up * up.dot(v)
 }
 
 /// An edge is entered into at most so many cells along each axis; longer ones are cut in pieces first.
 const MOST_CELLS: f64 = 4.0;
 
 impl Border {
-    /// `reach`: the largest distance that will be asked for.
-    pub fn new(edges: &[[DVec3; 2]], reach: f64) -> Border {
-        let mut border = Border { cell: reach.max(f64::MIN_POSITIVE), cells: HashMap::new() };
-        for &[a, b] in edges {
+    /// `reach`: the largest distance that will be asked for. `up`: the unit vector along which the border is seen, where that is
+    /// the same for all points; it then counts however far above or below a point it is. Else it counts within the reach.
+    pub fn new(edges: &[[DVec3; 2]], reach: f64, up: Option<DVec3>) -> Border {
+        let mut border = Border { cell: reach.max(f64::MIN_POSITIVE), cells: HashMap::new(), up };
+        for edge in edges {
+            let [a, b] = edge.map(|p| up.map_or(p, |up| flattened(p, up)));
             let pieces = ((b - a).abs().max_element() / (MOST_CELLS * border.cell)).ceil().clamp(1.0, 1e6);
             for k in 0..pieces as u64 {
                 let at = |k: f64| a.lerp(b, k / pieces);
@@ -160,13 +169,14 @@ impl Border {
         }
     }
 
-    /// Whether the border comes nearer to `p` than `distance`, at most the reach, seen along the unit vector `up`.
+    /// Whether the border comes nearer to `p` than `distance`, at most the reach, seen along the unit vector `up`, or the one
+    /// that the border was made for.
     pub fn is_within(&self, p: DVec3, distance: f64, up: DVec3) -> bool {
+        let (up, p) = self.up.map_or((up, p), |up| (up, flattened(p, up)));
         let cell = (p / self.cell).floor().to_array().map(|v| v as i64);
         self.cells.get(&cell).is_some_and(|edges| {
             edges.iter().any(|&[a, b]| {
-                let flat = |v: DVec3| v - up * up.dot(v);
-                let (ab, ap) = (flat(b - a), flat(p - a));
+                let (ab, ap) = (flattened(b - a, up), flattened(p - a, up));
                 let t = (ap.dot(ab) / ab.length_squared().max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
                 (ap - t * ab).length() < distance
             })
@@ -219,8 +229,14 @@ mod tests {
         let target = square(8.0);
         let edges = target.border();
         assert_eq!(edges.len(), 4, "the diagonal is shared");
-        let border = Border::new(&edges, 2.0);
+        let border = Border::new(&edges, 2.0, None);
         let at = |x: f64, y: f64, z: f64| DVec3::new(x, y, z);
+        // On a steep slope the border is far below; what hangs over it hangs over it all the same.
+        let below = Border::new(&edges, 2.0, Some(DVec3::Y));
+        assert!(
+            below.is_within(at(1.0, 9.0, 4.0), 1.5, DVec3::Y) && !border.is_within(at(1.0, 9.0, 4.0), 1.5, DVec3::Y)
+        );
+        assert!(!below.is_within(at(2.0, 9.0, 4.0), 1.5, DVec3::Y));
         assert!(border.is_within(at(1.0, 0.0, 4.0), 1.5, DVec3::Y));
         assert!(!border.is_within(at(2.0, 0.0, 4.0), 1.5, DVec3::Y));
         assert!(border.is_within(at(6.9, 0.0, 6.9), 1.2, DVec3::Y));

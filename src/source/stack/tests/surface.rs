@@ -178,3 +178,46 @@ fn what_is_larger_than_memory_is_the_same() {
     let by = |memory: u64| values(&read(&path, &StackOptions::default(), memory).unwrap());
     assert_eq!(by(0), by(1 << 20));
 }
+
+#[test]
+fn a_ramp_takes_the_same_from_every_side() {
+    // Opacity rises along x from 0 at sample 4 to .9 at sample 28, or to .9 within three samples, which are 1 × 1 × 4 wide.
+    let dir = Dir::new();
+    let (n, deep) = (32usize, 8usize);
+    for width in [24.0, 3.0] {
+        let mut bytes =
+            format!("NRRD0004\ntype: uchar\ndimension: 3\nsizes: {n} {n} {deep}\nspacings: 1 1 4\nencoding: raw\n\n")
+                .into_bytes();
+        bytes.extend((0..n * n * deep).map(|i| 8 * (i % n) as u8));
+        let path = dir.save("ramp.nrrd", &bytes);
+        let transfer = format!(
+            r#"{{"points": [{{"value": 32, "opacity": 0}}, {{"value": {}, "opacity": 0.9}}]}}"#,
+            32.0 + 8.0 * width
+        );
+        let options =
+            StackOptions { transfer: serde_json::from_str(&transfer).unwrap(), sigma: 0.0, ..StackOptions::default() };
+        let source = StackSource::new(open(&path).unwrap(), &options).unwrap();
+        let place = Placement {
+            bounds: source.bounds(),
+            transform: DAffine3::IDENTITY,
+            scale: 2.0,
+            depth: 6,
+            up: 2,
+            cyclic: [false; 3],
+        };
+        let staged = source.stage(&place, &Quiet).unwrap();
+        let mut sums = [0.0; 13];
+        for region in 0..staged.regions().len() {
+            staged.medium(region, &mut |m| sums.iter_mut().zip(m.rates(m.levels)).for_each(|(sum, r)| *sum += r));
+        }
+        // Optical depth along x, in the mean over 64² lines: that of a layer of opacity p is −ln(1 − p) for each ∛4 of its
+        // thickness, and ∫ −ln(1 − .9 s) ds from 0 to 1 is (.1 ln .1 + .9) / .9. After the ramp, .9 to the end at 31.5.
+        let ramp = width * (0.1 * 0.1f64.ln() + 0.9) / 0.9;
+        let want = (ramp - (31.5 - 4.0 - width) * 0.1f64.ln()) / 4.0f64.cbrt();
+        // Points in the middles of eighths of samples, and half a sample at the border.
+        for (k, sum) in sums.into_iter().enumerate() {
+            let got = sum / 4096.0;
+            assert!((got / want - 1.0).abs() < 0.03, "ramp of {width}, axis {k}: {got} {want}");
+        }
+    }
+}
