@@ -37,7 +37,7 @@ pub use lsystem::LSystemOptions;
 pub use medium::Medium;
 pub use mesh::{Fill, MeshOptions, MeshSource};
 pub use open::{dependencies, open};
-pub use options::OpenOptions;
+pub use options::{FileKind, OpenOptions, file_kind};
 pub use placement::{Placement, REGION_LOG2};
 pub use recipe::{Laid, laid_files, lay};
 pub use stack::{StackOptions, StackSource};
