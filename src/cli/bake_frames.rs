@@ -94,16 +94,10 @@ impl FrameArgs {
     }
 
     /// A file a frame, in the order in which they are given.
-    fn listed(&self, inputs: &[PathBuf], output: Option<&Path>, options: &OpenOptions) -> Result<Vec<Shot>> {
-        let wrong = |what: &str| Err(Error::Options(what.into()));
+    fn listed(&self, inputs: &[PathBuf], output: &Path, options: &OpenOptions) -> Result<Vec<Shot>> {
         if self.frames.is_some() {
-            return wrong("--frames is for one input; several inputs are a frame each already");
+            return Err(Error::Options("--frames is for one input; several inputs are a frame each already".into()));
         }
-        let Some(output) = output.filter(|o| frames::is_numbered(o)) else {
-            return wrong(
-                "several inputs are the frames of one texel; give -o a place for their numbers: NAME.####.vtex",
-            );
-        };
         let shot = |(k, input): (usize, &PathBuf)| {
             let k = k as u32;
             let animation = self.said(k, inputs.len() as u32, None);
@@ -133,7 +127,13 @@ impl FrameArgs {
     }
 
     /// Moments of one input.
-    fn moments(&self, frames: Frames, input: Option<&Path>, output: &Path, options: &OpenOptions) -> Result<Vec<Shot>> {
+    fn moments(
+        &self,
+        frames: Frames,
+        (input, is_string): (&Path, bool),
+        output: &Path,
+        options: &OpenOptions,
+    ) -> Result<Vec<Shot>> {
         let kind = if is_string { FileKind::LSystem } else { file_kind(input) };
         let is_gltf = ["gltf", "glb"].contains(&extension(input).as_str());
         let mut fps = self.fps.unwrap_or(24.0);
