@@ -99,6 +99,7 @@
 pub mod error;
 pub mod geom;
 pub mod morton;
+pub mod noise;
 pub mod par;
 pub mod progress;
 pub mod random;

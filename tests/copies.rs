@@ -63,6 +63,8 @@ fn copies(translation: [f32; 3], rotation: [f32; 4], scale: [f32; 3]) -> CopySet
         scales: vec![scale],
         choices: vec![],
         tints: vec![],
+        phases: vec![],
+        wind: None,
     }
 }
 

@@ -9,7 +9,10 @@ use vtex::morton;
 use vtex::progress::Quiet;
 use vtex::render::{Ambient, CameraChoice, Options, render_with};
 use vtex::scene::shell::{CellWrap, Discrete, Environment, Layer, Orientations, ShellMaterial, TexelRef, Variant};
-use vtex::scene::{Alpha, Instance, Light, LightKind, Material, Model, Part, Scene, Texture, TextureRef};
+use vtex::scene::wind::Wind;
+use vtex::scene::{
+    Alpha, Instance, Light, LightKind, Material, Model, Part, ReadOptions, Scene, Texture, TextureRef, gltf,
+};
 use vtex::volume::palette::Restyled;
 use vtex::volume::{Depth, Info, Octree, Palette, Sggx, Style, Volume, Voxel, voxel};
 
@@ -138,15 +141,7 @@ fn golden_of(
     let place = |(part, transform)| Instance { part, transform, node: String::new() };
     let instances = places.into_iter().enumerate().map(place).collect();
     let model = Model { parts, materials, instances, lights, metres_per_unit: 1.0, ..Default::default() };
-    let texels = vec![TexelRef {
-        memory: None,
-        name: "figure".into(),
-        frames: vec![],
-        geometry: None,
-        max_depth: None,
-        content_id: None,
-        palette: Default::default(),
-    }];
+    let texels = vec![TexelRef { name: "figure".into(), frames: vec![], ..TexelRef::default() }];
     let environment = Environment { sky: Some([0.3, 0.35, 0.4]), background: None };
     let done =
         render_with(&Scene { model, texels, copies: Vec::new(), environment }, vec![Some(texel)], &options, &Quiet)
@@ -321,4 +316,73 @@ fn restyled() {
     let ground = vec![(square(1.0, 3.0, 0), DAffine3::IDENTITY)];
     let options = looking([0.6, 1.0, 2.4], [0.0, 0.2, 0.1]);
     golden_of(tree, "restyled", ground, vec![shell(0.66, layer)], vec![sun()], options);
+}
+
+/// A lawn in the wind at two times: gusts have gone 1.2 m to the right.
+#[test]
+fn wind_bends_what_grows() {
+    let wind = Wind { direction: DVec3::X, strength: 0.4, gust_scale: 3.0, speed: 1.5, seed: 5 };
+    for (name, time) in [("wind-0", 0.0), ("wind-1", 0.8)] {
+        let grown = Material { wind: Some(wind.at(time)), ..shell(0.5, Layer::default()) };
+        let lawn = sheet(12, 8.0, 0, |s, t| DVec3::new(2.0 * s - 1.0, 0.0, 1.0 - 2.0 * t));
+        let options = looking([0.0, 1.1, 2.4], [0.0, 0.15, 0.1]);
+        golden(name, vec![(lawn, DAffine3::IDENTITY)], vec![grown], vec![sun()], options);
+    }
+}
+
+/// A card on two bones, the upper of which has turned by a quarter half-way through its animation; its shell follows.
+#[test]
+fn a_shell_on_bones_is_posed() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("pose.gltf");
+    std::fs::write(&path, bones().to_string()).unwrap();
+    let read = ReadOptions { time: Some(1.0), ..ReadOptions::default() };
+    let model = gltf::read(&path, &read).unwrap().model;
+    let parts = model.instances.iter().map(|i| (model.parts[i.part].clone(), i.transform)).collect();
+    let options = looking([-1.2, 1.4, 3.4], [-0.3, 0.9, 0.0]);
+    golden("pose", parts, vec![shell(0.3, Layer::default())], vec![sun()], options);
+}
+
+/// A strip of 8 tiles, 0.6 m wide and 2 m high, whose upper half bends to the left within two seconds.
+fn bones() -> serde_json::Value {
+    use base64::Engine;
+    use serde_json::json;
+    let (mut bin, mut views, mut accessors) = (Vec::new(), Vec::new(), Vec::new());
+    let mut add = |kind: &str, component: u32, count: usize, bytes: Vec<u8>| {
+        views.push(json!({"buffer": 0, "byteOffset": bin.len(), "byteLength": bytes.len()}));
+        accessors
+            .push(json!({"bufferView": views.len() - 1, "componentType": component, "type": kind, "count": count}));
+        bin.extend(bytes);
+        accessors.len() - 1
+    };
+    let floats = |values: &[f32]| values.iter().flat_map(|v| v.to_le_bytes()).collect::<Vec<u8>>();
+    let rows: Vec<f32> = (0..9).map(|i| i as f32 / 8.0).collect();
+    let each = |f: &dyn Fn(f32, f32) -> Vec<f32>| {
+        rows.iter().flat_map(|&t| [f(0.0, t), f(1.0, t)]).flatten().collect::<Vec<_>>()
+    };
+    let positions = add("VEC3", 5126, 18, floats(&each(&|s, t| vec![0.6 * s - 0.3, 2.0 * t, 0.0])));
+    let uvs = add("VEC2", 5126, 18, floats(&each(&|s, t| vec![2.0 * s, 6.0 * t])));
+    let heights = add("VEC3", 5126, 18, floats(&each(&|_, _| vec![0.0, 0.0, 0.3])));
+    let bent = |t: f32| ((t - 0.25) * 2.0).clamp(0.0, 1.0);
+    let weights = add("VEC4", 5126, 18, floats(&each(&|_, t| vec![1.0 - bent(t), bent(t), 0.0, 0.0])));
+    let joints = add("VEC4", 5121, 18, [0u8, 1, 0, 0].repeat(18));
+    let faces: Vec<u16> = (0..8u16).flat_map(|i| [0, 1, 2, 1, 3, 2].map(|k| 2 * i + k)).collect();
+    let indices = add("SCALAR", 5123, 48, faces.iter().flat_map(|v| v.to_le_bytes()).collect());
+    let shift = |y: f32| [1., 0., 0., 0., 0., 1., 0., 0., 0., 0., 1., 0., 0., y, 0., 1.];
+    let binds = add("MAT4", 5126, 2, floats(&[shift(0.0), shift(-1.0)].concat()));
+    let times = add("SCALAR", 5126, 2, floats(&[0.0, 2.0]));
+    // Half a turn, of which half is done at 1 s.
+    let turns = add("VEC4", 5126, 2, floats(&[0., 0., 0., 1., 0., 0., 1., 0.]));
+    let data = base64::engine::general_purpose::STANDARD.encode(&bin);
+    json!({
+        "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0, 1]}],
+        "nodes": [{"mesh": 0, "skin": 0}, {"children": [2]}, {"translation": [0, 1, 0]}],
+        "skins": [{"joints": [1, 2], "inverseBindMatrices": binds}],
+        "meshes": [{"primitives": [{"indices": indices, "attributes": {"POSITION": positions, "TEXCOORD_0": uvs,
+            "_VTEX_HEIGHT": heights, "JOINTS_0": joints, "WEIGHTS_0": weights}}]}],
+        "animations": [{"channels": [{"sampler": 0, "target": {"node": 2, "path": "rotation"}}],
+            "samplers": [{"input": times, "output": turns}]}],
+        "accessors": accessors, "bufferViews": views,
+        "buffers": [{"byteLength": bin.len(), "uri": format!("data:application/octet-stream;base64,{data}")}],
+    })
 }

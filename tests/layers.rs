@@ -4,9 +4,10 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// What each part may use of the crate, besides itself, `error`, `progress` and what those re-export.
-const MAY_USE: [(&str, &[&str]); 16] = [
+const MAY_USE: [(&str, &[&str]); 17] = [
     ("geom", &[]),
     ("morton", &[]),
+    ("noise", &["geom"]),
     ("par", &[]),
     ("error", &[]),
     ("progress", &[]),
@@ -15,12 +16,12 @@ const MAY_USE: [(&str, &[&str]); 16] = [
     ("system", &[]),
     ("volume", &["geom", "morton"]),
     ("format", &["geom", "morton", "par", "volume"]),
-    ("scene", &["geom", "random", "volume", "format"]),
+    ("scene", &["geom", "noise", "random", "volume", "format"]),
     ("march", &["geom", "morton", "par", "volume"]),
-    ("source", &["geom", "morton", "par", "random", "simd", "system", "volume", "format", "scene"]),
+    ("source", &["geom", "morton", "noise", "par", "random", "simd", "system", "volume", "format", "scene"]),
     ("bake", &["geom", "morton", "par", "random", "simd", "volume", "march", "source"]),
     ("merge", &["geom", "morton", "volume", "source", "bake"]),
-    ("render", &["geom", "morton", "par", "random", "volume", "format", "scene", "march"]),
+    ("render", &["geom", "morton", "noise", "par", "random", "volume", "format", "scene", "march"]),
 ];
 /// Names at the crate's root that every part may use.
 const COMMON: [&str; 5] = ["Error", "Result", "Warnings", "error", "progress"];

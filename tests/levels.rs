@@ -49,15 +49,7 @@ fn scene() -> Scene {
         metres_per_unit: 1.0,
         ..Model::default()
     };
-    let texel = TexelRef {
-        memory: None,
-        name: "tree".into(),
-        frames: vec![],
-        geometry: None,
-        max_depth: None,
-        content_id: None,
-        palette: Default::default(),
-    };
+    let texel = TexelRef { name: "tree".into(), frames: vec![], ..TexelRef::default() };
     let environment = Environment { sky: Some([0.35, 0.42, 0.52]), background: Some([0.0; 3]) };
     Scene { model, texels: vec![texel], copies: Vec::new(), environment }
 }

@@ -2,6 +2,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 mod analytic;
+mod animation;
 mod assets;
 mod bake;
 mod bake_cli;

@@ -6,6 +6,7 @@ use std::time::Instant;
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
 
+use super::bake_frames::{FrameArgs, Shot};
 use super::clap_name;
 use super::depfile::DepfileArgs;
 use super::quantity::{bytes, count, finite, size};
@@ -17,9 +18,11 @@ use crate::bake::Estimate;
 use crate::bake::{DepthReport, MAX_REFINE, MAX_RESOLUTION, Options, REFINE};
 use crate::format;
 use crate::format::{Quality, WriteOptions};
+use crate::geom::{Aabb, DVec3};
 use crate::progress::Progress;
 use crate::scene::files::sha256;
 use crate::source;
+use crate::source::OpenOptions;
 use crate::source::recipe::Laid;
 use crate::volume::{Model, Volume};
 use crate::{Error, Result, par};
@@ -27,7 +30,8 @@ use crate::{Error, Result, par};
 /// Turn a 3D source (a mesh, an image stack) into a texel
 #[derive(clap::Args)]
 pub struct Args {
-    /// The sources, each baked by itself; none where --string is all there is
+    /// The sources, each baked by itself; none where --string is all there is. With # in the name of the output, the frames of
+    /// one texel, as are numbered files, NAME.####.EXT
     #[arg(required_unless_present = "string", value_name = "INPUT")]
     inputs: Vec<PathBuf>,
     /// The .vtex file to write, or with a slash at its end the folder [default: the input's name with .vtex, here]
@@ -66,6 +70,8 @@ pub struct Args {
     /// Threads to use [default: all cores]
     #[arg(long, default_value_t = 0, hide_default_value = true, value_name = "N")]
     threads: usize,
+    #[command(flatten)]
+    frames: FrameArgs,
     #[command(flatten)]
     depfile: DepfileArgs,
     /// Write a report as JSON
@@ -150,6 +156,7 @@ impl Args {
             out["cyclic"] = self.cyclic.clone().into();
         }
         self.source.provenance(&mut out);
+        self.frames.provenance(&mut out);
         self.albedo.iter().for_each(|v| out["albedo"] = v.as_str().into());
         if self.tint {
             out["tint"] = true.into();
@@ -166,11 +173,14 @@ impl Args {
     }
 }
 
-/// One source, its output, and the files that are read for it.
+/// One bake, and the files that are read for it.
 struct Job {
-    input: PathBuf,
-    output: PathBuf,
+    shot: Shot,
     files: Vec<PathBuf>,
+    /// Options by which a frame is laid into the cube that all frames need.
+    shared: Option<Options>,
+    /// Whether what is said of the source is said here: of the frames of one texel, for the first.
+    speaks: bool,
 }
 
 pub fn run(args: &Args, ui: &Ui) -> Result<()> {
@@ -181,16 +191,30 @@ fn bake_all(args: &Args, ui: &Ui) -> Result<()> {
     // A string alone has neither a file nor a name.
     let string = [PathBuf::from("string")];
     let inputs = if args.inputs.is_empty() { &string[..] } else { &args.inputs };
-    let jobs = inputs.iter().map(|input| job(args, input)).collect::<Result<Vec<_>>>()?;
+    let options = args.source.options(args.memory);
+    let frames = args.frames.shots(&args.inputs, args.output.as_deref(), &options)?;
+    let is_sequence = frames.is_some();
+    let shots = match frames {
+        Some(shots) => shots,
+        None => inputs.iter().map(|input| shot(args, input, &options)).collect::<Result<Vec<_>>>()?,
+    };
+    let mut jobs: Vec<Job> = shots.into_iter().map(|shot| job(args, shot)).collect();
     check_outputs(args, &jobs)?;
     if args.voxel_size.is_none() && !args.resolution.is_power_of_two() {
         ui.say(&format!("-r {} is rounded up to {}", args.resolution, args.resolution.next_power_of_two()));
     }
+    if is_sequence {
+        let shared = shared_box(args, &jobs, ui)?;
+        for (k, job) in jobs.iter_mut().enumerate() {
+            (job.shared, job.speaks) = (Some(shared.clone()), k == 0);
+        }
+    }
     let (mut rules, mut left) = (Vec::new(), jobs.iter());
-    let done = each(inputs, args.json, ui, |_| {
+    let inputs: Vec<PathBuf> = jobs.iter().map(|job| job.shot.input.clone()).collect();
+    let done = each(&inputs, args.json, ui, |_| {
         let Some(job) = left.next() else { return Ok(Value::Null) };
         let summary = bake_file(args, job, ui)?;
-        rules.push((job.output.as_path(), [job.files.clone(), args.source.files()].concat()));
+        rules.push((job.shot.output.as_path(), [job.files.clone(), args.source.files()].concat()));
         Ok(summary)
     });
     if !rules.is_empty() {
@@ -199,28 +223,61 @@ fn bake_all(args: &Args, ui: &Ui) -> Result<()> {
     done
 }
 
-fn job(args: &Args, input: &Path) -> Result<Job> {
-    let mut files = if args.inputs.is_empty() { Vec::new() } else { source::dependencies(input) };
-    files.extend(source::laid_files(&args.laid()));
+fn shot(args: &Args, input: &Path, options: &OpenOptions) -> Result<Shot> {
     let output = output_for(input, args.output.as_deref(), args.inputs.len() > 1, "vtex")?;
-    Ok(Job { input: input.to_path_buf(), output, files })
+    let options = args.frames.still(options);
+    Ok(Shot { input: input.to_path_buf(), output, options, animation: None })
+}
+
+fn job(args: &Args, shot: Shot) -> Job {
+    let mut files = if args.inputs.is_empty() { Vec::new() } else { source::dependencies(&shot.input) };
+    files.extend(source::laid_files(&args.laid()));
+    Job { shot, files, shared: None, speaks: true }
+}
+
+fn open(args: &Args, shot: &Shot) -> Result<Box<dyn source::Source>> {
+    let options = &shot.options;
+    let source = match args.inputs.is_empty() {
+        false => source::open(&shot.input, options)?,
+        true => source::lsystem::open(None, &options.lsystem, &options.read, &options.mesh)?,
+    };
+    source::lay(source, &args.laid(), &options.read)
+}
+
+/// The options by which every frame is laid into the cube that all of them need.
+fn shared_box(args: &Args, jobs: &[Job], ui: &Ui) -> Result<Options> {
+    ui.stage("frames", jobs.len() as u64);
+    let mut all: Option<(Aabb, DVec3, u8)> = None;
+    for Job { shot, .. } in jobs {
+        let source = open(args, shot)?;
+        let (origin, up, own) = (source.origin(), source.up(), source.bounds());
+        let (bounds, first, _) = *all.get_or_insert((Aabb::EMPTY, origin, up));
+        if origin != first {
+            let what = "lies far from 0, and elsewhere than the first frame; move the frames to 0";
+            return Err(Error::input(&shot.input, "", what));
+        }
+        let own = if own.is_empty() { own } else { Aabb::new(own.min + origin, own.max + origin) };
+        all = Some((bounds.union(own), origin, up));
+        ui.advance(1);
+    }
+    ui.finish();
+    let (bounds, _, up) = all.unwrap_or((Aabb::EMPTY, DVec3::ZERO, 1));
+    let options = args.options(up);
+    let place = bake::plan(bounds, &options)?;
+    Ok(Options { cube: Some(place.bounds), resolution: place.side(), voxel_size: None, ..options })
 }
 
 fn bake_file(args: &Args, job: &Job, ui: &Ui) -> Result<Value> {
-    let Job { input, output, files } = job;
+    let Job { shot: Shot { input, output, animation, .. }, files, shared, speaks } = job;
     let start = Instant::now();
-    let laid = args.laid();
     ui.stage("read", 0);
-    let options = args.source.options(args.memory);
-    let source = match args.inputs.is_empty() {
-        false => source::open(input, &options)?,
-        true => source::lsystem::open(None, &options.lsystem, &options.read, &options.mesh)?,
-    };
-    let source = source::lay(source, &laid, &options.read)?;
-    source.notes().iter().for_each(|note| ui.say(note));
+    let source = open(args, &job.shot)?;
+    if *speaks {
+        source.notes().iter().for_each(|note| ui.say(note));
+    }
     let read_time = start.elapsed();
     let mut foresee = |e: &Estimate| {
-        if e.finest_voxels == 0 {
+        if e.finest_voxels == 0 || !speaks {
             return;
         }
         ui.say(&format!(
@@ -230,8 +287,9 @@ fn bake_file(args: &Args, job: &Job, ui: &Ui) -> Result<Value> {
             size(e.memory_bytes)
         ));
     };
-    let (mut volume, report) = bake::bake(&*source, &args.options(source.up()), ui, &mut foresee)?;
-    if volume.depths.is_empty() {
+    let options = shared.as_ref().map_or_else(|| args.options(source.up()), Options::clone);
+    let (mut volume, report) = bake::bake(&*source, &options, ui, &mut foresee)?;
+    if volume.depths.is_empty() && shared.is_none() {
         let why = report.warnings.as_reasons();
         let why = if why.is_empty() { "; no facet has an area".to_owned() } else { why };
         return Err(Error::input(input, "", format!("there is nothing in it to bake{why}")));
@@ -240,6 +298,9 @@ fn bake_file(args: &Args, job: &Job, ui: &Ui) -> Result<Value> {
     let bake_time = start.elapsed() - read_time;
     volume.info.meta.insert("options".into(), args.provenance(volume.info.up));
     volume.info.meta.insert("sources".into(), sources(input, files)?);
+    if let Some(animation) = animation {
+        volume.info.meta.insert("animation".into(), animation.clone());
+    }
     ui.stage("write", 0);
     let quality = match args.quality {
         QualityArg::Lean => Quality::Lean,
@@ -284,7 +345,7 @@ fn bake_file(args: &Args, job: &Job, ui: &Ui) -> Result<Value> {
 /// That what will be written has a place, and is none of the files that are read.
 fn check_outputs(args: &Args, jobs: &[Job]) -> Result<()> {
     let mut read = args.source.files();
-    for Job { output, files, .. } in jobs {
+    for Job { shot: Shot { output, .. }, files, .. } in jobs {
         let other = output.extension().filter(|e| !e.eq_ignore_ascii_case("vtex"));
         if let Some(other) = other {
             let (path, other) = (output.display(), other.display());
@@ -296,7 +357,7 @@ fn check_outputs(args: &Args, jobs: &[Job]) -> Result<()> {
         return Err(Error::Options("--report is about one input; bake the others by themselves, or use --json".into()));
     }
     let beside = [args.depfile.path(), args.report.as_deref()];
-    outputs::check(&read, jobs.iter().map(|job| job.output.as_path()).chain(beside.into_iter().flatten()))
+    outputs::check(&read, jobs.iter().map(|job| job.shot.output.as_path()).chain(beside.into_iter().flatten()))
 }
 
 fn depths(volume: &Volume, reports: &[DepthReport]) -> Value {

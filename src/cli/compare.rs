@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use super::quantity::finite;
 use super::results::print;
-use super::{Ui, outputs};
+use super::{Ui, compare_frames, frames, outputs};
 use crate::progress::Progress;
 use crate::render::image_io;
 use crate::render::image_io::srgb_decode;
@@ -15,7 +15,7 @@ use crate::{Error, Result, Warnings};
 
 #[derive(clap::Args)]
 pub struct Args {
-    /// The picture: .png (sRGB) or .exr (linear)
+    /// The picture: .png (sRGB) or .exr (linear); of two sequences, NAME.####.png or .exr, means and the temporal error
     a: PathBuf,
     /// The reference, of the same size
     b: PathBuf,
@@ -54,6 +54,13 @@ fn parse_colour(text: &str) -> std::result::Result<[f32; 3], String> {
 }
 
 pub fn run(args: &Args, ui: &Ui) -> Result<()> {
+    let measured = metrics::Options { ppd: args.ppd, background: args.background };
+    if frames::is_numbered(&args.a) && frames::is_numbered(&args.b) {
+        if args.map.is_some() || args.sheet.is_some() {
+            return Err(Error::Options("--map and --sheet are of one picture; name one frame of each".into()));
+        }
+        return compare_frames::run(&args.a, &args.b, &measured, args.json);
+    }
     let pictures = [args.a.clone(), args.b.clone()];
     outputs::check(&pictures, [&args.map, &args.sheet].into_iter().filter_map(|path| path.as_deref()))?;
     let (a, b) = (image_io::read(&args.a)?, image_io::read(&args.b)?);
@@ -63,7 +70,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
         return Err(Error::input(&args.a, "", what));
     }
     ui.stage("compare", 0);
-    let comparison = metrics::compare(&a, &b, &metrics::Options { ppd: args.ppd, background: args.background })?;
+    let comparison = metrics::compare(&a, &b, &measured)?;
     let mut warnings = Warnings::default();
     for (path, n) in [&args.a, &args.b].into_iter().zip(comparison.not_finite) {
         warnings.add_many(format!("{}: a pixel is not a finite number; taken for black", path.display()), n);

@@ -34,6 +34,7 @@ impl LSystemArgs {
             angle: self.angle,
             string: self.string.clone(),
             max_symbols: self.max_symbols,
+            define: Default::default(),
         }
     }
 

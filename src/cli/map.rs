@@ -7,10 +7,10 @@ use clap::ValueEnum;
 use serde_json::{Value, json};
 
 use super::depfile::{self, DepfileArgs};
+use super::map_motion::MotionArgs;
 use super::quantity::finite;
 use super::results::{print, shown};
-use super::{Ui, outputs};
-use crate::format::{Limits, Reader};
+use super::{Ui, map_motion, outputs};
 use crate::geom::DVec3;
 use crate::progress::Progress;
 use crate::scene::files::extension;
@@ -18,14 +18,14 @@ use crate::scene::gltf;
 use crate::scene::gltf::map::{Cells, Chart, Covered, Heights, MapOptions, Mapped, map};
 use crate::scene::shell::Orientations;
 use crate::scene::texture::srgb_to_linear;
-use crate::volume::{Pages, Style};
+use crate::volume::{Info, Style};
 use crate::{Error, Result};
 
 #[derive(clap::Args)]
 pub struct Args {
     /// The mesh to cover: .gltf or .glb
     input: PathBuf,
-    /// A .vtex file; given several times, every copy is one of them
+    /// A .vtex file, or a texel of frames, NAME.####.vtex; given several times, every copy is one of them
     #[arg(long = "texel", required = true, value_name = "FILE")]
     texels: Vec<PathBuf>,
     /// The .glb that the texel was baked from, for `render --reference`; once for each --texel
@@ -108,6 +108,8 @@ pub struct Args {
     #[arg(long, value_enum, default_value_t = Surface::Visible)]
     surface: Surface,
     #[command(flatten)]
+    motion: MotionArgs,
+    #[command(flatten)]
     depfile: DepfileArgs,
     /// Print what was covered as JSON
     #[arg(long)]
@@ -144,11 +146,14 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
     let output = args.output.clone().unwrap_or_else(|| default_output(&args.input));
     let read = check_output(args, &output)?;
     ui.stage("map", 0);
-    let texels = args.texels.iter().map(|path| {
-        let reader = Reader::open(path, &Limits::default())?;
-        Ok((path.clone(), reader.info().clone()))
-    });
-    let texels = texels.collect::<Result<Vec<_>>>()?;
+    let (mut texels, mut frames) = (Vec::new(), Vec::new());
+    for path in &args.texels {
+        let (path, info, list) = map_motion::texel(path)?;
+        texels.push((path, info));
+        frames.push(list);
+    }
+    let infos: Vec<&Info> = texels.iter().map(|(_, info)| info).collect();
+    let motion = args.motion.motion(frames, &infos)?;
     let isolated = texels.iter().all(|(_, info)| !info.cyclic[0] && !info.cyclic[1]);
     let for_shells = isolated.then(|| of_shells(args)).flatten();
     if let (Some(name), false) = (for_shells, args.bend) {
@@ -192,6 +197,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
         seed: args.seed,
         palette: args.palette.iter().cloned().collect(),
         surface_visible: args.surface == Surface::Visible,
+        motion,
     };
     let mapped = map(&args.input, &options, &output)?;
     ui.finish();

@@ -13,12 +13,16 @@ macro_rules! outln {
 
 #[cfg(feature = "bake")]
 mod bake;
+#[cfg(feature = "bake")]
+mod bake_frames;
 #[cfg(all(feature = "bake", feature = "render", feature = "plot"))]
 mod bench;
 #[cfg(feature = "bake")]
 mod clap_name;
 #[cfg(feature = "render")]
 mod compare;
+#[cfg(feature = "render")]
+mod compare_frames;
 #[cfg(feature = "bake")]
 mod curves;
 #[cfg(all(feature = "bake", feature = "render"))]
@@ -26,11 +30,14 @@ mod demo;
 mod depfile;
 #[cfg(all(feature = "bake", feature = "render", feature = "plot"))]
 mod error;
+#[cfg_attr(not(feature = "bake"), allow(dead_code))]
+mod frames;
 mod inspect;
 mod interrupt;
 #[cfg(feature = "bake")]
 mod lsystem;
 mod map;
+mod map_motion;
 #[cfg(feature = "bake")]
 mod merge;
 mod outputs;
@@ -46,6 +53,8 @@ mod reference;
 #[cfg(feature = "render")]
 mod render;
 mod results;
+#[cfg(feature = "render")]
+mod sequence;
 #[cfg(all(feature = "bake", feature = "render", feature = "plot"))]
 mod shapes;
 #[cfg(feature = "bake")]

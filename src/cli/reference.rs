@@ -21,6 +21,8 @@ pub struct Job<'a> {
     pub scene: &'a Scene,
     /// Which of the landscape's scenes was asked for.
     pub scene_name: Option<&'a str>,
+    /// What else decides on how the scene was read.
+    pub moment: String,
     pub options: &'a Options,
     /// A pixel.
     pub samples: u32,
@@ -89,7 +91,7 @@ impl Job<'_> {
             source_lod: SourceLod::default(),
             ..self.options.clone()
         };
-        let choices = format!("{:?} {options:?}", self.scene_name);
+        let choices = format!("{:?} {} {options:?}", self.scene_name, self.moment);
         let digest = Sha256::new().chain_update(bytes).chain_update(choices).finalize();
         Ok(digest.iter().map(|byte| format!("{byte:02x}")).collect())
     }

@@ -8,6 +8,7 @@ use serde_json::{Value, json};
 use super::depfile::{self, DepfileArgs};
 use super::quantity::finite;
 use super::results::{each, output_for, shown};
+use super::sequence::{MotionArgs, Said};
 use super::ui::put_json;
 use super::{Ui, outputs, reference};
 use crate::geom::DVec3;
@@ -93,6 +94,8 @@ pub struct Args {
     /// Print what was read, marched and how long it took
     #[arg(long)]
     stats: bool,
+    #[command(flatten)]
+    motion: MotionArgs,
     #[command(flatten)]
     depfile: DepfileArgs,
     /// Print what was made, with --stats, or what --pixel met, as JSON
@@ -227,11 +230,22 @@ fn said_of_clipping(film: &render::Film, options: &Options) -> Option<String> {
 
 pub fn run(args: &Args, ui: &Ui) -> Result<()> {
     if let (Some(at), [landscape]) = (args.pixel, &args.landscapes[..]) {
-        let scene = read(args, landscape, ui)?;
+        let scene = read(args, landscape, None, &mut Said::default(), ui)?;
         return print_trace(&render::trace_pixel(&scene, &args.options(&scene, Path::new(""))?, at)?, args.json);
     } else if args.pixel.is_some() {
         return Err(Error::Options("--pixel is of one landscape".into()));
     }
+    if let (Some(output), [landscape]) = (&args.output, &args.landscapes[..])
+        && let Some(sequence) = args.motion.sequence(output)?
+    {
+        if args.stats || args.json || args.depfile.path().is_some() {
+            return Err(Error::Options("--stats, --json and --depfile are of a picture, not of --frames".into()));
+        }
+        let mut said = Said::default();
+        let mut film = |time| film(args, (landscape, output), time, &mut said, ui);
+        return sequence.run(&depfile::of_landscape(landscape), ui, &mut film);
+    }
+    args.motion.only_one()?;
     let several = args.landscapes.len() > 1;
     let named = |path: &PathBuf| output_for(path, args.output.as_deref(), several, "png");
     let pictures = args.landscapes.iter().map(named).collect::<Result<Vec<_>>>()?;
@@ -251,19 +265,50 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
     done
 }
 
-fn read(args: &Args, landscape: &Path, ui: &Ui) -> Result<Scene> {
+/// The landscape at a time of a sequence, or as asked for.
+fn read(args: &Args, landscape: &Path, time: Option<f64>, said: &mut Said, ui: &Ui) -> Result<Scene> {
     ui.stage("read", 0);
     let read = gltf::ReadOptions { scene: args.scene.clone(), contained: true, ..Default::default() };
-    let scene = gltf::read(landscape, &read)?;
+    let scene = gltf::read(landscape, &args.motion.read(read, time))?;
     ui.finish();
-    ui.warn(&scene.model.warnings)?;
+    said.warn(ui, &scene.model.warnings)?;
     Ok(scene)
+}
+
+/// Render, and say what there is to say.
+fn render_film(scene: &Scene, options: &Options, output: &Path, said: &mut Said, ui: &Ui) -> Result<render::Rendered> {
+    let done = render::render(scene, options, ui)?;
+    ui.finish();
+    done.notes.iter().for_each(|note| said.say(ui, note));
+    said.warn(ui, &done.warnings)?;
+    if let Some(line) = said_of_clipping(&done.film, options).filter(|_| !is_exr(output)) {
+        said.say(ui, &line);
+    }
+    Ok(done)
+}
+
+/// The picture of one time of a sequence, by itself: no other frame has a part in it.
+fn film(args: &Args, (landscape, output): (&Path, &Path), time: f64, said: &mut Said, ui: &Ui) -> Result<render::Film> {
+    let scene = read(args, landscape, Some(time), said, ui)?;
+    let options = args.options(&scene, output)?;
+    if let Some(line) = args.said_of_lights(&scene, &options) {
+        said.say(ui, &line);
+    }
+    let Some(samples) = args.reference else {
+        return Ok(render_film(&scene, &options, output, said, ui)?.film);
+    };
+    let done = render::reference::reference(&scene, &options, 0..samples, ui)?;
+    ui.finish();
+    done.notes.iter().for_each(|note| said.say(ui, note));
+    said.warn(ui, &done.warnings)?;
+    Ok(done.film)
 }
 
 /// One picture, and what is told of it.
 fn picture(args: &Args, landscape: &Path, output: &Path, ui: &Ui) -> Result<Value> {
     let start = Instant::now();
-    let scene = read(args, landscape, ui)?;
+    let mut said = Said::default();
+    let scene = read(args, landscape, None, &mut said, ui)?;
     let reading = start.elapsed();
     let options = args.options(&scene, output)?;
     if let Some(line) = args.said_of_lights(&scene, &options) {
@@ -272,8 +317,8 @@ fn picture(args: &Args, landscape: &Path, output: &Path, ui: &Ui) -> Result<Valu
     let [width, height] = options.size;
     let mut told = json!({ "input": shown(landscape), "output": shown(output), "width": width, "height": height });
     if let Some(samples) = args.reference {
-        let scene_name = args.scene.as_deref();
-        let job = reference::Job { landscape, scene: &scene, scene_name, options: &options, samples, output };
+        let (scene_name, moment) = (args.scene.as_deref(), args.motion.moment());
+        let job = reference::Job { landscape, scene: &scene, scene_name, moment, options: &options, samples, output };
         let (done, noise) = job.run(args.resume, ui)?;
         if args.stats && !args.json {
             print_stats(&done.stats)?;
@@ -282,15 +327,7 @@ fn picture(args: &Args, landscape: &Path, output: &Path, ui: &Ui) -> Result<Valu
         extend(&mut told, described(&done.stats));
         return Ok(told);
     }
-    let mut done = render::render(&scene, &options, ui)?;
-    ui.finish();
-    for note in &done.notes {
-        ui.say(note);
-    }
-    ui.warn(&done.warnings)?;
-    if let Some(line) = said_of_clipping(&done.film, &options).filter(|_| !is_exr(output)) {
-        ui.say(&line);
-    }
+    let mut done = render_film(&scene, &options, output, &mut said, ui)?;
     let saving = Instant::now();
     done.film.save(output)?;
     done.stats.times.insert(0, ("read", reading));

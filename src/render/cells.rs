@@ -6,7 +6,10 @@
 
 use super::shell::ShellSegment;
 use crate::geom::{Aabb, DMat3, DVec3, Ray, Vec3};
+use crate::scene::cycle::Cycle;
 use crate::scene::shell::{CellWrap, Discrete, Layer, Orientations};
+use crate::volume::Info;
+use crate::{Error, Result};
 
 /// A layer, ready for rays.
 #[derive(Debug, Clone)]
@@ -21,12 +24,52 @@ pub struct TexelLayer {
 pub struct TexelChoice {
     /// Index into the scene's texels.
     pub texel: usize,
+    /// Frames of the texel, in a row from `texel` on, and which of them a cell shows.
+    pub frames: u32,
+    pub cycle: Option<Cycle>,
     /// The chance of this or an earlier one, rising to 1.
     pub cumulative: f64,
     /// The box of its content, texel space.
     pub content: Aabb,
     /// Multiplies its albedo.
     pub tint: Vec3,
+}
+
+impl TexelChoice {
+    /// The texel that `cell` shows: of one that has frames, one of them.
+    fn shown(&self, cell: [i64; 3]) -> usize {
+        let Some(cycle) = self.cycle.filter(|_| self.frames > 1) else { return self.texel };
+        let lot = Cycle::lot(cell);
+        let place = DVec3::new(cell[0] as f64, cell[1] as f64, cell[2] as f64);
+        self.texel + cycle.frame(self.frames, cycle.ahead(lot, place), lot) as usize
+    }
+}
+
+/// The frames of a texel together.
+pub struct Row<'a> {
+    /// What the first says.
+    pub info: &'a Info,
+    /// The box of all their contents.
+    pub content: Aabb,
+}
+
+/// The `frames` of a texel, `first` and those behind it; `None` where one of them is not open.
+///
+/// # Errors
+/// [`Error::Options`] where they do not cover one box: what stands in it would jump.
+pub fn row<'i>(first: usize, frames: u32, info: impl Fn(usize) -> Option<&'i Info>) -> Result<Option<Row<'i>>> {
+    let Some(own) = info(first) else { return Ok(None) };
+    let mut content = own.content;
+    for k in 1..frames as usize {
+        let Some(next) = info(first + k) else { return Ok(None) };
+        if next.bounds != own.bounds || next.up != own.up {
+            return Err(Error::Options(format!(
+                "frame {k} of a texel covers another box than frame 0; bake them together, with --frames"
+            )));
+        }
+        content = content.union(next.content);
+    }
+    Ok(Some(Row { info: own, content }))
 }
 
 /// A copy of a texel that a ray hits, and the straight segment of the ray in the copy's cell.
@@ -167,13 +210,13 @@ impl TexelLayer {
         let first = self.choices.first()?;
         let Some(discrete) = &self.layer.discrete else {
             let linear = DMat3::from_diagonal(sign);
-            let (texel, tint) = (first.texel, first.tint);
+            let (texel, tint) = (first.shown(cell), first.tint);
             return Some(CopyHit { texel, tint, cell, t0, t1, origin: p, dir: sign * dir, linear, zoom: 1.0 });
         };
         let (choice, CopyPlacement { linear: m, origin, zoom }) = self.place(discrete, cell)?;
         let linear = DMat3::from_cols(m.x_axis * sign.x, m.y_axis * sign.y, m.z_axis * sign.z);
         Some(CopyHit {
-            texel: choice.texel,
+            texel: choice.shown(cell),
             tint: choice.tint,
             cell,
             t0,
@@ -234,7 +277,8 @@ mod tests {
     fn layer(wrap: [CellWrap; 3], discrete: Option<Discrete>) -> TexelLayer {
         let layer = Layer { wrap, discrete, ..Layer::default() };
         let content = Aabb::new(DVec3::new(0.3, 0.2, 0.0), DVec3::new(0.6, 0.9, 0.8));
-        TexelLayer { layer, choices: vec![TexelChoice { texel: 0, cumulative: 1.0, content, tint: Vec3::ONE }] }
+        let choice = TexelChoice { texel: 0, frames: 1, cycle: None, cumulative: 1.0, content, tint: Vec3::ONE };
+        TexelLayer { layer, choices: vec![choice] }
     }
 
     fn segment(q0: DVec3, q1: DVec3) -> ShellSegment {

@@ -1,10 +1,12 @@
 //! Rigid copies of texels, ready for rays: the texel's cube under one affine map each, worked out from the placement when a
 //! ray asks for it, so that a million copies take no more memory than their placements and a hierarchy over their bounds.
 
+use super::cells;
 use super::cells::CopyHit;
 use crate::geom::{Aabb, DAffine3, DMat3, DVec3, Ray, Vec3};
 use crate::scene::Scene;
 use crate::scene::copies::{CopySet, to_texel};
+use crate::scene::cycle::Cycle;
 use crate::volume::Info;
 use crate::{Error, Result};
 
@@ -26,9 +28,21 @@ struct PlacedSet<'a> {
     kinds: Vec<CopyVariant>,
 }
 
+impl PlacedSet<'_> {
+    /// A copy's own space → the renderer's, leaning in the wind.
+    fn map(&self, copy: usize) -> DAffine3 {
+        let stands = self.place * self.set.local(copy);
+        // Both are spaces of the same axes, and the foot stays.
+        self.set.lean(copy).map_or(stands, |lean| DAffine3 { matrix3: lean * stands.matrix3, ..stands })
+    }
+}
+
 /// A variant.
 struct CopyVariant {
     texel: usize,
+    /// Frames of the texel, and which of them a copy shows.
+    frames: u32,
+    cycle: Option<Cycle>,
     tint: Vec3,
     /// A copy's own space → the texel's cube, and the content's box in the copy's own space.
     to_texel: DAffine3,
@@ -63,15 +77,13 @@ impl<'a> Copies<'a> {
             let kind = |v: &crate::scene::shell::Variant| {
                 let missing =
                     || Error::Options(format!("the scene's copies use texel {}, which is not there", v.texel));
-                let info = info(v.texel).ok_or_else(missing)?;
-                let map = to_texel(info);
-                let content = info.content.transformed(map.inverse());
-                Ok(CopyVariant {
-                    texel: v.texel,
-                    tint: Vec3::from_array(v.diffuse.map(|d| d as f32)),
-                    to_texel: map,
-                    content,
-                })
+                let said = scene.texels.get(v.texel);
+                let frames = said.map_or(1, |t| t.following + 1);
+                let row = cells::row(v.texel, frames, &info)?.ok_or_else(missing)?;
+                let map = to_texel(row.info);
+                let content = row.content.transformed(map.inverse());
+                let tint = Vec3::from_array(v.diffuse.map(|d| d as f32));
+                Ok(CopyVariant { texel: v.texel, frames, cycle: said.and_then(|t| t.cycle), tint, to_texel: map, content })
             };
             let kinds = set.variants.iter().map(kind).collect::<Result<Vec<_>>>()?;
             copies.sets.push(PlacedSet { set, first: copies.count, place: place(set.to_world), kinds });
@@ -89,7 +101,7 @@ impl<'a> Copies<'a> {
     pub fn bounds(&self) -> impl Iterator<Item = Aabb> {
         self.sets.iter().flat_map(|placed| {
             (0..placed.set.len()).map(|i| {
-                let map = placed.place * placed.set.local(i);
+                let map = placed.map(i);
                 let content = placed.kinds.get(placed.set.choice(i)).map_or(Aabb::EMPTY, |k| k.content);
                 if content.is_empty() {
                     return Aabb::new(map.translation, map.translation);
@@ -109,9 +121,15 @@ impl<'a> Copies<'a> {
         let placed = self.sets.get(after.checked_sub(1)?)?;
         let i = index - placed.first;
         let kind = placed.kinds.get(placed.set.choice(i)).filter(|_| i < placed.set.len())?;
-        let to_texel = kind.to_texel * (placed.place * placed.set.local(i)).inverse();
+        let to_texel = kind.to_texel * placed.map(i).inverse();
         let tint = placed.set.tints.get(i).map_or(kind.tint, |t| kind.tint * Vec3::from_array(*t));
-        let found = RigidCopy { index: index as u32, texel: kind.texel, tint, to_texel };
+        let frame = kind.cycle.filter(|_| kind.frames > 1).map_or(0, |cycle| {
+            let lot = Cycle::lot([i as i64, 0, 0]);
+            let place = || (placed.set.to_world * placed.set.local(i)).translation;
+            let ahead = placed.set.phases.get(i).map_or_else(|| cycle.ahead(lot, place()), |p| f64::from(*p));
+            cycle.frame(kind.frames, ahead, lot)
+        });
+        let found = RigidCopy { index: index as u32, texel: kind.texel + frame as usize, tint, to_texel };
         to_texel.is_finite().then_some(found)
     }
 }
@@ -170,6 +188,8 @@ mod tests {
             scales: (0..n).map(|i| [1.0, 0.5, -1.0 - i as f32]).collect(),
             choices: (0..n).map(|i| (i % 2) as u8).collect(),
             tints: vec![[2.0, 1.0, 1.0]; n],
+            phases: vec![],
+            wind: None,
         };
         let scene = Scene { copies: vec![set(3, 0), set(0, 0), set(2, 1)], ..Scene::default() };
         let info = Info {

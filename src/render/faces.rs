@@ -5,17 +5,28 @@ use crate::Warnings;
 use crate::geom::{DAffine3, DVec3};
 use crate::scene::Part;
 use crate::scene::shell::ShellMaterial;
+use crate::scene::wind::Moment;
+
+/// Wind that bends height vectors, in the renderer's space: (world − eye) / unit.
+pub struct Bend {
+    pub wind: Moment,
+    pub eye: DVec3,
+    pub unit: f64,
+}
 
 /// The boxes over the faces of a part, between `from` and `to` of the height vectors. `place` takes part space to the
 /// renderer's space.
 pub fn boxes(
     part: &Part,
-    material: &ShellMaterial,
-    [from, to]: [f64; 2],
+    (material, [from, to]): (&ShellMaterial, [f64; 2]),
     place: DAffine3,
+    bend: Option<&Bend>,
     warnings: &mut Warnings,
 ) -> Vec<ShellBox> {
     let Some(mut corners) = corners(part, material, place, warnings) else { return Vec::new() };
+    if let Some(Bend { wind, eye, unit }) = bend {
+        corners.iter_mut().for_each(|c| c.h = wind.bend(*eye + *unit * c.p, c.h));
+    }
     if [from, to] != [0.0, 1.0] {
         corners.iter_mut().for_each(|c| (c.p, c.h) = (c.p + from * c.h, (to - from) * c.h));
     }
@@ -244,10 +255,10 @@ mod tests {
     #[test]
     fn flat_tiles_become_one_box_each() {
         let mut warnings = Warnings::default();
-        let made = boxes(&ground(4, 0.0), &shell(), [0.0, 1.0], DAffine3::IDENTITY, &mut warnings);
+        let made = boxes(&ground(4, 0.0), (&shell(), [0.0, 1.0]), DAffine3::IDENTITY, None, &mut warnings);
         assert_eq!(made.len(), 16);
         assert!(warnings.is_empty());
-        let made = boxes(&ground(4, 0.3), &shell(), [0.0, 1.0], DAffine3::IDENTITY, &mut warnings);
+        let made = boxes(&ground(4, 0.3), (&shell(), [0.0, 1.0]), DAffine3::IDENTITY, None, &mut warnings);
         assert_eq!(made.len(), 32);
         assert!(made.iter().all(|b| matches!(b, ShellBox::Twisted(_))));
     }
@@ -271,7 +282,7 @@ mod tests {
     fn without_coordinates_there_is_a_word() {
         let part = Part { uvs: vec![], ..ground(1, 0.0) };
         let mut warnings = Warnings::default();
-        assert!(boxes(&part, &shell(), [0.0, 1.0], DAffine3::IDENTITY, &mut warnings).is_empty());
+        assert!(boxes(&part, (&shell(), [0.0, 1.0]), DAffine3::IDENTITY, None, &mut warnings).is_empty());
         assert_eq!(warnings.iter().count(), 1);
     }
 }

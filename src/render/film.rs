@@ -70,8 +70,13 @@ impl Film {
         format::save(path, &bytes)
     }
 
+    /// sRGB, 8 bit, clipped, row by row.
+    pub fn rgb8(&self) -> Vec<u8> {
+        self.pixels.iter().flat_map(|p| [p[0], p[1], p[2]].map(srgb8)).collect()
+    }
+
     fn png(&self, path: &Path) -> Result<Vec<u8>> {
-        let rgb: Vec<u8> = self.pixels.iter().flat_map(|p| [p[0], p[1], p[2]].map(srgb8)).collect();
+        let rgb = self.rgb8();
         if rgb.len() as u64 != 3 * u64::from(self.width) * u64::from(self.height) {
             return Err(Error::input(path, "", "the film's size does not match its pixels"));
         }

@@ -5,9 +5,11 @@
 
 use super::bvh::Bvh;
 use super::camera::View;
+use super::cells;
 use super::cells::{TexelChoice, TexelLayer};
 use super::copies::{Copies, RigidCopy};
 use super::faces;
+use super::faces::Bend;
 use super::light::{DEFAULT_SKY, PunctualLight, default_sun};
 use super::mesh::{Mesh, MeshBuilder};
 use super::options::{CameraChoice, Options, SourceLod};
@@ -72,18 +74,20 @@ pub fn used_texels(scene: &Scene) -> Vec<bool> {
         for layer in &shell.layers {
             let variants = layer.discrete.iter().flat_map(|d| d.variants.iter().map(|v| v.texel));
             for texel in std::iter::once(layer.texel).chain(variants) {
-                if let Some(slot) = used.get_mut(texel) {
-                    *slot = true;
-                }
+                use_frames(scene, texel, &mut used);
             }
         }
     }
     for variant in scene.copies.iter().flat_map(|set| &set.variants) {
-        if let Some(slot) = used.get_mut(variant.texel) {
-            *slot = true;
-        }
+        use_frames(scene, variant.texel, &mut used);
     }
     used
+}
+
+/// A texel and, where its copies show different frames, all of these.
+fn use_frames(scene: &Scene, texel: usize, used: &mut [bool]) {
+    let following = scene.texels.get(texel).map_or(0, |t| t.following as usize);
+    used.iter_mut().skip(texel).take(1 + following).for_each(|slot| *slot = true);
 }
 
 fn shell_of(scene: &Scene, part: usize) -> Option<(&Part, &ShellMaterial)> {
@@ -114,7 +118,7 @@ impl<'a> World<'a> {
             .zip(&scene.texels)
             .map(|(tree, said)| {
                 let path = said.geometry.clone().filter(|_| options.source_lod == SourceLod::Geometry);
-                let source = path.map(|path| LazySource::new(path, said.palette.clone()));
+                let source = path.map(|path| LazySource::new(path, said.palette.clone(), said.pose.clone()));
                 Some(Texel { tree: tree?, finest: said.max_depth.unwrap_or(u8::MAX), source })
             })
             .collect();
@@ -168,13 +172,15 @@ impl<'a> World<'a> {
             let placed = relative(instance.transform, self.view.eye, self.unit);
             let shell = shell_of(self.scene, instance.part).map(|s| s.1);
             if let Some(shell) = shell {
+                let wind = model.materials.get(part.material).and_then(|m| m.wind);
+                let bend = wind.map(|wind| Bend { wind, eye: self.view.eye, unit: self.unit });
                 let ranges = layer_ranges(shell);
                 let first = match first_layers[part.material] {
                     Some(first) => first,
                     None => {
                         let first = self.layers.len() as u32;
                         for &range in &ranges {
-                            self.layers.push(layers_in(shell, range, &self.texels)?);
+                            self.layers.push(layers_in(self.scene, shell, range, &self.texels)?);
                         }
                         first_layers[part.material] = Some(first);
                         first
@@ -185,7 +191,7 @@ impl<'a> World<'a> {
                     // What is wrong with a shell is said once, not for each of its ranges.
                     let mut again = Warnings::default();
                     let warnings = if group == first { &mut *warnings } else { &mut again };
-                    self.boxes.extend(faces::boxes(part, shell, range, placed, warnings));
+                    self.boxes.extend(faces::boxes(part, (shell, range), placed, bend.as_ref(), warnings));
                     self.box_layers.resize(self.boxes.len(), group);
                 }
                 lost += self.boxes[before..].iter().filter(|b| !finite(&b.bounds())).count();
@@ -350,7 +356,13 @@ fn layer_ranges(shell: &ShellMaterial) -> Vec<[f64; 2]> {
 }
 
 /// The layers of `shell` that fill `range`.
-fn layers_in(shell: &ShellMaterial, range: [f64; 2], texels: &[Option<Texel>]) -> Result<Vec<TexelLayer>> {
+fn layers_in(
+    scene: &Scene,
+    shell: &ShellMaterial,
+    range: [f64; 2],
+    texels: &[Option<Texel>],
+) -> Result<Vec<TexelLayer>> {
+    let info = |i: usize| Some(texels.get(i)?.as_ref()?.tree.info());
     shell
         .layers
         .iter()
@@ -366,19 +378,15 @@ fn layers_in(shell: &ShellMaterial, range: [f64; 2], texels: &[Option<Texel>]) -
             let choices = variants
                 .into_iter()
                 .map(|Variant { texel, weight, diffuse }| {
-                    let Some(Some(opened)) = texels.get(texel) else {
-                        return Err(Error::Options(format!(
-                            "the scene's shells use texel {texel}, which is not there"
-                        )));
-                    };
+                    let said = scene.texels.get(texel);
+                    let frames = said.map_or(1, |t| t.following + 1);
+                    let missing =
+                        || Error::Options(format!("the scene's shells use texel {texel}, which is not there"));
+                    let content = cells::row(texel, frames, info)?.ok_or_else(missing)?.content;
+                    let cycle = said.and_then(|t| t.cycle);
                     cumulative += weight / total;
                     let tint = std::array::from_fn(|k| (layer.diffuse[k] * diffuse[k]) as f32);
-                    Ok(TexelChoice {
-                        texel,
-                        cumulative,
-                        content: opened.tree.info().content,
-                        tint: Vec3::from_array(tint),
-                    })
+                    Ok(TexelChoice { texel, frames, cycle, cumulative, content, tint: Vec3::from_array(tint) })
                 })
                 .collect::<Result<Vec<_>>>()?;
             Ok(TexelLayer { layer: layer.clone(), choices })

@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use std::sync::OnceLock;
 
 use super::source_mesh::SourceMesh;
+use crate::scene::shell::Pose;
 use crate::volume::{Info, Palette};
 use crate::{Result, Warnings};
 
@@ -24,13 +25,14 @@ const FACET: f32 = 3.0;
 pub struct LazySource {
     path: PathBuf,
     palette: Palette,
+    pose: Option<Pose>,
     source: OnceLock<Result<(SourceMesh, Warnings)>>,
 }
 
 impl LazySource {
-    /// The mesh at `path`, shown in the colours of `palette`.
-    pub fn new(path: PathBuf, palette: Palette) -> LazySource {
-        LazySource { path, palette, source: OnceLock::new() }
+    /// The mesh at `path`, shown in the colours of `palette`, as its animations have it at `pose`.
+    pub fn new(path: PathBuf, palette: Palette, pose: Option<Pose>) -> LazySource {
+        LazySource { path, palette, pose, source: OnceLock::new() }
     }
 
     /// The mesh, if a cone as wide as `width` is to see it where the finest voxels are `voxel` wide (cube edges). `None` too
@@ -42,7 +44,8 @@ impl LazySource {
         }
         let read = || {
             let mut warnings = Warnings::default();
-            SourceMesh::open(&self.path, info, &self.palette, &mut warnings).map(|source| (source, warnings))
+            SourceMesh::open(&self.path, info, (&self.palette, self.pose.as_ref()), &mut warnings)
+                .map(|source| (source, warnings))
         };
         self.source.get_or_init(read).as_ref().ok().map(|(source, _)| source)
     }

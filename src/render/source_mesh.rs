@@ -5,6 +5,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use crate::geom::{Aabb, DAffine3, DMat3, DVec3, Ray, Vec3};
+use crate::scene::shell::Pose;
 use crate::scene::{Instance, Model, Texture, files, gltf};
 use crate::volume::{Info, Palette, Style};
 use crate::{Error, Result, Warnings};
@@ -30,12 +31,24 @@ pub struct CopyRay {
 }
 
 impl SourceMesh {
-    /// Read the mesh at `path`, of which `info`'s texel was baked, and show it in the colours of `palette`.
-    pub fn open(path: &Path, info: &Info, palette: &Palette, warnings: &mut Warnings) -> Result<SourceMesh> {
+    /// Read the mesh at `path`, of which `info`'s texel was baked, and show it in the colours of `palette`, where its
+    /// animations have it at `pose`.
+    pub fn open(
+        path: &Path,
+        info: &Info,
+        (palette, pose): (&Palette, Option<&Pose>),
+        warnings: &mut Warnings,
+    ) -> Result<SourceMesh> {
         if !["gltf", "glb"].contains(&files::extension(path).as_str()) {
             return Err(Error::unsupported(path, "a texel's geometry that is neither .gltf nor .glb"));
         }
-        let mut model = gltf::read(path, &gltf::ReadOptions { contained: true, ..Default::default() })?.model;
+        let read = gltf::ReadOptions {
+            contained: true,
+            time: pose.map(|p| p.time),
+            animations: pose.map_or_else(Vec::new, |p| p.animations.clone()),
+            ..Default::default()
+        };
+        let mut model = gltf::read(path, &read)?.model;
         restyle(&mut model, palette);
         warnings.merge(model.warnings.clone());
         Ok(SourceMesh::new(model, info, warnings))

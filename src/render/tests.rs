@@ -66,15 +66,7 @@ fn scene(parts: Vec<Part>, materials: Vec<Material>, at: Vec<DAffine3>) -> Scene
     let instances =
         at.into_iter().enumerate().map(|(part, transform)| Instance { part, transform, node: String::new() }).collect();
     let model = Model { parts, materials, instances, metres_per_unit: 1.0, ..Default::default() };
-    let texel = TexelRef {
-        memory: None,
-        name: "t".into(),
-        frames: vec!["t.vtex".into()],
-        geometry: None,
-        max_depth: None,
-        content_id: None,
-        palette: Default::default(),
-    };
+    let texel = TexelRef { name: "t".into(), frames: vec!["t.vtex".into()], ..TexelRef::default() };
     let environment = Environment { sky: Some([0.0; 3]), background: Some([0.0; 3]) };
     Scene { model, texels: vec![texel], copies: Vec::new(), environment }
 }

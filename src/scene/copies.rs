@@ -3,6 +3,7 @@
 use glam::DQuat;
 
 use super::shell::Variant;
+use super::wind::Moment;
 use crate::geom::{DAffine3, DMat3, DVec3};
 use crate::volume::Info;
 
@@ -26,6 +27,10 @@ pub struct CopySet {
     pub choices: Vec<u8>,
     /// Factors of the albedo, linear; 1 where absent.
     pub tints: Vec<[f32; 3]>,
+    /// How far ahead each is on the way through its texel's frames, shares of it; as the texel's animation has it where absent.
+    pub phases: Vec<f32>,
+    /// What they lean in.
+    pub wind: Option<Moment>,
 }
 
 impl CopySet {
@@ -37,6 +42,13 @@ impl CopySet {
     /// Whether there are no copies.
     pub fn is_empty(&self) -> bool {
         self.translations.is_empty()
+    }
+
+    /// How a copy leans in the wind: a map of directions of the world, about the copy's foot. `None` without wind.
+    pub fn lean(&self, copy: usize) -> Option<DMat3> {
+        let wind = self.wind.as_ref()?;
+        let stands = self.to_world * self.local(copy);
+        Some(wind.lean(stands.translation, stands.matrix3.y_axis))
     }
 
     /// A copy's own space → the node's.
@@ -106,6 +118,8 @@ mod tests {
             scales: vec![],
             choices: vec![1, 7],
             tints: vec![],
+            phases: vec![],
+            wind: None,
         };
         assert_eq!(set.local(0), DAffine3::from_translation(DVec3::new(1.0, 2.0, 3.0)));
         assert_eq!((set.choice(0), set.choice(1), set.choice(2)), (1, 0, 0));

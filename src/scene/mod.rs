@@ -2,6 +2,7 @@
 
 pub mod alpha;
 pub mod copies;
+pub mod cycle;
 #[cfg(feature = "bake")]
 pub(crate) mod far;
 pub(crate) mod files;
@@ -18,6 +19,7 @@ pub mod texture;
 pub(crate) mod topology;
 #[cfg(feature = "bake")]
 pub(crate) mod triangulate;
+pub mod wind;
 
 pub use model::{Alpha, Camera, Instance, Light, LightKind, Material, Model, Part, Projection, TextureRef};
 pub use texture::{Texture, Wrap};
@@ -40,6 +42,14 @@ pub struct Scene {
 pub struct ReadOptions {
     /// The scene by its name or, failing that, its index; by default the file's own choice.
     pub scene: Option<String>,
+    /// Seconds at which the animations stand; none: everything as the file has it at rest. Before the first key and after
+    /// the last, nodes stand as at those.
+    pub time: Option<f64>,
+    /// Names or, failing that, numbers of the animations that play. None: the first of the file, and every other that moves
+    /// nothing that one before it moves.
+    pub animations: Vec<String>,
+    /// Whether the animations begin anew after the last key of all that play.
+    pub repeat: bool,
     /// Names of nodes that are taken with all below them; `*` and `?` stand for any characters and any one. None: all.
     pub include: Vec<String>,
     /// Names of nodes that are left out with all below them, in the same form.
@@ -60,6 +70,9 @@ impl Default for ReadOptions {
     fn default() -> Self {
         ReadOptions {
             scene: None,
+            time: None,
+            animations: Vec::new(),
+            repeat: false,
             include: Vec::new(),
             exclude: Vec::new(),
             max_bytes: 8 << 30,

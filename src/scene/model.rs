@@ -110,6 +110,8 @@ pub struct Material {
     pub unlit: bool,
     /// The `VTEX_volumetric_texture` extension, where the material carries it.
     pub shell: Option<Arc<super::shell::ShellMaterial>>,
+    /// What the height vectors of its shell bend in.
+    pub wind: Option<super::wind::Moment>,
 }
 
 impl Default for Material {
@@ -122,6 +124,7 @@ impl Default for Material {
             double_sided: false,
             unlit: false,
             shell: None,
+            wind: None,
         }
     }
 }

@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use super::cycle::Cycle;
 use crate::volume::{Palette, Volume};
 
 /// Name of the extension in glTF files.
@@ -23,6 +24,14 @@ pub struct TexelRef {
     pub content_id: Option<[u8; 16]>,
     /// In which colours it is shown.
     pub palette: Palette,
+    /// What the file says of each of its frames; none where it says nothing.
+    pub facts: Vec<FrameFacts>,
+    /// How its `geometry` stands in the frame that this is; `None`: at rest.
+    pub pose: Option<Pose>,
+    /// Frames that stand behind this one in the scene's list and belong to it: a copy shows one of them all, by `cycle`.
+    pub following: u32,
+    /// Which frame a copy shows, where there are several.
+    pub cycle: Option<Cycle>,
     /// The texel itself, where a program has it in memory: then no file is read.
     pub memory: Option<Arc<Volume>>,
 }
@@ -32,6 +41,24 @@ impl TexelRef {
     pub fn in_memory(name: impl Into<String>, volume: Arc<Volume>) -> TexelRef {
         TexelRef { name: name.into(), memory: Some(volume), ..TexelRef::default() }
     }
+}
+
+/// One frame of a texel.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct FrameFacts {
+    /// Content identifier of its file, if the landscape was made for that alone.
+    pub content_id: Option<[u8; 16]>,
+    /// How the texel's `geometry` stood when it was baked.
+    pub pose: Option<Pose>,
+}
+
+/// Where animations of a file are.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Pose {
+    /// Seconds.
+    pub time: f64,
+    /// Names of those that play; none: as [`crate::scene::ReadOptions::animations`] has it.
+    pub animations: Vec<String>,
 }
 
 /// `environment` of the root.

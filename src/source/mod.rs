@@ -38,7 +38,7 @@ pub use medium::Medium;
 pub(crate) use medium::least_extinction;
 pub use mesh::{Fill, MeshOptions, MeshSource};
 pub use open::{dependencies, open};
-pub use options::OpenOptions;
+pub use options::{FileKind, OpenOptions, file_kind};
 pub use placement::{Placement, REGION_LOG2};
 pub use recipe::{Laid, laid_files, lay};
 pub use stack::{StackOptions, StackSource};

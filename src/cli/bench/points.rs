@@ -168,6 +168,7 @@ impl Bench<'_> {
     fn reference(&self, name: &str, of: &Made, options: &Options) -> Result<Reference> {
         let stored = self.folder.join(format!("{name}-{}x{}.exr", options.size[0], options.size[1]));
         let job = reference::Job {
+            moment: String::new(),
             landscape: &of.path,
             scene: &of.scene,
             scene_name: None,

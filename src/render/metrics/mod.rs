@@ -4,6 +4,7 @@
 
 pub mod flip;
 pub mod picture;
+pub mod temporal;
 
 use serde::Serialize;
 

@@ -62,7 +62,7 @@ pub fn reference(scene: &Scene, options: &Options, samples: Range<u32>, progress
             let what = format!("texel {:?} names no geometry to trace; map it with --geometry", said.name);
             return Err(Error::Options(what));
         };
-        SourceMesh::open(path, tree.info(), &said.palette, &mut warnings).map(Some)
+        SourceMesh::open(path, tree.info(), (&said.palette, said.pose.as_ref()), &mut warnings).map(Some)
     };
     let sources = trees.iter().zip(&scene.texels).map(open).collect::<Result<Vec<_>>>()?;
     let mut reference = reference_with(scene, trees, &sources, options, samples, progress)?;

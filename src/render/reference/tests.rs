@@ -113,15 +113,7 @@ fn shell() -> ShellMaterial {
 }
 
 fn scene(model: Model) -> Scene {
-    let texel = TexelRef {
-        memory: None,
-        name: "plant".into(),
-        frames: vec![],
-        geometry: None,
-        max_depth: None,
-        content_id: None,
-        palette: Default::default(),
-    };
+    let texel = TexelRef { name: "plant".into(), frames: vec![], ..TexelRef::default() };
     let environment = Environment { sky: Some([0.3, 0.4, 0.6]), background: Some([0.1, 0.2, 0.9]) };
     Scene { model, texels: vec![texel], copies: Vec::new(), environment }
 }

@@ -94,6 +94,8 @@ fn landscape(random: &mut Random, place: DAffine3) -> Scene {
         scales: [[1.0; 3], [0.5, 1.5, 0.5], [-1.0, 1.0, 1.0], [0.25, 0.25, 2.0]].to_vec(),
         choices: Vec::new(),
         tints: Vec::new(),
+        phases: Vec::new(),
+        wind: None,
     };
     let model = Model {
         parts: vec![bulging, square(8.0, 1.0, 1)],
@@ -103,15 +105,7 @@ fn landscape(random: &mut Random, place: DAffine3) -> Scene {
         metres_per_unit: 1.0,
         ..Model::default()
     };
-    let texel = TexelRef {
-        memory: None,
-        name: "t".into(),
-        frames: vec!["t.vtex".into()],
-        geometry: None,
-        max_depth: None,
-        content_id: None,
-        palette: Default::default(),
-    };
+    let texel = TexelRef { name: "t".into(), frames: vec!["t.vtex".into()], ..TexelRef::default() };
     let environment = Environment { sky: Some([0.2, 0.3, 0.4]), background: Some([0.0; 3]) };
     Scene { model, texels: vec![texel], copies: vec![copies], environment }
 }

@@ -36,21 +36,22 @@ pub fn read(
         scales: Vec::new(),
         choices: Vec::new(),
         tints: Vec::new(),
+        phases: Vec::new(),
+        wind: extension::wind_of_copies(document, json, &at, texels, warnings)?,
     };
     let Some(instancing) = Instancing::of(document, placed) else { return Ok(set) };
     let (translations, rotations, scales) =
         (instancing.floats::<3>("TRANSLATION")?, instancing.floats::<4>("ROTATION")?, instancing.floats::<3>("SCALE")?);
     let choices = instancing.floats::<1>("_VTEX_VARIANT")?;
     let tints = instancing.floats::<4>("_VTEX_TINT")?;
-    if instancing.has("_VTEX_PHASE") {
-        warnings.add(format!("{}: _VTEX_PHASE is ignored", extension::NAME));
-    }
+    let phases = instancing.floats::<1>("_VTEX_PHASE")?;
     let lengths = [
         translations.as_ref().map(Vec::len),
         rotations.as_ref().map(Vec::len),
         scales.as_ref().map(Vec::len),
         choices.as_ref().map(Vec::len),
         tints.as_ref().map(Vec::len),
+        phases.as_ref().map(Vec::len),
     ];
     let Some(count) = lengths.iter().flatten().copied().next() else { return Ok(set) };
     if lengths.iter().flatten().any(|&n| n != count) {
@@ -78,6 +79,9 @@ pub fn read(
     };
     set.tints = tints.unwrap_or_default().into_iter().map(&mut tint).collect();
     warnings.add_many("a copy's _VTEX_TINT is not at least 0; it is read as 1", mended);
+    let broken = phases.iter().flatten().filter(|[p]| !p.is_finite()).count();
+    warnings.add_many("a copy's _VTEX_PHASE is not a number; it is read as 0", broken as u64);
+    set.phases = phases.unwrap_or_default().into_iter().map(|[p]| if p.is_finite() { p } else { 0.0 }).collect();
     drop_broken(&mut set, warnings);
     Ok(set)
 }
@@ -103,5 +107,6 @@ fn drop_broken(set: &mut CopySet, warnings: &mut Warnings) {
     retain(&mut set.scales, &keep);
     retain(&mut set.choices, &keep);
     retain(&mut set.tints, &keep);
+    retain(&mut set.phases, &keep);
     warnings.add_many("a copy of a texel with a broken transform, or of no size, is left out", broken as u64);
 }

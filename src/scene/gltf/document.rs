@@ -9,6 +9,7 @@ use gltf::json::{self, Root};
 use serde::Deserialize;
 use serde_json::{Map, Value};
 
+use super::clip::Animation;
 use super::meshopt;
 use crate::format::open_file;
 use crate::scene::ReadOptions;
@@ -24,6 +25,8 @@ pub struct Document {
     pub places: Vec<NodeTransform>,
     /// Morph targets of each primitive of each mesh.
     pub targets: Vec<Vec<Vec<Target>>>,
+    /// The animations.
+    pub animations: Vec<Animation>,
     /// The BIN chunk of a GLB.
     bin: Option<Vec<u8>>,
     buffers: Vec<OnceCell<Vec<u8>>>,
@@ -55,6 +58,7 @@ pub struct NodeTransform {
 struct Precise {
     nodes: Vec<NodeTransform>,
     meshes: Vec<PreciseMesh>,
+    animations: Vec<Animation>,
 }
 
 #[derive(Default, Deserialize)]
@@ -96,8 +100,15 @@ impl Document {
         };
         let json = json.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(json);
         let bad = |e: serde_json::Error| Error::input(path, "JSON", e.to_string());
-        let root: Root = serde_json::from_slice(json).map_err(bad)?;
         let precise: Precise = serde_json::from_slice(json).map_err(bad)?;
+        let root: Root = if precise.animations.iter().all(Animation::is_core) {
+            serde_json::from_slice(json).map_err(bad)?
+        } else {
+            // The typed JSON knows no animation without a node.
+            let mut whole: Value = serde_json::from_slice(json).map_err(bad)?;
+            whole.as_object_mut().map(|root| root.remove("animations"));
+            serde_json::from_value(whole).map_err(bad)?
+        };
         let version = root.asset.min_version.as_ref().unwrap_or(&root.asset.version);
         if version.split('.').next() != Some("2") {
             return Err(Error::unsupported(path, format!("glTF version {version} (convert the file to glTF 2.0)")));
@@ -108,6 +119,7 @@ impl Document {
             decoded: root.buffer_views.iter().map(|_| OnceCell::new()).collect(),
             root,
             places: precise.nodes,
+            animations: precise.animations,
             targets: precise
                 .meshes
                 .into_iter()

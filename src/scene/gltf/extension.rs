@@ -7,9 +7,13 @@ use std::path::PathBuf;
 use serde_json::{Map, Value};
 
 use super::document::Document;
+use crate::scene::cycle::{Cycle, Mode, Phase};
 use crate::scene::files;
 pub use crate::scene::shell::EXTENSION_NAME as NAME;
-use crate::scene::shell::{CellWrap, Discrete, Environment, Layer, Orientations, ShellMaterial, TexelRef, Variant};
+use crate::scene::shell::{
+    CellWrap, Discrete, Environment, FrameFacts, Layer, Orientations, Pose, ShellMaterial, TexelRef, Variant,
+};
+use crate::scene::wind::{MOST_STRENGTH, Moment, Wind};
 use crate::volume::material::MOST_MATERIALS;
 use crate::volume::{Palette, Style};
 use crate::{Error, Result, Warnings};
@@ -19,6 +23,8 @@ use crate::{Error, Result, Warnings};
 pub struct Root {
     pub texels: Vec<TexelRef>,
     pub environment: Environment,
+    /// The wind over all of it.
+    pub wind: Option<Wind>,
 }
 
 /// The root's extension object; empty where there is none.
@@ -26,7 +32,7 @@ pub fn root(document: &Document, warnings: &mut Warnings) -> Result<Root> {
     let json = document.root.extensions.as_ref().and_then(|e| e.others.get(NAME));
     let Some(json) = json else { return Ok(Root::default()) };
     let root = Object::new(document, json, NAME.into())?;
-    root.known(&["texels", "environment"], &[], warnings);
+    root.known(&["texels", "environment", "wind"], &[], warnings);
     let texels = root.list("texels", 1, usize::MAX)?.unwrap_or_default();
     let texels = texels.iter().map(|t| texel(t, warnings)).collect::<Result<_>>()?;
     let mut environment = Environment::default();
@@ -35,17 +41,17 @@ pub fn root(document: &Document, warnings: &mut Warnings) -> Result<Root> {
         environment.sky = e.vec3("sky", 0.0..=f64::MAX)?;
         environment.background = e.vec3("background", 0.0..=f64::MAX)?;
     }
-    Ok(Root { texels, environment })
+    Ok(Root { texels, environment, wind: wind(&root, None, warnings)? })
 }
 
 fn texel(json: &Object, warnings: &mut Warnings) -> Result<TexelRef> {
     json.known(&["name", "frames", "geometry", "maxDepth"], &[], warnings);
     let frames = json.list("frames", 1, 1024)?.ok_or_else(|| json.error("frames", "is needed"))?;
     let mut paths = Vec::with_capacity(frames.len());
-    let mut content_ids = Vec::with_capacity(frames.len());
+    let mut facts = Vec::with_capacity(frames.len());
     for frame in &frames {
-        frame.known(&["uri", "contentId"], &["bufferView"], warnings);
-        content_ids.push(frame.content_id()?);
+        frame.known(&["uri", "contentId", "pose"], &["bufferView"], warnings);
+        facts.push(FrameFacts { content_id: frame.content_id()?, pose: frame.pose(warnings)? });
         if frame.json.contains_key("bufferView") && !frame.json.contains_key("uri") {
             return Err(Error::unsupported(
                 &json.document.path,
@@ -68,8 +74,12 @@ fn texel(json: &Object, warnings: &mut Warnings) -> Result<TexelRef> {
         frames: paths,
         geometry,
         max_depth: json.integer("maxDepth", 16)?.map(|d| d as u8),
-        content_id: content_ids.first().copied().flatten(),
+        content_id: facts.first().and_then(|f| f.content_id),
+        pose: facts.first().and_then(|f| f.pose.clone()),
+        facts,
         palette: Palette::default(),
+        following: 0,
+        cycle: None,
     })
 }
 
@@ -82,7 +92,7 @@ pub fn material(
     warnings: &mut Warnings,
 ) -> Result<ShellMaterial> {
     let json = Object::new(document, json, format!("{at}.{NAME}"))?;
-    json.known(&["texCoord", "w", "dw", "thickness", "surface", "layers"], &[], warnings);
+    json.known(&["texCoord", "w", "dw", "thickness", "surface", "layers", "wind"], &[], warnings);
     let layers = json.list("layers", 1, 16)?.ok_or_else(|| json.error("layers", "is needed"))?;
     let thickness = json.number("thickness", 0.0..=f64::MAX)?.unwrap_or(1.0);
     if thickness <= 0.0 {
@@ -100,8 +110,20 @@ pub fn material(
 
 fn layer(json: &Object, texels: &mut Texels, warnings: &mut Warnings) -> Result<Layer> {
     json.known(
-        &["texel", "wrap", "offset", "scale", "skinRange", "combine", "opacityScale", "phong", "palette", "jitter"],
-        &["animation"],
+        &[
+            "texel",
+            "wrap",
+            "offset",
+            "scale",
+            "skinRange",
+            "combine",
+            "opacityScale",
+            "phong",
+            "palette",
+            "jitter",
+            "animation",
+        ],
+        &[],
         warnings,
     );
     let texel = json.texel(texels.own)?.ok_or_else(|| json.error("texel", "is needed"))?;
@@ -113,10 +135,11 @@ fn layer(json: &Object, texels: &mut Texels, warnings: &mut Warnings) -> Result<
         json.ignored("combine \"over\"", warnings);
     }
     let (palette, diffuse) = palette(json, warnings)?;
+    let cycle = cycle(json, texels, warnings)?;
     let discrete = match json.object("jitter")? {
         Some(jitter) => {
             jitter.known(&["discrete"], &["continuous"], warnings);
-            jitter.object("discrete")?.map(|d| discrete(&d, texels, &palette, warnings)).transpose()?
+            jitter.object("discrete")?.map(|d| discrete(&d, texels, (&palette, cycle), warnings)).transpose()?
         }
         None => None,
     };
@@ -125,7 +148,7 @@ fn layer(json: &Object, texels: &mut Texels, warnings: &mut Warnings) -> Result<
         return Err(json.error("scale", "must not be 0"));
     }
     Ok(Layer {
-        texel: texels.shown(texel, &palette),
+        texel: texels.shown(texel, &palette, cycle),
         wrap: json.wrap()?,
         offset: json.vec3("offset", ANY)?.unwrap_or([0.0; 3]),
         scale,
@@ -152,13 +175,14 @@ pub fn copies(
     let outer = Object::new(document, json, format!("{at}.{NAME}"))?;
     outer.known(&["copies"], &[], warnings);
     let json = outer.object("copies")?.ok_or_else(|| outer.error("copies", "is needed"))?;
-    json.known(&["texel", "variants", "palette", "phong"], &["animation"], warnings);
+    json.known(&["texel", "variants", "palette", "phong", "animation", "wind"], &[], warnings);
     let (palette, diffuse) = palette(&json, warnings)?;
-    let mut variants = variants(&json, texels, &palette, warnings)?;
+    let cycle = cycle(&json, texels, warnings)?;
+    let mut variants = variants(&json, texels, (&palette, cycle), warnings)?;
     if variants.is_empty() {
         let what = "is needed where there are no variants";
         let texel = json.texel(texels.own)?.ok_or_else(|| json.error("texel", what))?;
-        variants.push(Variant { texel: texels.shown(texel, &palette), weight: 1.0, diffuse: [1.0; 3] });
+        variants.push(Variant { texel: texels.shown(texel, &palette, cycle), weight: 1.0, diffuse: [1.0; 3] });
     }
     for variant in &mut variants {
         variant.diffuse = std::array::from_fn(|k| variant.diffuse[k] * diffuse[k]);
@@ -183,7 +207,12 @@ fn palette(json: &Object, warnings: &mut Warnings) -> Result<(Palette, [f64; 3])
 }
 
 /// The `variants` of jittered or of rigid copies.
-fn variants(json: &Object, texels: &mut Texels, palette: &Palette, warnings: &mut Warnings) -> Result<Vec<Variant>> {
+fn variants(
+    json: &Object,
+    texels: &mut Texels,
+    (palette, cycle): (&Palette, Option<Cycle>),
+    warnings: &mut Warnings,
+) -> Result<Vec<Variant>> {
     let mut variants = Vec::new();
     for variant in json.list("variants", 0, 256)?.unwrap_or_default() {
         variant.known(&["texel", "weight", "phong"], &[], warnings);
@@ -194,7 +223,7 @@ fn variants(json: &Object, texels: &mut Texels, palette: &Palette, warnings: &mu
         }
         let Style { factor: diffuse, keep } = style(&variant, "phong", warnings)?;
         let palette = Palette { rest: if keep { palette.rest } else { Style::BLANK }, ..palette.clone() };
-        variants.push(Variant { texel: texels.shown(texel, &palette), weight, diffuse });
+        variants.push(Variant { texel: texels.shown(texel, &palette, cycle), weight, diffuse });
     }
     Ok(variants)
 }
@@ -215,34 +244,134 @@ fn style(json: &Object, key: &str, warnings: &mut Warnings) -> Result<Style> {
     Ok(Style { factor: phong.vec3("diffuseFactor", 0.0..=f64::MAX)?.unwrap_or([1.0; 3]), keep })
 }
 
-/// The root's texels, and behind them those of other colours.
+/// The root's texels, and behind them those of other colours and of other frames.
 pub struct Texels {
     own: usize,
     pub all: Vec<TexelRef>,
+    /// Seconds.
+    time: f64,
+    /// The wind of the root.
+    wind: Option<Wind>,
 }
 
 impl Texels {
-    /// `all`: those of the root.
-    pub fn new(all: Vec<TexelRef>) -> Texels {
-        Texels { own: all.len(), all }
+    /// `all`: those of the root; `time`: the moment, seconds.
+    pub fn new(all: Vec<TexelRef>, time: f64, wind: Option<Wind>) -> Texels {
+        Texels { own: all.len(), all, time, wind }
     }
 
-    /// The index of the root's texel `index` in the colours of `palette`.
-    fn shown(&mut self, index: usize, palette: &Palette) -> usize {
-        let Some(own) = self.all.get(index).filter(|_| !palette.is_plain()) else { return index };
-        let shown = TexelRef { palette: palette.clone(), ..own.clone() };
-        let known = self.all.iter().skip(self.own).position(|t| *t == shown);
+    /// The index of the root's texel `index` in the colours of `palette`, in its frame of the moment, or of the first of all
+    /// its frames in a row where copies show different ones.
+    fn shown(&mut self, index: usize, palette: &Palette, cycle: Option<Cycle>) -> usize {
+        let Some(own) = self.all.get(index) else { return index };
+        let count = own.frames.len() as u32;
+        let cycle = cycle.filter(|_| count > 1);
+        if palette.is_plain() && cycle.is_none() {
+            return index;
+        }
+        let of = |k: u32, following: u32| {
+            let facts = own.facts.get(k as usize).cloned().unwrap_or_default();
+            let frames = own.frames.get(k as usize).cloned().into_iter().collect();
+            let FrameFacts { content_id, pose } = facts;
+            TexelRef {
+                frames,
+                content_id,
+                pose,
+                following,
+                cycle,
+                palette: palette.clone(),
+                facts: Vec::new(),
+                ..own.clone()
+            }
+        };
+        let row: Vec<TexelRef> = match cycle {
+            None => vec![TexelRef { palette: palette.clone(), ..own.clone() }],
+            Some(c) if c.phase == Phase::Global => {
+                let frame = of(c.frame(count, 0.0, 0), 0);
+                vec![TexelRef { cycle: None, ..frame }]
+            }
+            Some(_) => (0..count).map(|k| of(k, count - 1 - k)).collect(),
+        };
+        let known = self.all.get(self.own..).unwrap_or_default().windows(row.len()).position(|w| *w == row[..]);
         known.map_or_else(
             || {
-                self.all.push(shown);
-                self.all.len() - 1
+                self.all.extend(row.iter().cloned());
+                self.all.len() - row.len()
             },
             |i| self.own + i,
         )
     }
 }
 
-fn discrete(json: &Object, texels: &mut Texels, palette: &Palette, warnings: &mut Warnings) -> Result<Discrete> {
+/// The `animation` of a layer or of copies, at the moment.
+fn cycle(json: &Object, texels: &Texels, warnings: &mut Warnings) -> Result<Option<Cycle>> {
+    let Some(json) = json.object("animation")? else { return Ok(None) };
+    json.known(&["mode", "framesPerSecond", "phase", "phaseScale", "frame", "seed"], &[], warnings);
+    let mode = json.choice("mode", &[("loop", Mode::Loop), ("pingpong", Mode::PingPong), ("random", Mode::Random)])?;
+    let scale = json.number("phaseScale", f64::MIN_POSITIVE..=f64::MAX)?.unwrap_or(8.0);
+    let phases = [("global", Phase::Global), ("perCell", Phase::PerCell), ("noise", Phase::Noise(scale))];
+    let speed = json.number("framesPerSecond", 0.0..=1e6)?.unwrap_or(24.0);
+    let position = json.number("frame", ANY)?.unwrap_or(0.0) + speed * texels.time;
+    Ok(Some(Cycle {
+        mode: mode.unwrap_or_default(),
+        phase: json.choice("phase", &phases)?.unwrap_or_default(),
+        // 1e-9: a time that is meant to be the beginning of a frame, and falls short of it by rounding.
+        position: position + 1e-9,
+        seed: json.integer("seed", u32::MAX.into())?.unwrap_or(0) as u32,
+    }))
+}
+
+/// The `wind` of an object: what it does not say is as in `base`.
+fn wind(json: &Object, base: Option<Wind>, warnings: &mut Warnings) -> Result<Option<Wind>> {
+    let Some(json) = json.object("wind")? else { return Ok(base) };
+    json.known(&["direction", "strength", "gustScale", "speed", "seed"], &[], warnings);
+    let base = base.unwrap_or_default();
+    let direction = match json.vec3("direction", -1e9..=1e9)? {
+        None => base.direction,
+        Some(d) => {
+            crate::geom::DVec3::from_array(d).try_normalize().ok_or_else(|| json.error("direction", "must not be 0"))?
+        }
+    };
+    Ok(Some(Wind {
+        direction,
+        strength: json.number("strength", 0.0..=MOST_STRENGTH)?.unwrap_or(base.strength),
+        gust_scale: json.number("gustScale", 1e-6..=1e9)?.unwrap_or(base.gust_scale),
+        speed: json.number("speed", 0.0..=1e6)?.unwrap_or(base.speed),
+        seed: json.integer("seed", u32::MAX.into())?.map_or(base.seed, |s| s as u32),
+    }))
+}
+
+/// The wind that a material's shell bends in.
+pub fn wind_of_shell(
+    document: &Document,
+    json: &Value,
+    at: &str,
+    texels: &Texels,
+    warnings: &mut Warnings,
+) -> Result<Option<Moment>> {
+    let json = Object::new(document, json, format!("{at}.{NAME}"))?;
+    Ok(wind(&json, texels.wind, warnings)?.map(|w| w.at(texels.time)))
+}
+
+/// The wind that the copies of a material lean in.
+pub fn wind_of_copies(
+    document: &Document,
+    json: &Value,
+    at: &str,
+    texels: &Texels,
+    warnings: &mut Warnings,
+) -> Result<Option<Moment>> {
+    let outer = Object::new(document, json, format!("{at}.{NAME}"))?;
+    let json = outer.object("copies")?.ok_or_else(|| outer.error("copies", "is needed"))?;
+    Ok(wind(&json, texels.wind, warnings)?.map(|w| w.at(texels.time)))
+}
+
+fn discrete(
+    json: &Object,
+    texels: &mut Texels,
+    shown: (&Palette, Option<Cycle>),
+    warnings: &mut Warnings,
+) -> Result<Discrete> {
     json.known(&["seed", "orientations", "scale", "displace", "presence", "variants"], &["mirror"], warnings);
     use Orientations::{Identity, W4, W8};
     let orientations = [
@@ -266,7 +395,7 @@ fn discrete(json: &Object, texels: &mut Texels, palette: &Palette, warnings: &mu
         scale,
         displace: json.vec3("displace", 0.0..=f64::MAX)?.unwrap_or([0.0; 3]),
         presence: json.number("presence", 0.0..=1.0)?.unwrap_or(1.0),
-        variants: variants(json, texels, palette, warnings)?,
+        variants: variants(json, texels, shown, warnings)?,
     })
 }
 
@@ -360,6 +489,18 @@ impl<'a> Object<'a> {
     fn text(&self, key: &str) -> Result<Option<&'a str>> {
         let Some(json) = self.json.get(key) else { return Ok(None) };
         json.as_str().ok_or_else(|| self.error(key, "is not a text")).map(Some)
+    }
+
+    /// How the texel's geometry stood when a frame was baked.
+    fn pose(&self, warnings: &mut Warnings) -> Result<Option<Pose>> {
+        let Some(json) = self.object("pose")? else { return Ok(None) };
+        json.known(&["time", "animations"], &[], warnings);
+        let names = json.json.get("animations").map(|v| {
+            let list = v.as_array().and_then(|l| l.iter().map(|n| n.as_str().map(str::to_owned)).collect());
+            list.ok_or_else(|| json.error("animations", "is not a list of names"))
+        });
+        let animations = names.transpose()?.unwrap_or_default();
+        Ok(Some(Pose { time: json.number("time", ANY)?.unwrap_or(0.0), animations }))
     }
 
     /// 32 hexadecimal digits, in small letters.

@@ -94,6 +94,7 @@ fn material(
         warnings.add(format!("material {name} only emits light, which is not taken: it is black"));
     }
     let shell = extensions.and_then(|e| e.others.get(extension::NAME)).filter(|json| !extension::places_copies(json));
+    let wind = shell.map(|json| extension::wind_of_shell(document, json, &at, texels, warnings)).transpose()?;
     let shell = shell.map(|json| extension::material(document, json, &at, texels, warnings)).transpose()?;
     Ok(Material {
         name,
@@ -103,6 +104,7 @@ fn material(
         double_sided: json.double_sided,
         unlit: extensions.is_some_and(|e| e.unlit.is_some()),
         shell: shell.map(Arc::new),
+        wind: wind.flatten(),
     })
 }
 

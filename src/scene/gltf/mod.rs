@@ -1,7 +1,9 @@
 //! glTF 2.0 files (`.gltf`, `.glb`) → [`Scene`]: the one place that knows the format.
 
 mod accessor;
+mod animation;
 mod attributes;
+mod clip;
 mod copies;
 mod document;
 mod extension;
@@ -23,6 +25,7 @@ use std::path::Path;
 use super::select::Selection;
 use super::{Instance, Model, Scene};
 use crate::{Error, Result, Warnings};
+pub use animation::{Timeline, timeline};
 use document::Document;
 pub use document::{is_landscape, named_files};
 
@@ -33,11 +36,12 @@ pub use super::ReadOptions;
 /// # Errors
 /// [`Error::Io`] where a file cannot be read, [`Error::Input`] where it breaks glTF's rules or holds nothing that is
 /// drawn, [`Error::Unsupported`] where it requires an extension that is not read, [`Error::Limit`] beyond the limits,
-/// [`Error::Options`] where the scene or a node that was asked for is not there.
+/// [`Error::Options`] where the scene, a node or an animation that was asked for is not there.
 pub fn read(path: &Path, options: &ReadOptions) -> Result<Scene> {
-    let document = Document::open(path, options)?;
+    let mut document = Document::open(path, options)?;
     support::check(&document)?;
     let mut warnings = Warnings::default();
+    animation::pose(&mut document, options, &mut warnings)?;
     let mut selection = Selection::new(&options.include, &options.exclude);
     let graph = nodes::walk(&document, options, &mut selection, &mut warnings)?;
     let mut parts = primitive::Parts::new(&document);
@@ -78,7 +82,7 @@ pub fn read(path: &Path, options: &ReadOptions) -> Result<Scene> {
         return Err(Error::input(path, "", format!("nothing is drawn: no node of the scene shows a mesh{why}")));
     }
     let root = extension::root(&document, &mut warnings)?;
-    let mut texels = extension::Texels::new(root.texels);
+    let mut texels = extension::Texels::new(root.texels, options.time.unwrap_or(0.0), root.wind);
     let materials = material::read(&document, options, &mut parts.list, &mut texels, &mut warnings)?;
     let mut sets = Vec::with_capacity(standing.len());
     let mut left = options.max_instances - instances.len();

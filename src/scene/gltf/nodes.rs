@@ -238,10 +238,6 @@ impl<'a> Instancing<'a> {
         self.document.error(self.at(name), what)
     }
 
-    pub fn has(&self, name: &str) -> bool {
-        self.json.get("attributes").is_some_and(|a| a.get(name).is_some())
-    }
-
     /// The attribute `name` of `N` numbers for each copy; three are filled up to four by 1.
     pub fn floats<const N: usize>(&self, name: &str) -> Result<Option<Vec<[f32; N]>>> {
         let Some(index) = self.json.get("attributes").and_then(|a| a.get(name)) else { return Ok(None) };

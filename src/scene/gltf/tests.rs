@@ -14,21 +14,21 @@ use crate::{Error, Result};
 
 /// A file being put together: every array its own buffer view and accessor.
 pub struct Builder {
-    json: Value,
+    pub json: Value,
     bin: Vec<u8>,
 }
 
 /// Component type codes.
 const I8: u32 = 5120;
-const U8: u32 = 5121;
+pub const U8: u32 = 5121;
 const I16: u32 = 5122;
-const U16: u32 = 5123;
+pub const U16: u32 = 5123;
 const U32: u32 = 5125;
 const F32: u32 = 5126;
 
 impl Builder {
     /// One scene with one node that shows the mesh 0.
-    fn new() -> Self {
+    pub fn new() -> Self {
         let json = json!({
             "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}],
             "meshes": [{"primitives": [{"attributes": {}}]}], "accessors": [], "bufferViews": [], "buffers": [{}],
@@ -37,7 +37,7 @@ impl Builder {
     }
 
     /// A triangle (0,0,0) (1,0,0) (0,1,0).
-    fn triangle() -> Self {
+    pub fn triangle() -> Self {
         let mut b = Builder::new();
         let a = b.floats("VEC3", &[0., 0., 0., 1., 0., 0., 0., 1., 0.]);
         b.json["meshes"][0]["primitives"][0]["attributes"]["POSITION"] = a.into();
@@ -57,7 +57,7 @@ impl Builder {
         self
     }
 
-    fn attribute(self, name: &str, accessor: usize) -> Self {
+    pub fn attribute(self, name: &str, accessor: usize) -> Self {
         self.set(&format!("/meshes/0/primitives/0/attributes/{name}"), accessor.into())
     }
 
@@ -76,12 +76,12 @@ impl Builder {
         list.len() - 1
     }
 
-    fn array(&mut self, kind: &str, component: u32, bytes: &[u8], count: usize) -> usize {
+    pub fn array(&mut self, kind: &str, component: u32, bytes: &[u8], count: usize) -> usize {
         let view = self.view(bytes);
         self.accessor(json!({"bufferView": view, "componentType": component, "type": kind, "count": count}))
     }
 
-    fn floats(&mut self, kind: &str, values: &[f32]) -> usize {
+    pub fn floats(&mut self, kind: &str, values: &[f32]) -> usize {
         let width = match kind {
             "SCALAR" => 1,
             "VEC2" => 2,
@@ -93,7 +93,7 @@ impl Builder {
         self.array(kind, F32, &bytes, values.len() / width)
     }
 
-    fn read_with(&self, options: &ReadOptions) -> Result<Scene> {
+    pub fn read_with(&self, options: &ReadOptions) -> Result<Scene> {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("t.glb");
         std::fs::write(&path, self.glb()).unwrap();
@@ -121,7 +121,7 @@ impl Builder {
         self.read_with(&ReadOptions::default()).unwrap()
     }
 
-    fn model(&self) -> Model {
+    pub fn model(&self) -> Model {
         self.scene().model
     }
 
@@ -131,7 +131,7 @@ impl Builder {
 }
 
 /// World positions of all instances, vertex by vertex.
-fn world(model: &Model) -> Vec<DVec3> {
+pub fn world(model: &Model) -> Vec<DVec3> {
     let of = |i: &crate::scene::Instance| {
         let points = &model.parts[i.part].positions;
         points.iter().map(|p| i.transform.transform_point3(Vec3::from(*p).as_dvec3())).collect::<Vec<_>>()
@@ -537,7 +537,7 @@ fn the_example_of_the_draft_is_read() {
     assert_eq!((l.texel, s.texels.len()), (2, 4));
     assert!(s.texels[2].frames == s.texels[0].frames && s.texels[3].frames == s.texels[1].frames);
     assert_eq!(s.texels[2].palette.style("bark"), Style { factor: [0.35, 0.25, 0.15], keep: true });
-    for (ignored, times) in [("specularFactor", 1), ("shininess", 1), ("continuous", 1), ("animation", 1)] {
+    for (ignored, times) in [("specularFactor", 1), ("shininess", 1), ("continuous", 1)] {
         assert_eq!(warned(&s.model, &format!("{ignored} is ignored")), times, "{ignored}");
     }
 }

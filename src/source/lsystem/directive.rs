@@ -26,7 +26,8 @@ pub fn read(word: &str, hash: Char, cursor: &mut Cursor, grammar: &mut Grammar) 
                 return Err(place.fault("a #define begins with a name"));
             }
             cursor.take('=');
-            let value = value(cursor, grammar)?;
+            let own = value(cursor, grammar)?;
+            let value = grammar.given.get(&name).copied().unwrap_or(own);
             grammar.constants.insert(name, value);
         }
         "iterations" => grammar.iterations = Some(whole(cursor, grammar)?),

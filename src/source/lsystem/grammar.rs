@@ -171,6 +171,8 @@ impl Considered {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Grammar {
     pub constants: BTreeMap<String, f64>,
+    /// Values that stand in place of its own for constants of these names.
+    pub given: BTreeMap<String, f64>,
     pub axiom: Vec<Module>,
     pub rules: Rules,
     /// Applied to the string that was derived; what one production gives is rewritten by those below it.
@@ -200,6 +202,7 @@ impl Default for Grammar {
     fn default() -> Self {
         Grammar {
             constants: BTreeMap::new(),
+            given: BTreeMap::new(),
             axiom: Vec::new(),
             rules: Rules::default(),
             homomorphism: Rules::default(),

@@ -16,6 +16,7 @@ mod parser;
 mod tests;
 mod turtle;
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use super::curve::{CurveOptions, CurveSource, Strand};
@@ -48,11 +49,20 @@ pub struct LSystemOptions {
     pub string: Option<String>,
     /// Symbols that may be rewritten or looked at before it is given up.
     pub max_symbols: u64,
+    /// Values of `#define`s, instead of the grammar's.
+    pub define: BTreeMap<String, f64>,
 }
 
 impl Default for LSystemOptions {
     fn default() -> Self {
-        LSystemOptions { iterations: None, seed: None, angle: None, string: None, max_symbols: 100_000_000 }
+        LSystemOptions {
+            iterations: None,
+            seed: None,
+            angle: None,
+            string: None,
+            max_symbols: 100_000_000,
+            define: BTreeMap::new(),
+        }
     }
 }
 
@@ -71,7 +81,7 @@ pub fn open(
     mesh: &MeshOptions,
 ) -> Result<Box<dyn Source>> {
     let grammar = match path {
-        Some(path) => read_grammar(path, read.max_bytes)?,
+        Some(path) => read_grammar(path, read.max_bytes, &options.define)?,
         None => Grammar::default(),
     };
     let (plant, _) = draw(path, grammar.clone(), options, read.max_bytes)?;
@@ -138,13 +148,13 @@ fn limb_materials(limbs: &mut [Strand], materials: &Materials) -> Vec<String> {
 /// # Errors
 /// As [`open`].
 pub fn count(path: &Path, options: &LSystemOptions, max_bytes: u64) -> Result<(Counts, u64)> {
-    let (plant, symbols) = draw(Some(path), read_grammar(path, max_bytes)?, options, max_bytes)?;
+    let (plant, symbols) = draw(Some(path), read_grammar(path, max_bytes, &options.define)?, options, max_bytes)?;
     Ok((plant.counts, symbols))
 }
 
 /// The files that the surfaces of the grammar `text` name, as they are found beside `path`.
 pub fn surfaces(path: &Path, text: &str) -> Vec<PathBuf> {
-    let grammar = parse(path, text).unwrap_or_default();
+    let grammar = parse(path, text, &BTreeMap::new()).unwrap_or_default();
     let mesh = |s: &Surface| match s {
         Surface::Mesh { file, .. } => find(path, file),
         Surface::Polygon { .. } => None,
@@ -156,14 +166,21 @@ fn find(path: &Path, file: &str) -> Option<PathBuf> {
     files::find(path.parent().unwrap_or(Path::new("")), file, false)
 }
 
-fn read_grammar(path: &Path, max_bytes: u64) -> Result<Grammar> {
+/// `define`: values that take the place of the grammar's own.
+fn read_grammar(path: &Path, max_bytes: u64, define: &BTreeMap<String, f64>) -> Result<Grammar> {
     let bytes = files::read(path, max_bytes / BYTES_PER_CHARACTER)?;
-    parse(path, &text::decode(&bytes)).map_err(|f| Error::input(path, place(&f), f.what))
+    let grammar = parse(path, &text::decode(&bytes), define).map_err(|f| Error::input(path, place(&f), f.what))?;
+    if let Some(name) = define.keys().find(|name| !grammar.constants.contains_key(*name)) {
+        let known: Vec<&str> = grammar.constants.keys().map(String::as_str).collect();
+        let known = if known.is_empty() { "none".into() } else { known.join(", ") };
+        return Err(Error::Options(format!("{}: has no #define {name}; it has: {known}", path.display())));
+    }
+    Ok(grammar)
 }
 
-fn parse(path: &Path, text: &str) -> Result<Grammar, Fault> {
+fn parse(path: &Path, text: &str, define: &BTreeMap<String, f64>) -> Result<Grammar, Fault> {
     let other = files::extension(path) == "ls";
-    if other { ls::grammar(text) } else { parser::grammar(text) }
+    if other { ls::grammar(text) } else { parser::grammar_with(text, define) }
 }
 
 fn place(fault: &Fault) -> String {

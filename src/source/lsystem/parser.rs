@@ -1,5 +1,7 @@
 //! Grammar files in the notation of the field → [`Grammar`]. docs/lsystems.md describes what is read.
 
+use std::collections::BTreeMap;
+
 use super::directive;
 use super::expr;
 use super::expr::{Expr, Names};
@@ -18,9 +20,15 @@ enum Kind {
 }
 
 /// Parse a grammar, or a derived string alone.
+#[cfg(test)]
 pub fn grammar(text: &str) -> Parsed<Grammar> {
+    grammar_with(text, &BTreeMap::new())
+}
+
+/// Parse a grammar in which `given` stand in place of its own `#define`s of these names.
+pub fn grammar_with(text: &str, given: &BTreeMap<String, f64>) -> Parsed<Grammar> {
     let chars = join_broken_lines(&characters(text)?);
-    let mut reader = Reader::new(Grammar::default());
+    let mut reader = Reader::new(Grammar { given: given.clone(), ..Grammar::default() });
     for (kind, chars) in statements(&chars) {
         reader.statement(kind, chars)?;
     }

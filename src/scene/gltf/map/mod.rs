@@ -1,6 +1,7 @@
 //! Covers a plain glTF mesh with texels: rigid copies of isolated objects, shells of what is continuous.
 
 mod copies;
+mod motion;
 mod options;
 mod plan;
 mod scatter;
@@ -15,6 +16,7 @@ use serde_json::{Value, json};
 use super::document::Document;
 use super::write::{Editor, Saved, reference};
 use super::{ReadOptions, extension, nodes, support};
+pub use motion::Motion;
 pub use options::{Cells, Chart, Covered, Heights, MapOptions, Mapped};
 
 use crate::geom::DVec3;
@@ -95,6 +97,7 @@ pub fn map(input: &Path, options: &MapOptions, output: &Path) -> Result<Mapped> 
             let said = (&mut *said.0, &mut *said.1);
             mapped.covered.extend(copies::place((&document, &graph), options, of, &texels, &mut editor, said)?);
         }
+        motion::write(&mut editor.json, &options.motion, &texels);
         editor.save(output, &saved)?;
         saved.warnings.merge(warnings);
         mapped.saved = saved;
@@ -135,6 +138,7 @@ pub fn map(input: &Path, options: &MapOptions, output: &Path) -> Result<Mapped> 
         }
     }
     editor.use_extension(extension::NAME)?;
+    motion::write(&mut editor.json, &options.motion, &texels);
     editor.save(output, &saved)?;
     saved.warnings.merge(warnings);
     mapped.saved = saved;
@@ -278,7 +282,7 @@ fn texels(
     let list = list.ok_or_else(|| Error::input(input, format!("{}.texels", extension::NAME), "is not an array"))?;
     let mut indices = Vec::new();
     for (k, (path, _)) in options.texels.iter().enumerate() {
-        let frames = json!([{"uri": reference(path, output, saved)?}]);
+        let frames = motion::frames(&options.motion, k, path, output, saved)?;
         let known = list.iter().position(|t| t.get("frames") == Some(&frames));
         let index = known.unwrap_or_else(|| {
             let name = path.file_stem().map(|s| s.to_string_lossy().into_owned());

@@ -4,6 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 
 use super::super::write::Saved;
+use super::motion::Motion;
 use crate::geom::DVec3;
 use crate::scene::shell::Orientations;
 use crate::volume::{Info, Style};
@@ -62,6 +63,8 @@ pub struct MapOptions {
     pub palette: BTreeMap<String, Style>,
     /// Whether the base face itself is drawn.
     pub surface_visible: bool,
+    /// Frames of texels, and wind.
+    pub motion: Motion,
 }
 
 /// How wide a copy is.
@@ -150,6 +153,7 @@ impl Default for MapOptions {
             seed: 0,
             palette: BTreeMap::new(),
             surface_visible: true,
+            motion: Motion::default(),
         }
     }
 }
