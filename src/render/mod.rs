@@ -3,6 +3,7 @@
 //! Units: world space in metres, radiance linear Rec. 709. A directional light's intensity is the irradiance on a surface
 //! that faces it; a diffuse facet reflects albedo / π · E · max(0, n·l) · visibility + albedo · sky.
 
+mod air;
 mod bvh;
 mod camera;
 mod cells;
