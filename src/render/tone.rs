@@ -20,6 +20,11 @@ pub enum Tone {
 }
 
 impl Tone {
+    /// Radiance that comes out as white, or nearly.
+    pub fn white(self) -> f32 {
+        if self == Tone::None { 1.0 } else { 4.0 }
+    }
+
     /// The curve at a colour, linear Rec. 709 before and after; what is negative or no number counts as 0.
     pub fn curve(self, rgb: [f32; 3]) -> [f32; 3] {
         let clean = rgb.map(|c| if c > 0.0 { f64::from(c).min(1e30) } else { 0.0 });

@@ -6,6 +6,6 @@ mod spectrum;
 #[cfg(test)]
 mod tests;
 
-pub use atmosphere::{Atmosphere, TURBIDITY};
+pub use atmosphere::TURBIDITY;
 pub use clear::ClearSky;
 pub use spectrum::luminance;

@@ -3,18 +3,21 @@
 mod harmonics;
 mod panorama;
 mod parts;
+mod sun;
 #[cfg(test)]
 mod tests;
 
 use std::path::Path;
 
 use super::air::{ClearSky, luminance};
+use super::options::Ambient;
 use crate::geom::{DVec3, Vec3};
 use crate::{Error, Result};
 
 pub use harmonics::{Harmonics, Moments, of_means, of_normal};
 pub use panorama::Panorama;
 pub use parts::{Part, parts};
+pub use sun::Sun;
 
 /// Radiance by direction, linear Rec. 709.
 pub struct Surround {
@@ -41,14 +44,6 @@ struct Disc {
     towards: DVec3,
     radius: f64,
     radiance: DVec3,
-}
-
-/// A sun: unit direction towards it, irradiance on what faces it, half of its angular size in radians.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Sun {
-    pub towards: DVec3,
-    pub irradiance: DVec3,
-    pub radius: f64,
 }
 
 impl Surround {
@@ -128,6 +123,11 @@ impl Surround {
             self.haze = ((molecules.min(DVec3::splat(all)) + aerosol * by_wavelength) * unit).as_vec3();
         }
         self
+    }
+
+    /// Whether light depends on normals or on what stands before it.
+    pub fn is_directional(&self, ambient: Ambient) -> bool {
+        ambient == Ambient::Occluded || !matches!(self.kind, Kind::Constant(_))
     }
 
     /// What lights the scene from a unit direction; the sun, which is a light of its own, left out.

@@ -5,7 +5,7 @@
 use std::f64::consts::{PI, TAU};
 use std::path::Path;
 
-use super::Sun;
+use super::sun::Sun;
 use crate::geom::{DVec3, Vec3};
 use crate::render::air::luminance;
 use crate::render::image_io::{self, Image};

@@ -19,14 +19,8 @@ pub struct Part {
 }
 
 /// Rings: sine of the elevation from and to, parts, rays a part. Most are where land and trees hide the sky.
-const RINGS: [(f64, f64, usize, usize); 6] = [
-    (-1.0, -0.5, 3, 1),
-    (-0.5, 0.0, 5, 1),
-    (0.0, 0.2, 7, 2),
-    (0.2, 0.45, 7, 2),
-    (0.45, 0.75, 6, 1),
-    (0.75, 1.0, 4, 1),
-];
+const RINGS: [(f64, f64, usize, usize); 6] =
+    [(-1.0, -0.5, 3, 1), (-0.5, 0.0, 5, 1), (0.0, 0.2, 7, 2), (0.2, 0.45, 7, 2), (0.45, 0.75, 6, 1), (0.75, 1.0, 4, 1)];
 
 /// The parts, lit by `radiance`.
 pub fn parts(radiance: impl Fn(DVec3) -> DVec3) -> Vec<Part> {
@@ -43,9 +37,7 @@ pub fn parts(radiance: impl Fn(DVec3) -> DVec3) -> Vec<Part> {
             };
             let size = TAU * (high - low) / count as f64;
             const N: usize = 12;
-            let spread = (0..N * N).map(|i| {
-                at(((i / N) as f64 + 0.5) / N as f64, ((i % N) as f64 + 0.5) / N as f64)
-            });
+            let spread = (0..N * N).map(|i| at(((i / N) as f64 + 0.5) / N as f64, ((i % N) as f64 + 0.5) / N as f64));
             let light = spread.map(|dir| Harmonics::from_direction(dir, radiance(dir) * (size / (N * N) as f64))).sum();
             let rays = (0..rays).map(|i| at(0.5, (i as f64 + 0.5) / rays as f64)).collect();
             all.push(Part { axis: at(0.5, 0.5), growth: size.sqrt(), rays, light });

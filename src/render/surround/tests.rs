@@ -109,8 +109,7 @@ fn the_sun_of_a_picture_becomes_a_light() {
     // The left quarter is −Z; row 80 of 256 is 33.4 degrees up.
     let elevation = (90.0 - 80.5 / 256.0 * 180.0f64).to_radians();
     let azimuth = 2.0 * PI * (128.5 / 512.0 - 0.5);
-    let towards =
-        DVec3::new(elevation.cos() * azimuth.cos(), elevation.sin(), elevation.cos() * azimuth.sin());
+    let towards = DVec3::new(elevation.cos() * azimuth.cos(), elevation.sin(), elevation.cos() * azimuth.sin());
     assert!((sun.towards - towards).length() < 1e-6, "{} {towards}", sun.towards);
     let pixel = (2.0 * PI / 512.0) * (PI / 256.0) * elevation.cos();
     assert!((sun.irradiance.x / (9e4 * pixel) - 1.0).abs() < 1e-3);
