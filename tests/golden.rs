@@ -7,7 +7,7 @@ use std::sync::Arc;
 use vtex::geom::{Aabb, DAffine3, DVec3};
 use vtex::morton;
 use vtex::progress::Quiet;
-use vtex::render::{Ambient, CameraChoice, Options, Sky, SunPosition, render_with};
+use vtex::render::{Ambient, CameraChoice, Options, render_with};
 use vtex::scene::shell::{CellWrap, Discrete, Environment, Layer, Orientations, ShellMaterial, TexelRef, Variant};
 use vtex::scene::{Alpha, Instance, Light, LightKind, Material, Model, Part, Scene, Texture, TextureRef};
 use vtex::volume::palette::Restyled;
@@ -321,24 +321,4 @@ fn restyled() {
     let ground = vec![(square(1.0, 3.0, 0), DAffine3::IDENTITY)];
     let options = looking([0.6, 1.0, 2.4], [0.0, 0.2, 0.1]);
     golden_of(tree, "restyled", ground, vec![shell(0.66, layer)], vec![sun()], options);
-}
-
-/// A low sun in a clear sky, which lights what it is seen from.
-#[test]
-fn a_clear_sky() {
-    let options = Options {
-        ambient: Ambient::Occluded,
-        sky: Some(Sky::Clear(3.0)),
-        sun: Some(SunPosition { elevation: 14.0, azimuth: 325.0 }),
-        sun_angle: Some(0.02),
-        ..looking([0.9, 0.7, 4.2], [0.0, 0.9, 0.0])
-    };
-    golden("clear", vec![(square(1.5, 3.0, 0), up(0.0))], vec![shell(0.8, Layer::default())], vec![sun()], options);
-}
-
-#[test]
-fn far_things_fade_into_the_horizon() {
-    let options =
-        Options { sky: Some(Sky::Clear(4.0)), haze: Some(12.0), ..looking([0.0, 1.2, 5.0], [0.0, 0.5, -2.0]) };
-    golden("haze", vec![(square(8.0, 12.0, 0), up(0.0))], vec![shell(0.7, Layer::default())], vec![sun()], options);
 }

@@ -16,7 +16,7 @@ use super::surround::Harmonics;
 use crate::geom::{Aabb, DVec3};
 
 /// Edge of a cell, in widths of the cone that asks.
-const CELL: f64 = 8.0;
+const CELL: f64 = 12.0;
 /// Finest level of the grid.
 const FINEST: f64 = 30.0;
 /// Locks that the corners are spread over, and corners that a thread remembers without them; powers of two.
@@ -96,7 +96,7 @@ impl SkyCache {
 
     /// What it took to find all that was found.
     pub fn counts(&self) -> Counts {
-        self.counts.lock().unwrap_or_else(PoisonError::into_inner).clone()
+        *self.counts.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// What the corner holds, found by `find` if nobody asked before.

@@ -14,7 +14,7 @@ use crate::geom::{DVec3, Ray, Vec3};
 use crate::march::transmittance::DepthChoice;
 
 /// Light that is less than this share of what comes from a part of the sky is left out.
-const FAINT: f32 = 0.02;
+const FAINT: f32 = 0.05;
 /// How far from a surface the grid is asked, in cells: what lies within it sees nothing.
 const LIFT: f64 = 0.5;
 

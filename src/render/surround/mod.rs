@@ -144,7 +144,9 @@ impl Surround {
         if let Some(background) = self.background {
             return background;
         }
-        let mut radiance = self.radiance(dir);
+        // Behind haze without an end there is no ground.
+        let hazy = self.haze != Vec3::ZERO;
+        let mut radiance = self.radiance(if hazy { above_horizon(dir) } else { dir });
         if let Some(disc) = self.disc.as_ref().filter(|disc| disc.towards.dot(dir) > 0.0) {
             let angle = libm::asin(disc.towards.cross(dir).length().min(1.0));
             let cover = ((disc.radius - angle) / width.max(1e-6) + 0.5).clamp(0.0, 1.0);
@@ -160,11 +162,14 @@ impl Surround {
         }
         let through = (self.haze * distance as f32).to_array().map(|depth| libm::expf(-depth));
         let through = Vec3::from_array(through);
-        // A little above the horizon, where the sky is as bright as air without an end.
-        let level = DVec3::new(dir.x, dir.y.max(0.02), dir.z).try_normalize().unwrap_or(dir);
-        let shine = self.background.unwrap_or_else(|| self.radiance(level));
+        let shine = self.background.unwrap_or_else(|| self.radiance(above_horizon(dir)));
         Some((through, (Vec3::ONE - through) * shine))
     }
+}
+
+/// The direction, or above the horizon where it leads below: there the sky is as bright as air without an end.
+fn above_horizon(dir: DVec3) -> DVec3 {
+    DVec3::new(dir.x, dir.y.max(0.02), dir.z).try_normalize().unwrap_or(DVec3::Y)
 }
 
 /// Whether a sun is so high that a clear sky fits it.
