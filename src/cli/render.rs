@@ -76,9 +76,9 @@ pub struct Args {
     /// is said, as Blender shows what it exports. By default `auto` for .png, 0 for .exr, whose numbers are for measuring
     #[arg(long, value_name = "auto|STOPS", value_parser = exposure, allow_hyphen_values = true)]
     exposure: Option<Exposure>,
-    /// Tone curve of a .png: AgX, in which bright colours run to white as on film; Khronos PBR Neutral, which leaves colours
-    /// alone and presses what is bright; or none, clipped at white, for measuring. An .exr has none
-    #[arg(long, value_enum, default_value = "agx")]
+    /// Tone curve of a .png: Khronos PBR Neutral, which leaves colours alone and presses what is bright; AgX, in which bright
+    /// colours run to white as on film; or none, clipped at white, for measuring. An .exr has none
+    #[arg(long, value_enum, default_value = "neutral")]
     tonemap: ToneArg,
     /// Threads; 0: one a core
     #[arg(long, value_name = "N", default_value_t = 0)]
