@@ -49,7 +49,7 @@ fn texel(finest: usize, voxel: impl Fn(u64) -> Option<Voxel>) -> Octree {
 
 fn scene(model: Model, copies: Vec<CopySet>) -> Scene {
     let texel = TexelRef { name: "t".into(), frames: vec!["t.vtex".into()], ..TexelRef::default() };
-    let environment = Environment { sky: Some([0.2; 3]), background: Some([0.0; 3]) };
+    let environment = Environment { sky: Some([0.2; 3].into()), background: Some([0.0; 3]), ..Default::default() };
     Scene { model, texels: vec![texel], copies, environment }
 }
 
@@ -72,7 +72,7 @@ const SIDE: u32 = 48;
 
 fn shot(scene: &Scene, tree: Octree, eye: DVec3, target: DVec3) -> Vec<[f32; 4]> {
     let camera = CameraChoice::LookAt { eye, target, yfov: 0.6 };
-    let options = Options { size: [SIDE, SIDE], camera, ..Options::default() };
+    let options = Options { size: [SIDE, SIDE], camera, ..Options::measuring() };
     render_with(scene, vec![Some(tree)], &options, &Quiet).unwrap().film.pixels
 }
 

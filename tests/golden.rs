@@ -142,7 +142,7 @@ fn golden_of(
     let instances = places.into_iter().enumerate().map(place).collect();
     let model = Model { parts, materials, instances, lights, metres_per_unit: 1.0, ..Default::default() };
     let texels = vec![TexelRef { name: "figure".into(), frames: vec![], ..TexelRef::default() }];
-    let environment = Environment { sky: Some([0.3, 0.35, 0.4]), background: None };
+    let environment = Environment { sky: Some([0.3, 0.35, 0.4].into()), background: None, ..Default::default() };
     let done =
         render_with(&Scene { model, texels, copies: Vec::new(), environment }, vec![Some(texel)], &options, &Quiet)
             .unwrap();
@@ -170,7 +170,7 @@ fn golden_of(
 
 fn looking(eye: [f64; 3], target: [f64; 3]) -> Options {
     let (eye, target) = (DVec3::from_array(eye), DVec3::from_array(target));
-    Options { size: [SIDE; 2], camera: CameraChoice::LookAt { eye, target, yfov: 0.7 }, ..Default::default() }
+    Options { size: [SIDE; 2], camera: CameraChoice::LookAt { eye, target, yfov: 0.7 }, ..Options::measuring() }
 }
 
 #[test]
@@ -269,7 +269,7 @@ fn lamps_and_spots() {
     let aside = DVec3::new(-2.0, 3.0, 1.0);
     let lights =
         vec![light(LightKind::Point, above, DVec3::ZERO, 2.0), light(spot, aside, DVec3::new(-0.6, 0.0, 0.0), 30.0)];
-    let options = Options { sky: Some([0.02; 3]), ..looking([0.0, 4.0, 4.0], [0.0; 3]) };
+    let options = Options { sky: Some([0.02; 3].into()), ..looking([0.0, 4.0, 4.0], [0.0; 3]) };
     golden("lamps", vec![(square(2.0, 3.0, 0), up(0.0))], vec![shell(0.8, Layer::default())], lights, options);
 }
 
@@ -278,7 +278,7 @@ fn the_sky_is_hidden_by_matter() {
     let dark = light(LightKind::Directional, DVec3::Y, DVec3::ZERO, 0.0);
     let options = Options {
         ambient: Ambient::Occluded,
-        sky: Some([1.0; 3]),
+        sky: Some([1.0; 3].into()),
         background: Some([0.2; 3]),
         ..looking([0.6, 3.0, 4.0], [0.0, 0.2, 0.0])
     };

@@ -50,7 +50,8 @@ fn scene() -> Scene {
         ..Model::default()
     };
     let texel = TexelRef { name: "tree".into(), frames: vec![], ..TexelRef::default() };
-    let environment = Environment { sky: Some([0.35, 0.42, 0.52]), background: Some([0.0; 3]) };
+    let environment =
+        Environment { sky: Some([0.35, 0.42, 0.52].into()), background: Some([0.0; 3]), ..Default::default() };
     Scene { model, texels: vec![texel], copies: Vec::new(), environment }
 }
 
@@ -60,7 +61,7 @@ fn zoom(volume: &Arc<Volume>, eye: DVec3) -> Vec<f64> {
         let tree = Octree::new(Arc::clone(volume)).unwrap();
         // The cube is about as high as the picture.
         let camera = CameraChoice::LookAt { eye: 20.0 * eye, target: DVec3::new(0.0, 0.5, 0.0), yfov: 0.05 };
-        let options = Options { size: [side; 2], camera, lanes: 16, ..Options::default() };
+        let options = Options { size: [side; 2], camera, lanes: 16, ..Options::measuring() };
         let film = render_with(&scene(), vec![Some(tree)], &options, &Quiet).unwrap().film;
         let luminance = |p: &[f32; 4]| f64::from(0.2126 * p[0] + 0.7152 * p[1] + 0.0722 * p[2]);
         film.pixels.iter().map(luminance).sum::<f64>() / film.pixels.len() as f64

@@ -24,22 +24,25 @@ pub struct Args {
 }
 
 /// The built-in samples.
-pub static SAMPLES: [(&str, &[u8]); 4] = [
+pub static SAMPLES: [(&str, &[u8]); 5] = [
     ("tree.glb", include_bytes!("../../samples/tree.glb")),
     ("spruce.glb", include_bytes!("../../samples/spruce.glb")),
     ("fern.glb", include_bytes!("../../samples/fern.glb")),
+    ("meadow.toml", include_bytes!("../../samples/recipes/meadow.toml")),
     ("terrain.glb", include_bytes!("../../samples/terrain.glb")),
 ];
 
 /// The commands; `@` stands for the folder, `#` for the size.
-const COMMANDS: [&str; 7] = [
+const COMMANDS: [&str; 9] = [
     "bake @tree.glb -r 512 -o @tree.vtex",
     "bake @spruce.glb -r 256 -o @spruce.vtex",
     "bake @fern.glb -r 128 -o @fern.vtex",
+    "bake @meadow.toml -r 128 --cyclic u,v -o @meadow.vtex",
     "map @terrain.glb --material forest --texel @spruce.vtex --texel @tree.vtex --texel @tree.vtex -o @landscape.glb",
-    "map @landscape.glb --material meadow --texel @fern.vtex --presence 0.5 -o @landscape.glb",
-    "render @landscape.glb --camera near --size # -o @near.png",
-    "render @landscape.glb --camera far --size # -o @far.png",
+    "map @landscape.glb --material meadow --texel @meadow.vtex -o @landscape.glb",
+    "map @landscape.glb --material meadow --texel @fern.vtex --presence 0.2 --add -o @landscape.glb",
+    "render @landscape.glb --camera near --sun 13,303 --haze 7000 --exposure 1 --size # -o @near.png",
+    "render @landscape.glb --camera far --sun 22,245 --haze 14000 --exposure 0.8 --size # -o @far.png",
 ];
 
 /// Write the samples, run the commands one after the other, and say how long each took and where the pictures are.
@@ -50,7 +53,10 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
     for (name, bytes) in SAMPLES {
         format::save(folder.join(name), bytes)?;
     }
-    ui.say(&format!("wrote the samples to {}: a broad-leaved tree, a spruce, a fern, a valley", folder.display()));
+    ui.say(&format!(
+        "wrote the samples to {}: a broad-leaved tree, a spruce, a fern, a meadow, a valley",
+        folder.display()
+    ));
     let mut times = Vec::new();
     for command in COMMANDS {
         let words = command.split(' ').map(|word| match (word.strip_prefix('@'), word) {

@@ -8,7 +8,7 @@ use super::Ui;
 use crate::format::read_file;
 use crate::render::metrics::flip::DEFAULT_PPD;
 use crate::render::reference::{Reference, reference};
-use crate::render::{Film, Options, SourceLod};
+use crate::render::{Film, Options, SourceLod, Tone};
 use crate::scene::Scene;
 use crate::scene::files::extension;
 use crate::{Error, Result};
@@ -24,6 +24,8 @@ pub struct Job<'a> {
     /// What else decides on how the scene was read.
     pub moment: String,
     pub options: &'a Options,
+    /// Of a .png.
+    pub tone: Tone,
     /// A pixel.
     pub samples: u32,
     pub output: &'a Path,
@@ -67,7 +69,9 @@ impl Job<'_> {
         }
         let Some(done) = done else { return Err(Error::Options("--reference needs a sample".into())) };
         if !exr {
-            done.film.save(self.output)?;
+            let mut shown = done.film.clone();
+            self.tone.apply(&mut shown);
+            shown.save(self.output)?;
         }
         let noise = done.noise(DEFAULT_PPD)?;
         let rmse = 0.5 * noise.all.rmse;

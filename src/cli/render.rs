@@ -6,7 +6,7 @@ use std::time::Instant;
 use serde_json::{Value, json};
 
 use super::depfile::{self, DepfileArgs};
-use super::quantity::finite;
+use super::quantity::{finite, positive};
 use super::results::{each, output_for, shown};
 use super::sequence::{MotionArgs, Said};
 use super::ui::put_json;
@@ -14,7 +14,7 @@ use super::{Ui, outputs, reference};
 use crate::geom::DVec3;
 use crate::progress::Progress;
 use crate::render;
-use crate::render::{Ambient, CameraChoice, Options, SourceLod, Stats, TraceEvent};
+use crate::render::{Ambient, CameraChoice, Options, Sky, SourceLod, Stats, SunPosition, Tone, TraceEvent};
 use crate::scene::files::extension;
 use crate::scene::{Scene, gltf};
 use crate::{Error, Result};
@@ -49,14 +49,25 @@ pub struct Args {
     /// The scene of the file, by name or number
     #[arg(long, value_name = "NAME")]
     scene: Option<String>,
-    /// Radiance of the sky that lights the scene, linear; over the file's
-    #[arg(long, value_name = "R,G,B", value_parser = colour)]
-    sky: Option<[f64; 3]>,
+    /// What lights the scene from all around; over the file's. `clear`, or `clear,TURBIDITY` from 1 (no haze) to 10: a clear
+    /// sky that fits the sun, the default; R,G,B: a constant radiance, linear; or a picture of all directions, .exr or .hdr
+    #[arg(long, value_name = "clear|R,G,B|FILE", value_parser = sky)]
+    sky: Option<Sky>,
+    /// Where the sun stands, degrees above the horizon, and from north (−Z) by east (+X); the file's brightest directional
+    /// light is moved there and takes the colour that the air gives it
+    #[arg(long, value_name = "ELEVATION,AZIMUTH", value_parser = sun, allow_hyphen_values = true)]
+    sun: Option<SunPosition>,
+    /// Angular size of the sun, degrees: how soft shadows are; 0.53 by default
+    #[arg(long, value_name = "DEGREES", value_parser = finite)]
+    sun_angle: Option<f64>,
+    /// Haze: how far one sees, metres. Far things fade into the sky at the horizon; without it the air is clear
+    #[arg(long, value_name = "METRES", value_parser = positive)]
+    haze: Option<f64>,
     /// Radiance behind the scene, linear; the sky's by default
     #[arg(long, value_name = "R,G,B", value_parser = colour)]
     background: Option<[f64; 3]>,
-    /// How much of the sky each point sees: all of it, or what a few cones find open
-    #[arg(long, value_enum, default_value = "constant")]
+    /// How much of the sky each point sees: as much as land and plants leave open, or all of it, for comparisons
+    #[arg(long, value_enum, default_value = "occluded")]
     ambient: AmbientArg,
     /// Cones a pixel: 1, 2, 4, 8 or 16
     #[arg(long, value_name = "N", default_value_t = 1)]
@@ -66,6 +77,10 @@ pub struct Args {
     /// is said, as Blender shows what it exports. By default `auto` for .png, 0 for .exr, whose numbers are for measuring
     #[arg(long, value_name = "auto|STOPS", value_parser = exposure, allow_hyphen_values = true)]
     exposure: Option<Exposure>,
+    /// Tone curve of a .png: Khronos PBR Neutral, which leaves colours alone and presses what is bright; AgX, in which bright
+    /// colours run to white as on film; or none, clipped at white, for measuring. An .exr has none
+    #[arg(long, value_enum, default_value = "neutral")]
+    tonemap: ToneArg,
     /// Threads; 0: one a core
     #[arg(long, value_name = "N", default_value_t = 0)]
     threads: usize,
@@ -103,6 +118,9 @@ pub struct Args {
     json: bool,
 }
 
+/// Irradiance from which on light is that of a real day, not of a display's: ten times what makes white of white.
+const PHYSICAL: f64 = 30.0;
+
 /// How bright the picture is.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Exposure {
@@ -114,6 +132,13 @@ enum Exposure {
 enum NearArg {
     Geometry,
     Voxels,
+}
+
+#[derive(Clone, Copy, clap::ValueEnum)]
+enum ToneArg {
+    Agx,
+    Neutral,
+    None,
 }
 
 #[derive(Clone, Copy, clap::ValueEnum)]
@@ -143,6 +168,33 @@ fn triple(text: &str) -> std::result::Result<[f64; 3], String> {
         [x, y, z] if parts.iter().all(|v| v.is_finite()) => Ok([x, y, z]),
         _ => Err("wanted three finite numbers, as 1,2.5,0".into()),
     }
+}
+
+fn sky(text: &str) -> std::result::Result<Sky, String> {
+    if text == "clear" {
+        return Ok(Sky::Clear(render::DEFAULT_TURBIDITY));
+    }
+    if let Some(turbidity) = text.strip_prefix("clear,") {
+        let value = turbidity.trim().parse().ok().filter(|t| (1.0..=10.0).contains(t));
+        return value.map(Sky::Clear).ok_or_else(|| format!("{turbidity:?} is not a turbidity from 1 to 10"));
+    }
+    let picture = std::path::Path::new(text);
+    let ending = picture.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
+    if ending.is_some_and(|e| ["exr", "hdr", "png"].contains(&e.as_str())) {
+        return Ok(Sky::Picture(picture.to_path_buf()));
+    }
+    let what = "neither clear, nor R,G,B, nor an .exr or .hdr picture";
+    colour(text).map(Sky::Constant).map_err(|e| format!("{what} ({e})"))
+}
+
+fn sun(text: &str) -> std::result::Result<SunPosition, String> {
+    let (elevation, azimuth) = text.split_once(',').ok_or("wanted ELEVATION,AZIMUTH in degrees, as 12,240")?;
+    let degrees = |s: &str| s.trim().parse().ok().filter(|v: &f64| v.is_finite());
+    let (elevation, azimuth) = degrees(elevation).zip(degrees(azimuth)).ok_or("wanted two numbers of degrees")?;
+    if !(-90.0..=90.0).contains(&elevation) {
+        return Err("the elevation is -90 to 90 degrees".into());
+    }
+    Ok(SunPosition { elevation, azimuth })
 }
 
 fn exposure(text: &str) -> std::result::Result<Exposure, String> {
@@ -178,12 +230,17 @@ impl Args {
         let (exposure, light_scale) = match (said, render::photometric(scene)) {
             (Exposure::Stops(stops), _) => (stops, 1.0),
             (Exposure::Auto, None) => (0.0, 1.0),
-            (Exposure::Auto, Some(_)) => (0.0, 1.0 / render::LUMENS_PER_WATT),
+            (Exposure::Auto, Some(lux)) => {
+                // A sun as bright as the real one is brought to what suits a display: a white surface that faces it to 1.
+                let irradiance = lux / render::LUMENS_PER_WATT;
+                let stops = if irradiance > PHYSICAL { (std::f64::consts::PI / irradiance).log2() } else { 0.0 };
+                (stops, 1.0 / render::LUMENS_PER_WATT)
+            }
         };
         Ok(Options {
             size,
             camera,
-            sky: self.sky,
+            sky: self.sky.clone(),
             background: self.background,
             ambient: match self.ambient {
                 AmbientArg::Constant => Ambient::Constant,
@@ -200,7 +257,20 @@ impl Args {
                 NearArg::Voxels => SourceLod::Voxels,
             },
             shadows: !self.no_shadows,
+            sun: self.sun,
+            sun_angle: self.sun_angle.map(f64::to_radians),
+            haze: self.haze,
         })
+    }
+
+    /// The curve that the output gets.
+    fn tone(&self, output: &Path) -> Tone {
+        match self.tonemap {
+            _ if is_exr(output) => Tone::None,
+            ToneArg::Agx => Tone::Agx,
+            ToneArg::Neutral => Tone::Neutral,
+            ToneArg::None => Tone::None,
+        }
     }
 
     /// What is to be known of the lights' units, in a line.
@@ -208,7 +278,12 @@ impl Args {
         let irradiance = render::photometric(scene)?;
         let what = format!("the file's lights are in lux and candela (a median of {irradiance:.0} lx)");
         if options.light_scale != 1.0 {
-            return Some(format!("{what}: divided by 683 lm/W (--exposure 0: as they are)"));
+            let darker = if options.exposure < 0.0 {
+                format!(", and by {:.3} so that a white surface in that light is 1", (-options.exposure).exp2())
+            } else {
+                String::new()
+            };
+            return Some(format!("{what}: divided by 683 lm/W{darker} (--exposure 0: as they are)"));
         }
         // Who asked for stops knows.
         let kept = "kept in an .exr (--exposure auto: divided by 683 lm/W, as in a .png)";
@@ -221,8 +296,8 @@ fn is_exr(path: &Path) -> bool {
 }
 
 /// A line about a film of which most is clipped, with what would help.
-fn said_of_clipping(film: &render::Film, options: &Options) -> Option<String> {
-    let (share, stops) = film.overexposed()?;
+fn said_of_clipping(film: &render::Film, options: &Options, tone: Tone) -> Option<String> {
+    let (share, stops) = film.overexposed(tone.white())?;
     // Stops that are asked for take the lights as they are.
     let wanted = options.exposure + options.light_scale.log2() + stops;
     Some(format!("{:.0} % of the picture is clipped to white; try --exposure {wanted:.1}", 100.0 * share))
@@ -250,7 +325,9 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
     let named = |path: &PathBuf| output_for(path, args.output.as_deref(), several, "png");
     let pictures = args.landscapes.iter().map(named).collect::<Result<Vec<_>>>()?;
     pictures.iter().try_for_each(|path| render::Film::check_name(path))?;
-    let reads: Vec<_> = args.landscapes.iter().map(|path| depfile::of_landscape(path)).collect();
+    let sky = if let Some(Sky::Picture(path)) = &args.sky { Some(path.clone()) } else { None };
+    let reads = args.landscapes.iter().map(|path| depfile::of_landscape(path).into_iter().chain(sky.clone()).collect());
+    let reads: Vec<Vec<PathBuf>> = reads.collect();
     outputs::check(&reads.concat(), pictures.iter().map(PathBuf::as_path).chain(args.depfile.path()))?;
     let (mut rules, mut left) = (Vec::new(), pictures.iter().zip(reads));
     let done = each(&args.landscapes, args.json, ui, |landscape| {
@@ -276,12 +353,17 @@ fn read(args: &Args, landscape: &Path, time: Option<f64>, said: &mut Said, ui: &
 }
 
 /// Render, and say what there is to say.
-fn render_film(scene: &Scene, options: &Options, output: &Path, said: &mut Said, ui: &Ui) -> Result<render::Rendered> {
+fn render_film(
+    (scene, options): (&Scene, &Options),
+    (tone, output): (Tone, &Path),
+    said: &mut Said,
+    ui: &Ui,
+) -> Result<render::Rendered> {
     let done = render::render(scene, options, ui)?;
     ui.finish();
     done.notes.iter().for_each(|note| said.say(ui, note));
     said.warn(ui, &done.warnings)?;
-    if let Some(line) = said_of_clipping(&done.film, options).filter(|_| !is_exr(output)) {
+    if let Some(line) = said_of_clipping(&done.film, options, tone).filter(|_| !is_exr(output)) {
         said.say(ui, &line);
     }
     Ok(done)
@@ -295,12 +377,15 @@ fn film(args: &Args, (landscape, output): (&Path, &Path), time: f64, said: &mut 
         said.say(ui, &line);
     }
     let Some(samples) = args.reference else {
-        return Ok(render_film(&scene, &options, output, said, ui)?.film);
+        let mut film = render_film((&scene, &options), (args.tone(output), output), said, ui)?.film;
+        args.tone(output).apply(&mut film);
+        return Ok(film);
     };
-    let done = render::reference::reference(&scene, &options, 0..samples, ui)?;
+    let mut done = render::reference::reference(&scene, &options, 0..samples, ui)?;
     ui.finish();
     done.notes.iter().for_each(|note| said.say(ui, note));
     said.warn(ui, &done.warnings)?;
+    args.tone(output).apply(&mut done.film);
     Ok(done.film)
 }
 
@@ -317,8 +402,16 @@ fn picture(args: &Args, landscape: &Path, output: &Path, ui: &Ui) -> Result<Valu
     let [width, height] = options.size;
     let mut told = json!({ "input": shown(landscape), "output": shown(output), "width": width, "height": height });
     if let Some(samples) = args.reference {
-        let (scene_name, moment) = (args.scene.as_deref(), args.motion.moment());
-        let job = reference::Job { landscape, scene: &scene, scene_name, moment, options: &options, samples, output };
+        let job = reference::Job {
+            landscape,
+            scene: &scene,
+            scene_name: args.scene.as_deref(),
+            moment: args.motion.moment(),
+            options: &options,
+            tone: args.tone(output),
+            samples,
+            output,
+        };
         let (done, noise) = job.run(args.resume, ui)?;
         if args.stats && !args.json {
             print_stats(&done.stats)?;
@@ -327,8 +420,9 @@ fn picture(args: &Args, landscape: &Path, output: &Path, ui: &Ui) -> Result<Valu
         extend(&mut told, described(&done.stats));
         return Ok(told);
     }
-    let mut done = render_film(&scene, &options, output, &mut said, ui)?;
+    let mut done = render_film((&scene, &options), (args.tone(output), output), &mut said, ui)?;
     let saving = Instant::now();
+    args.tone(output).apply(&mut done.film);
     done.film.save(output)?;
     done.stats.times.insert(0, ("read", reading));
     done.stats.times.push(("save", saving.elapsed()));
@@ -366,6 +460,7 @@ fn described(stats: &Stats) -> Value {
         "near_copies": c.near_copies,
         "near_triangles": stats.near_triangles,
         "shadow_rays": c.shadow_rays,
+        "sky_cones": c.sky_cones,
         "seconds": times,
         "peak_bytes": stats.peak_bytes,
     })
@@ -386,6 +481,7 @@ fn print_stats(stats: &Stats) -> Result<()> {
     row("near", format!("{copies} copies traced as triangles of their source, of which {triangles} were read"))?;
     row("cones", c.cones.to_string())?;
     row("shadow rays", c.shadow_rays.to_string())?;
+    row("sky cones", c.sky_cones.to_string())?;
     let times: Vec<_> = stats.times.iter().map(|(name, t)| format!("{name} {:.2}", t.as_secs_f64())).collect();
     row("seconds", times.join(", "))?;
     if let Some(peak) = stats.peak_bytes {

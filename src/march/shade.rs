@@ -84,6 +84,37 @@ pub struct Shader<'a> {
     pub albedo: Vec3,
     /// Sum of weights: the coverage.
     pub weight: f32,
+    /// Where it is set, the visible normals of all voxels are summed up in it.
+    pub normals: Option<VisibleNormals>,
+}
+
+/// Sums over voxels, weighted by what they reflect.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct VisibleNormals {
+    pub weight: f32,
+    /// Of the normals, in the space of the lights.
+    pub mean: Vec3,
+    /// Of their squares: xx, yy, zz, xy, yz, zx.
+    pub square: [f32; 6],
+}
+
+impl VisibleNormals {
+    fn add(&mut self, weight: f32, (mean, square): (Vec3, [f32; 6])) {
+        self.weight += weight;
+        self.mean += weight * mean;
+        for (sum, v) in self.square.iter_mut().zip(square) {
+            *sum += weight * v;
+        }
+    }
+
+    /// Mean of the normals and of their squares; of normals in all directions where nothing was met.
+    pub fn means(&self) -> (Vec3, [f32; 6]) {
+        if self.weight > 0.0 {
+            (self.mean / self.weight, self.square.map(|v| v / self.weight))
+        } else {
+            (Vec3::ZERO, [1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0, 0.0, 0.0, 0.0])
+        }
+    }
 }
 
 impl<'a> Shader<'a> {
@@ -110,6 +141,7 @@ impl<'a> Shader<'a> {
             groups,
             albedo: Vec3::ZERO,
             weight: 0.0,
+            normals: None,
         }
     }
 
@@ -148,7 +180,7 @@ impl Sink for Shader<'_> {
         let albedo = voxel.albedo() * self.tint * hit.weight;
         self.albedo += albedo;
         self.weight += hit.weight;
-        if self.lights.is_empty() {
+        if self.lights.is_empty() && self.normals.is_none() {
             return;
         }
         if self.open.is_empty() {
@@ -166,6 +198,13 @@ impl Sink for Shader<'_> {
         };
         // The ellipsoid is that of the opacity: where all normals are one, it is known better.
         let flat = share.powi(4);
+        if let Some(sums) = &mut self.normals {
+            let (middle, square) = normals.moments(&weights);
+            let one =
+                [mean.x * mean.x, mean.y * mean.y, mean.z * mean.z, mean.x * mean.y, mean.y * mean.z, mean.z * mean.x];
+            let square = std::array::from_fn(|k| square[k] + flat * (one[k] - square[k]));
+            sums.add(albedo.max_element(), (middle.lerp(mean, flat), square));
+        }
         let factors = self.brightness.get(usize::from(hit.depth)).unwrap_or(&BrightnessFactors::PLAIN);
         for light in 0..self.lights.len() {
             let towards = self.lights[light];

@@ -93,6 +93,19 @@ impl Normals {
         if sum < 1e-3 { EQUAL } else { weight.map(|w| w / sum) }
     }
 
+    /// Mean of the normals, and mean of their squares: xx, yy, zz, xy, yz, zx.
+    pub fn moments(&self, weights: &Weights) -> (Vec3, [f32; 6]) {
+        let (mut mean, mut square) = (Vec3::ZERO, [0.0; 6]);
+        for i in 0..POINTS {
+            let (x, y, z, w) = (self.x[i], self.y[i], self.z[i], weights[i]);
+            mean += w * Vec3::new(x, y, z);
+            for (sum, v) in square.iter_mut().zip([x * x, y * y, z * z, x * y, y * z, z * x]) {
+                *sum += w * v;
+            }
+        }
+        (mean, square)
+    }
+
     /// Mean of max(0, n·light): what Lambertian facets reflect towards the viewer, for a unit direction to the light.
     #[inline]
     pub fn diffuse(&self, weights: &Weights, light: Vec3) -> f32 {

@@ -35,13 +35,13 @@ impl Film {
         }
     }
 
-    /// Where more than half of the picture is brighter than white: the share of it that is, and the stops that would bring
-    /// nine tenths of the picture below white.
-    pub fn overexposed(&self) -> Option<(f64, f64)> {
+    /// Where more than half of the picture is brighter than `white`: the share of it that is, and the stops that would bring
+    /// nine tenths of the picture below 1.
+    pub fn overexposed(&self, white: f32) -> Option<(f64, f64)> {
         // White itself may be meant, as a background is.
-        const WHITE: f32 = 1.001;
+        let white = 1.001 * white;
         let mut brightest: Vec<f32> = self.pixels.iter().map(|p| p[0].max(p[1]).max(p[2])).collect();
-        let count = brightest.iter().filter(|&&c| c > WHITE).count();
+        let count = brightest.iter().filter(|&&c| c > white).count();
         let share = count as f64 / brightest.len().max(1) as f64;
         if share <= 0.5 {
             return None;
@@ -111,11 +111,11 @@ mod tests {
             let pixels = (0..100).map(|i| if i < bright { [value, 0.5, 0.1, 1.0] } else { [0.2; 4] }).collect();
             Film { width: 10, height: 10, pixels }
         };
-        assert_eq!(film(85, 8.0).overexposed(), Some((0.85, -3.0)));
-        assert_eq!(film(50, 8.0).overexposed(), None);
+        assert_eq!(film(85, 8.0).overexposed(1.0), Some((0.85, -3.0)));
+        assert_eq!(film(50, 8.0).overexposed(1.0), None);
         // A white background.
-        assert_eq!(film(100, 1.0).overexposed(), None);
-        assert_eq!(Film { width: 0, height: 0, pixels: vec![] }.overexposed(), None);
+        assert_eq!(film(100, 1.0).overexposed(1.0), None);
+        assert_eq!(Film { width: 0, height: 0, pixels: vec![] }.overexposed(1.0), None);
     }
 
     #[test]

@@ -62,7 +62,8 @@ pub fn srgb8(linear: f32) -> u8 {
     (255.0 * srgb_encode(linear)).round() as u8
 }
 
-/// Read a `.png` (sRGB, 8 or 16 bit, straight alpha) or an `.exr` (linear; channels R G B or Y, and A) picture.
+/// Read a `.png` (sRGB, 8 or 16 bit, straight alpha), an `.exr` (linear; channels R G B or Y, and A) or an `.hdr` (Radiance
+/// RGBE, linear) picture.
 ///
 /// # Errors
 /// `Io` where the file cannot be read, `Unsupported` for another ending or pixel layout, `Input` where the data are
@@ -71,7 +72,8 @@ pub fn read(path: &Path) -> Result<Image> {
     match extension(path).as_str() {
         "png" => read_png(path),
         "exr" => read_exr(path),
-        _ => Err(Error::unsupported(path, "a picture that ends neither in .png nor in .exr")),
+        "hdr" => read_hdr(path),
+        _ => Err(Error::unsupported(path, "a picture that ends neither in .png, nor in .exr or .hdr")),
     }
 }
 
@@ -118,6 +120,18 @@ fn read_png(path: &Path) -> Result<Image> {
         let pixel = |p: &image::Rgba<u8>| [decode(p[0]), decode(p[1]), decode(p[2]), f32::from(p[3]) / 255.0];
         pixels.pixels().map(|p| premultiply(pixel(p))).collect()
     };
+    Ok(Image { width: width as usize, height: height as usize, rgba })
+}
+
+fn read_hdr(path: &Path) -> Result<Image> {
+    use image::{DynamicImage, ImageDecoder, codecs::hdr::HdrDecoder};
+    let broken = |e: image::ImageError| Error::input(path, "", format!("cannot be read as a Radiance HDR: {e}"));
+    let bytes = read_file(path, MAX_BYTES)?;
+    let decoder = HdrDecoder::new(Cursor::new(&bytes)).map_err(broken)?;
+    let (width, height) = decoder.dimensions();
+    check_size(path, width.into(), height.into(), bytes.len() as u64)?;
+    let pixels = DynamicImage::from_decoder(decoder).map_err(broken)?.into_rgb32f();
+    let rgba = pixels.pixels().map(|p| [p[0], p[1], p[2], 1.0]).collect();
     Ok(Image { width: width as usize, height: height as usize, rgba })
 }
 

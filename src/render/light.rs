@@ -1,5 +1,6 @@
 //! Punctual lights (KHR_lights_punctual): where they are seen from a point, and the irradiance that they bring.
 
+use super::surround::Sun;
 use crate::geom::{Aabb, DVec3, Vec3};
 use crate::scene::{Light, LightKind, Scene};
 
@@ -16,6 +17,8 @@ pub struct PunctualLight {
     range: f64,
     /// Metres in the renderer's unit of length.
     unit: f64,
+    /// Half of the angular size of a directional light, radians.
+    radius: f64,
 }
 
 /// A light as a point sees it.
@@ -27,6 +30,8 @@ pub struct IncidentLight {
     pub distance: f64,
     /// On a surface that faces the light, if nothing stands between.
     pub irradiance: Vec3,
+    /// Half of its angular size, radians; 0: a point.
+    pub radius: f64,
 }
 
 impl PunctualLight {
@@ -37,14 +42,41 @@ impl PunctualLight {
         let axis = (-light.to_world.matrix3.z_axis).try_normalize().unwrap_or(DVec3::NEG_Z);
         let position = (light.to_world.translation - eye) / unit;
         let shines = intensity.is_finite() && intensity.max_element() > 0.0 && position.is_finite();
-        shines.then_some(PunctualLight { intensity, position, axis, kind: light.kind, range: light.range, unit })
+        let (kind, range) = (light.kind, light.range);
+        shines.then_some(PunctualLight { intensity, position, axis, kind, range, unit, radius: 0.0 })
+    }
+
+    /// A sun: parallel light but for its angular size.
+    pub fn from_sun(sun: &Sun) -> PunctualLight {
+        PunctualLight {
+            intensity: sun.irradiance,
+            position: DVec3::ZERO,
+            axis: -sun.towards,
+            kind: LightKind::Directional,
+            range: f64::INFINITY,
+            unit: 1.0,
+            radius: sun.radius,
+        }
+    }
+
+    /// The same light with an angular size of twice `radius`, in radians, if it is parallel.
+    pub fn with_radius(self, radius: f64) -> PunctualLight {
+        let radius = if self.kind == LightKind::Directional { radius } else { 0.0 };
+        PunctualLight { radius, ..self }
+    }
+
+    /// Parallel light as a sun; `None` for other lights.
+    pub fn sun(&self) -> Option<Sun> {
+        let sun = Sun { towards: -self.axis, irradiance: self.intensity, radius: self.radius };
+        (self.kind == LightKind::Directional).then_some(sun)
     }
 
     /// The light from `x`; `None` where it gives nothing.
     pub fn incident(&self, x: DVec3) -> Option<IncidentLight> {
         if self.kind == LightKind::Directional {
             let irradiance = self.intensity.as_vec3();
-            return Some(IncidentLight { dir: -self.axis, distance: f64::INFINITY, irradiance });
+            let (dir, radius) = (-self.axis, self.radius);
+            return Some(IncidentLight { dir, distance: f64::INFINITY, irradiance, radius });
         }
         let to = self.position - x;
         let distance = to.length();
@@ -65,6 +97,7 @@ impl PunctualLight {
             dir,
             distance,
             irradiance,
+            radius: 0.0,
         })
     }
 }
@@ -122,7 +155,7 @@ pub fn default_sun() -> Light {
     }
 }
 
-/// Radiance of the sky where neither the file nor the caller says.
+/// Radiance of the sky where neither the file nor the caller says, and no sun stands in it.
 pub const DEFAULT_SKY: [f64; 3] = [0.35, 0.42, 0.52];
 
 #[cfg(test)]

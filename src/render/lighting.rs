@@ -7,11 +7,10 @@ use std::f32::consts::FRAC_1_PI;
 
 use super::events::{Event, EventOrigin};
 use super::mesh::{Contact, Surface};
-use super::options::Ambient;
 use super::pixel::{ConeState, Tracer};
 use super::shadow::{SelfHit, ShadowCone, ShadowQuality};
-use super::sky::sky_cones;
 use super::source_mesh::CopyRay;
+use super::surround::{of_means, of_normal};
 use super::trace::TraceEvent;
 use crate::geom::{DMat3, DVec3, Mat3, Ray, Vec3};
 use crate::march::shade::Shader;
@@ -19,9 +18,6 @@ use crate::march::transmittance::{DepthChoice, Sink, VoxelHit};
 
 /// Contributions below this, where the display's white is 1, are not tested for shadows.
 const FAINT: f32 = 1.0 / 256.0;
-
-/// Growth of the width of a cone towards the sky per unit of length.
-const SKY_GROWTH: f64 = 0.8;
 
 impl Tracer<'_> {
     /// Light a triangle of the scene of which the cone sees the share `weight`; returns what is seen there.
@@ -52,28 +48,27 @@ impl Tracer<'_> {
     fn shade_surface(&mut self, state: &mut ConeState<'_>, surface: &Surface, start: SelfHit, width: f64, weight: f32) {
         let world = self.world;
         let albedo = weight * surface.albedo;
+        let before = (state.radiance, state.faint);
+        let distance = (surface.point - state.cone.ray.origin).dot(state.cone.ray.dir);
         if surface.unlit {
             state.radiance += albedo;
+            state.fade(before, world.surround.air(state.cone.ray.dir, distance), weight);
             return;
         }
-        let open = match self.options.ambient {
-            Ambient::Constant => 1.0,
-            Ambient::Occluded => {
-                let cone = sky_cone(surface.point, Some(start), width);
-                self.sky_visibility(cone, Some(surface.normal), state.lod_dither)
-            }
-        };
-        state.radiance += open * albedo * world.sky;
+        let normals = of_normal(surface.normal);
+        state.radiance += albedo * self.sky_light(surface.point, &normals, surface.normal, width, state.lod_dither);
         for light in &world.lights {
             let Some(incident) = light.incident(surface.point) else { continue };
             let cosine = surface.normal.dot(incident.dir) as f32;
             if cosine > 0.0 {
                 let radiance = albedo * incident.irradiance * (cosine * FRAC_1_PI);
                 let ray = Ray { origin: surface.lifted, dir: incident.dir };
-                let cone = ShadowCone { ray, end: incident.distance, start: Some(start), width, growth: 0.0 };
+                let growth = 2.0 * incident.radius;
+                let cone = ShadowCone { ray, end: incident.distance, start: Some(start), width, growth };
                 self.add_light(state, radiance, &cone);
             }
         }
+        state.fade(before, world.surround.air(state.cone.ray.dir, distance), weight);
     }
 
     /// Light voxels of one copy, whose events carry their weights.
@@ -100,6 +95,7 @@ impl Tracer<'_> {
         let factors = calibrated.map_or(&[][..], |t| &t.tree.brightness_factors()[..]);
         let view = space.local(-cone.ray.dir);
         let mut shader = Shader::new(view, &lights, space.cofactor(), hit.tint, factors, &mut groups);
+        shader.normals = world.surround.is_directional(self.options.ambient).then(Default::default);
         for event in events {
             if let EventOrigin::Voxel { voxel, depth, t, position, .. } = &event.origin {
                 shader.voxel(&VoxelHit { t: *t, weight: event.alpha, depth: *depth, voxel, position: *position });
@@ -107,13 +103,11 @@ impl Tracer<'_> {
         }
         shader.finish();
         let albedo = shader.albedo;
-        let open = match self.options.ambient {
-            Ambient::Constant => 1.0,
-            Ambient::Occluded => {
-                self.sky_visibility(sky_cone(middle, None, cone.width_at(mean)), None, state.lod_dither)
-            }
-        };
-        state.radiance += open * albedo * world.sky;
+        let (normal, square) = shader.normals.unwrap_or_default().means();
+        let normals = of_means(normal, square, &space.rotation());
+        let before = (state.radiance, state.faint);
+        let outward = space.world(normal);
+        state.radiance += albedo * self.sky_light(middle, &normals, outward, cone.width_at(mean), state.lod_dither);
         let start = Some(SelfHit { triangle: u32::MAX, copy: Some((hit.texel, hit.cell)) });
         let facet_size = texel.map_or(0.0, |t| t.tree.info().facet_size as f32);
         for group in &groups {
@@ -124,8 +118,10 @@ impl Tracer<'_> {
             let offset = space.world(group.start(facet_size, lights[group.light])) / segment.scale;
             let ray = Ray { origin: x + offset, dir: incident.dir };
             let end = incident.distance - offset.dot(incident.dir);
-            self.add_light(state, radiance, &ShadowCone { ray, end, start, width: cone.width_at(t), growth: 0.0 });
+            let growth = 2.0 * incident.radius;
+            self.add_light(state, radiance, &ShadowCone { ray, end, start, width: cone.width_at(t), growth });
         }
+        state.fade(before, world.surround.air(cone.ray.dir, mean), weight);
         self.groups = groups;
         self.local_light_dirs = lights;
     }
@@ -141,7 +137,8 @@ impl Tracer<'_> {
             state.faint += radiance;
             return;
         }
-        let seen = self.visibility(cone, cone.mesh_transmittance(self.world), state.lod_dither);
+        let through = cone.soft_mesh_transmittance(self.world, 0.5 * cone.growth);
+        let seen = self.visibility(cone, through, state.lod_dither);
         state.radiance += seen * radiance;
         state.arrived += seen * bright;
         state.tested += bright;
@@ -155,31 +152,13 @@ impl Tracer<'_> {
         // The depth of what is seen by default; a coarser one darkens (see `shadow_start`).
         let bias = (self.options.depth_bias + self.options.shadow_bias) as f32;
         let choice = DepthChoice { bias, lod_dither, finest: u8::MAX };
-        cone.transmittance(self.world, through, ShadowQuality { choice, stop_below: FAINT }, &mut self.counts)
+        cone.transmittance(
+            self.world,
+            through,
+            ShadowQuality { choice, stop_below: FAINT, source_geometry: true },
+            &mut self.counts,
+        )
     }
-
-    /// The share of the sky that is seen from where `cone` starts: of the half around a surface's normal, or of all around a
-    /// voxel. The direction of `cone` is not used.
-    fn sky_visibility(&mut self, cone: ShadowCone, normal: Option<DVec3>, lod_dither: f32) -> f32 {
-        let ShadowCone { ray, end, start, width, growth } = cone;
-        let towards = |dir: DVec3| {
-            let ray = Ray { origin: ray.origin + width * dir, dir };
-            ShadowCone { ray, end, start, width, growth }
-        };
-        let cones = sky_cones(normal);
-        let count = cones.len() as f32;
-        let open = cones.into_iter().map(|part| {
-            let rays = part.rays.map(|dir| towards(dir).mesh_transmittance(self.world));
-            let through = rays.iter().sum::<f32>() / rays.len() as f32;
-            self.visibility(&towards(part.axis), through, lod_dither)
-        });
-        open.sum::<f32>() / count
-    }
-}
-
-/// A cone from `origin` towards the sky, whose direction is to be chosen.
-fn sky_cone(origin: DVec3, start: Option<SelfHit>, width: f64) -> ShadowCone {
-    ShadowCone { ray: Ray { origin, dir: DVec3::ZERO }, end: f64::INFINITY, start, width, growth: SKY_GROWTH }
 }
 
 /// The space in which a copy's voxels are lit: texel space, where the map to it keeps angles; else world space, to which
@@ -203,6 +182,16 @@ impl ShadingSpace {
     fn world(&self, v: Vec3) -> DVec3 {
         let (v, m) = (v.as_dvec3(), &self.to_texel);
         if self.keeps_angles { m.transpose() * v / m.x_axis.length().max(f64::MIN_POSITIVE) } else { v }
+    }
+
+    /// From where normals are taken to the world.
+    fn rotation(&self) -> DMat3 {
+        let m = &self.to_texel;
+        if self.keeps_angles {
+            m.transpose() * (1.0 / m.x_axis.length().max(f64::MIN_POSITIVE))
+        } else {
+            DMat3::IDENTITY
+        }
     }
 
     /// Texel → world for normals, up to a factor; `None` where normals stay in texel space.

@@ -182,7 +182,7 @@ mod tests {
             model,
             texels: vec![],
             copies: vec![],
-            environment: Environment { sky: Some([0.0; 3]), background: Some([0.0; 3]) },
+            environment: Environment { sky: Some([0.0; 3].into()), background: Some([0.0; 3]), ..Default::default() },
         }
     }
 

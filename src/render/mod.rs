@@ -3,10 +3,12 @@
 //! Units: world space in metres, radiance linear Rec. 709. A directional light's intensity is the irradiance on a surface
 //! that faces it; a diffuse facet reflects albedo / π · E · max(0, n·l) · visibility + albedo · sky.
 
+mod air;
 mod bvh;
 mod camera;
 mod cells;
 mod copies;
+mod environment;
 pub mod error;
 mod events;
 mod faces;
@@ -25,13 +27,16 @@ pub mod reference;
 mod segments;
 mod shadow;
 mod shell;
-mod sky;
+mod sky_cache;
+mod sky_light;
 mod source_lod;
 mod source_mesh;
 mod stats;
 pub mod stress;
+mod surround;
 #[cfg(test)]
 mod tests;
+mod tone;
 mod trace;
 
 use std::path::Path;
@@ -39,11 +44,13 @@ use std::sync::Arc;
 use std::time::Instant;
 
 pub use cells::hash;
+pub use environment::DEFAULT_TURBIDITY;
 pub use film::Film;
 pub use light::{LUMENS_PER_WATT, photometric};
-pub use options::{Ambient, CameraChoice, Options, SourceLod};
+pub use options::{Ambient, CameraChoice, Options, Sky, SourceLod, SunPosition};
 pub use prepare::picture_size;
 pub use stats::{Counts, Stats, peak_memory};
+pub use tone::Tone;
 pub use trace::{Trace, TraceEvent};
 
 pub use crate::march::transmittance::{DepthChoice, MarchSegment, MarchStats, Sink, VoxelHit, march, transmittance};
@@ -265,6 +272,7 @@ fn film(world: &World<'_>, options: &Options, progress: &dyn Progress) -> (Film,
         }
     }
     film.expose((options.exposure as f32).exp2());
+    counts.merge(&world.sky_cache.counts());
     (film, counts)
 }
 

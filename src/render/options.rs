@@ -1,6 +1,7 @@
 //! What a caller chooses about a picture.
 
 use crate::geom::DVec3;
+pub use crate::scene::shell::Sky;
 
 /// Options of [`super::render`]; the default is what `vtex render` does without flags.
 #[derive(Debug, Clone, PartialEq)]
@@ -9,12 +10,18 @@ pub struct Options {
     pub size: [u32; 2],
     /// Camera that the picture is seen from.
     pub camera: CameraChoice,
-    /// Radiance of the sky that lights the scene, linear; over the file's.
-    pub sky: Option<[f64; 3]>,
+    /// What lights the scene from all around; over the file's. By default a clear sky that fits the sun.
+    pub sky: Option<Sky>,
     /// Radiance that an escaped camera ray sees, linear; over the file's.
     pub background: Option<[f64; 3]>,
     /// Share of the sky that lights a point.
     pub ambient: Ambient,
+    /// Where the sun stands; the file's brightest directional light is moved there.
+    pub sun: Option<SunPosition>,
+    /// Angular size of directional lights, radians; over the file's. By default the sun's, .53 degrees.
+    pub sun_angle: Option<f64>,
+    /// Visibility in haze, metres; over the file's. By default the air is clear.
+    pub haze: Option<f64>,
     /// Cones a pixel: 1, 2, 4, 8 or 16.
     pub lanes: u32,
     /// Stops: the film is multiplied by 2^exposure.
@@ -41,7 +48,10 @@ impl Default for Options {
             camera: CameraChoice::Default,
             sky: None,
             background: None,
-            ambient: Ambient::Constant,
+            ambient: Ambient::Occluded,
+            sun: None,
+            sun_angle: None,
+            haze: None,
             lanes: 1,
             exposure: 0.0,
             light_scale: 1.0,
@@ -51,6 +61,22 @@ impl Default for Options {
             source_lod: SourceLod::Geometry,
             shadows: true,
         }
+    }
+}
+
+/// A direction to the sun, degrees.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SunPosition {
+    /// Above the horizon, −90 to 90.
+    pub elevation: f64,
+    /// From north (−Z) by east (+X).
+    pub azimuth: f64,
+}
+
+impl Options {
+    /// What measurements and comparisons use: every point sees all of the sky, and the sun has no size.
+    pub fn measuring() -> Self {
+        Options { ambient: Ambient::Constant, sun_angle: Some(0.0), ..Options::default() }
     }
 }
 
@@ -88,8 +114,8 @@ pub enum SourceLod {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Ambient {
     /// All of it: the figure used in comparisons.
-    #[default]
     Constant,
-    /// As much as a few cones find open.
+    /// As much as land and texels leave open.
+    #[default]
     Occluded,
 }

@@ -13,6 +13,7 @@ use super::mesh::Contact;
 use super::options::Options;
 use super::prepare::{Texel, World};
 use super::segments::{BoxInterval, CopySegment, for_each_segment};
+use super::sky_cache::Recent;
 use super::source_mesh::SourceMesh;
 use super::stats::Counts;
 use super::trace::{Trace, TraceEvent};
@@ -52,6 +53,7 @@ pub struct Tracer<'w> {
     /// Scratch space of [`super::lighting`]: groups of one copy's voxels, and unit directions to the lights in its space.
     pub(super) groups: Vec<ShadowGroup>,
     pub(super) local_light_dirs: Vec<Vec3>,
+    pub(super) recent_sky: Recent,
 }
 
 /// A camera cone on its way: what has been gathered, front to back.
@@ -69,6 +71,16 @@ pub struct ConeState<'c> {
     pub tested: f32,
 }
 
+impl ConeState<'_> {
+    /// What air between the eye and a thing does to its light: `before` it was added, all was as far; `weight` is the
+    /// thing's share of the cone.
+    pub(super) fn fade(&mut self, before: (Vec3, Vec3), air: Option<(Vec3, Vec3)>, weight: f32) {
+        let Some((through, added)) = air else { return };
+        self.radiance = before.0 + through * (self.radiance - before.0) + weight * added;
+        self.faint = before.1 + through * (self.faint - before.1);
+    }
+}
+
 impl<'w> Tracer<'w> {
     pub fn new(world: &'w World<'w>, options: &'w Options) -> Tracer<'w> {
         Tracer {
@@ -83,6 +95,7 @@ impl<'w> Tracer<'w> {
             contacts: Vec::new(),
             groups: Vec::new(),
             local_light_dirs: Vec::new(),
+            recent_sky: Recent::new(),
         }
     }
 
@@ -121,7 +134,7 @@ impl<'w> Tracer<'w> {
                     alpha = 1.0;
                     self.shade_opaque(&mut state, contact);
                 }
-                None => state.radiance += state.transmittance * world.background,
+                None => state.radiance += state.transmittance * world.surround.seen(cone.ray.dir, cone.growth),
             }
         }
         // What was not tested is as shaded as what was.

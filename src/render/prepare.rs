@@ -8,14 +8,17 @@ use super::camera::View;
 use super::cells;
 use super::cells::{TexelChoice, TexelLayer};
 use super::copies::{Copies, RigidCopy};
+use super::environment::environment;
 use super::faces;
 use super::faces::Bend;
-use super::light::{DEFAULT_SKY, PunctualLight, default_sun};
+use super::light::PunctualLight;
 use super::mesh::{Mesh, MeshBuilder};
 use super::options::{CameraChoice, Options, SourceLod};
 use super::shell::ShellBox;
+use super::sky_cache::SkyCache;
 use super::source_lod::LazySource;
 use super::source_mesh::SourceMesh;
+use super::surround::Surround;
 use crate::geom::{Aabb, DAffine3, DVec3, Ray, Vec3};
 use crate::scene::shell::{ShellMaterial, Variant};
 use crate::scene::{Camera, Part, Projection, Scene};
@@ -59,8 +62,8 @@ pub struct World<'a> {
     /// As the scene's texels; `None` for those that nothing uses.
     pub texels: Vec<Option<Texel>>,
     pub lights: Vec<PunctualLight>,
-    pub sky: Vec3,
-    pub background: Vec3,
+    pub surround: Surround,
+    pub sky_cache: SkyCache,
     pub warnings: Warnings,
     /// Choices that were made for want of better, a line each.
     pub notes: Vec<String>,
@@ -128,6 +131,8 @@ impl<'a> World<'a> {
                 warnings.add(format!("texel {:?} has no material {name:?} for a palette to restyle", said.name));
             }
         }
+        let (lights, surround) = environment(scene, options, view.eye, unit, &mut notes)?;
+        let around = Aabb::new((bounds.min - view.eye) / unit, (bounds.max - view.eye) / unit);
         let mut world = World {
             scene,
             unit,
@@ -137,23 +142,15 @@ impl<'a> World<'a> {
             box_layers: Vec::new(),
             shells: Bvh::default(),
             layers: Vec::new(),
-            lights: punctual_lights(scene, options.light_scale, view.eye, unit, &mut notes),
+            lights,
             view,
             texels,
-            sky: Vec3::ZERO,
-            background: Vec3::ZERO,
+            surround,
+            sky_cache: SkyCache::new(&around),
             warnings: Warnings::default(),
             notes: Vec::new(),
         };
         world.place(&mut warnings)?;
-        let environment = &scene.environment;
-        let sky = options.sky.or(environment.sky).unwrap_or_else(|| {
-            notes.push("no sky in the file: a plain one lights the scene (--sky r,g,b)".into());
-            DEFAULT_SKY
-        });
-        world.sky = Vec3::from_array(sky.map(|v| v as f32));
-        let background = options.background.or(environment.background).unwrap_or(sky);
-        world.background = Vec3::from_array(background.map(|v| v as f32));
         if world.boxes.is_empty() && world.copies.len() == 0 && world.mesh.is_empty() {
             warnings.add("nothing to see: the scene has no triangle that could be drawn");
         }
@@ -333,15 +330,6 @@ fn view(scene: &Scene, bounds: &Aabb, options: &Options, notes: &mut Vec<String>
         }
     }
     camera.map_or_else(framed, of_file)
-}
-
-/// The scene's lights times `scale`; without any, a sun.
-fn punctual_lights(scene: &Scene, scale: f64, eye: DVec3, unit: f64, notes: &mut Vec<String>) -> Vec<PunctualLight> {
-    if scene.model.lights.is_empty() {
-        notes.push("no light in the file: a sun from the upper left was added".into());
-        return PunctualLight::new(&default_sun(), 1.0, eye, unit).into_iter().collect();
-    }
-    scene.model.lights.iter().filter_map(|l| PunctualLight::new(l, scale, eye, unit)).collect()
 }
 
 /// The parts of the height vectors that a shell's layers fill, each once.

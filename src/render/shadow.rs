@@ -53,6 +53,8 @@ pub struct ShadowQuality {
     pub choice: DepthChoice,
     /// A transmittance below this counts as 0.
     pub stop_below: f32,
+    /// Whether triangles of a texel's source are met where the cone is smaller than its voxels.
+    pub source_geometry: bool,
 }
 
 impl ShadowCone {
@@ -60,6 +62,31 @@ impl ShadowCone {
     pub fn mesh_transmittance(&self, world: &World<'_>) -> f32 {
         let skip = SelfHit::mesh_triangle(self.start);
         world.mesh.transmittance(&world.scene.model, &self.ray, self.end, skip, self.width)
+    }
+
+    /// The same for light of the angular size 2 `radius`: few rays, and more where they differ.
+    pub fn soft_mesh_transmittance(&self, world: &World<'_>, radius: f64) -> f32 {
+        const RAYS: usize = 16;
+        const FIRST: usize = 4;
+        if radius <= 0.0 || world.mesh.is_empty() {
+            return self.mesh_transmittance(world);
+        }
+        let (across, other) = self.ray.dir.any_orthonormal_pair();
+        let size = libm::tan(radius);
+        // Even over the disc (H. Vogel 1979); the first few are spread over it too.
+        let one = |i: usize| {
+            let (sin, cos) = libm::sincos(2.399_963_23 * i as f64);
+            let reach = size * ((i as f64 + 0.5) / RAYS as f64).sqrt();
+            let dir = (self.ray.dir + reach * (cos * across + sin * other)).normalize();
+            ShadowCone { ray: Ray { dir, ..self.ray }, ..*self }.mesh_transmittance(world)
+        };
+        let is_first = |i: &usize| i % (RAYS / FIRST) == RAYS / FIRST - 1;
+        let first: Vec<f32> = (0..RAYS).filter(is_first).map(one).collect();
+        let sum: f32 = first.iter().sum();
+        if first.iter().all(|v| *v == first[0]) {
+            return sum / FIRST as f32;
+        }
+        (sum + (0..RAYS).filter(|i| !is_first(i)).map(one).sum::<f32>()) / RAYS as f32
     }
 
     /// The share of light that comes through all texels, times the share `through` that meshes leave.
@@ -103,7 +130,8 @@ impl ShadowCone {
         let Some(Some(texel)) = world.texels.get(hit.texel) else { return 1.0 };
         // By the width in the middle, as a camera's cone does.
         let mid_width = march.footprint + 0.5 * march.growth * march.length;
-        if let Some(source) = texel.source_lod(mid_width, quality.choice.lod_dither) {
+        let near = || texel.source_lod(mid_width, quality.choice.lod_dither);
+        if let Some(source) = quality.source_geometry.then(near).flatten() {
             counts.near_copies += 1;
             let skip = SelfHit::source_triangle(self.start, hit);
             let (end, width) = (hit.t1 - hit.t0, f64::from(mid_width));

@@ -13,8 +13,10 @@ pub struct Counts {
     pub boxes: u64,
     /// Copies whose source's triangles were traced instead of voxels.
     pub near_copies: u64,
-    /// Shadow rays, and rays to the sky.
+    /// Shadow rays towards lights.
     pub shadow_rays: u64,
+    /// Cones towards the sky.
+    pub sky_cones: u64,
     /// Camera and shadow rays together.
     pub march: MarchStats,
 }
@@ -26,6 +28,7 @@ impl Counts {
         self.boxes += other.boxes;
         self.near_copies += other.near_copies;
         self.shadow_rays += other.shadow_rays;
+        self.sky_cones += other.sky_cones;
         self.march.merge(&other.march);
     }
 }

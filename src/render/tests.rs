@@ -1,7 +1,7 @@
 //! Whole scenes with closed-form answers.
 
 use super::*;
-use crate::geom::{DAffine3, DVec3};
+use crate::geom::{DAffine3, DMat3, DVec3};
 use crate::progress::Quiet;
 use crate::scene::shell::{Environment, Layer, ShellMaterial, TexelRef};
 use crate::scene::{Instance, Light, LightKind, Material, Model, Part};
@@ -67,7 +67,7 @@ fn scene(parts: Vec<Part>, materials: Vec<Material>, at: Vec<DAffine3>) -> Scene
         at.into_iter().enumerate().map(|(part, transform)| Instance { part, transform, node: String::new() }).collect();
     let model = Model { parts, materials, instances, metres_per_unit: 1.0, ..Default::default() };
     let texel = TexelRef { name: "t".into(), frames: vec!["t.vtex".into()], ..TexelRef::default() };
-    let environment = Environment { sky: Some([0.0; 3]), background: Some([0.0; 3]) };
+    let environment = Environment { sky: Some([0.0; 3].into()), background: Some([0.0; 3]), ..Default::default() };
     Scene { model, texels: vec![texel], copies: Vec::new(), environment }
 }
 
@@ -85,9 +85,9 @@ fn looking(eye: DVec3, target: DVec3, size: u32) -> Options {
     Options {
         size: [size, size],
         camera: CameraChoice::LookAt { eye, target, yfov: 0.5 },
-        sky: Some([0.0; 3]),
+        sky: Some([0.0; 3].into()),
         background: Some([0.0; 3]),
-        ..Default::default()
+        ..Options::measuring()
     }
 }
 
@@ -150,8 +150,9 @@ fn white_furnace() {
     let mut bulging = square(2.0, 3.0, 0);
     bulging.heights = Some(vec![[0.2, 1.0, 0.0], [0.0, 1.5, 0.3], [-0.3, 0.8, 0.0], [0.0, 1.0, 0.0]]);
     let slab = dark(scene(vec![bulging], vec![shell(1.0, false)], vec![DAffine3::IDENTITY]));
-    let one = Some([1.0; 3]);
-    let options = Options { sky: one, background: one, ..looking(DVec3::new(3.0, 4.0, 5.0), DVec3::ZERO, 24) };
+    let one = [1.0; 3];
+    let options =
+        Options { sky: Some(one.into()), background: Some(one), ..looking(DVec3::new(3.0, 4.0, 5.0), DVec3::ZERO, 24) };
     for (i, p) in shot(&slab, vec![Some(tree)], &options).pixels.iter().enumerate() {
         // The remainder below 1/512 goes to the last voxel or, of a ray that stops between copies, is left out.
         assert!((p[0] - 1.0).abs() < 2.1e-3, "{i}: {p:?}");
@@ -199,7 +200,8 @@ fn overlapping_boxes_interleave() {
     let layers = vec![tinted([1.0, 0.0, 0.0]), tinted([0.0, 0.0, 1.0])];
     material.shell = Some(Arc::new(ShellMaterial { layers, ..(*one).clone() }));
     let both = dark(scene(vec![square(9.0, 9.0, 0)], vec![material], vec![DAffine3::IDENTITY]));
-    let options = Options { sky: Some([1.0; 3]), ..looking(DVec3::new(0.1, 5.0, 0.1), DVec3::new(0.1, 0.0, 0.11), 1) };
+    let options =
+        Options { sky: Some([1.0; 3].into()), ..looking(DVec3::new(0.1, 5.0, 0.1), DVec3::new(0.1, 0.0, 0.11), 1) };
     let [r, g, b, a] = shot(&both, tree(), &options).pixels[0];
     let through = (-2.0 * 0.0625 * 32.0f32).exp();
     assert!((a - (1.0 - through)).abs() < 1e-4, "{a} {}", 1.0 - through);
@@ -226,7 +228,8 @@ fn layers_are_stacked_by_their_skin_ranges() {
         let at = DAffine3::from_translation(DVec3::new(0.0, height, 0.0));
         dark(scene(vec![square(9.0, 9.0, 0)], vec![material], vec![at]))
     };
-    let down = Options { sky: Some([1.0; 3]), ..looking(DVec3::new(0.1, 5.0, 0.1), DVec3::new(0.1, 0.0, 0.11), 1) };
+    let down =
+        Options { sky: Some([1.0; 3].into()), ..looking(DVec3::new(0.1, 5.0, 0.1), DVec3::new(0.1, 0.0, 0.11), 1) };
     let (red, blue) = (([0.0, 0.5], [1.0, 0.0, 0.0]), ([0.5, 1.0], [0.0, 0.0, 1.0]));
     let [r, _, b, a] = shot(&place(ranged(vec![red, blue], 1.0), 0.0), tree(), &down).pixels[0];
     // Each half is the texel from floor to top, and opacity does not change as it is pressed together.
@@ -234,7 +237,7 @@ fn layers_are_stacked_by_their_skin_ranges() {
     assert!((a - (1.0 - through * through)).abs() < 1e-4, "{a}");
     assert!((r / b - through).abs() < 1e-4, "{r} {b}");
     let side = looking(DVec3::new(0.5, 0.9, 8.0), DVec3::new(0.0, 0.4, 0.0), 16);
-    let side = Options { sky: Some([1.0; 3]), ..side };
+    let side = Options { sky: Some([1.0; 3].into()), ..side };
     let part = shot(&place(ranged(vec![([0.25, 0.75], [1.0; 3])], 1.0), 0.0), tree(), &side);
     let thin = shot(&place(ranged(vec![([0.0, 1.0], [1.0; 3])], 0.5), 0.25), tree(), &side);
     let apart = part.pixels.iter().flatten().zip(thin.pixels.iter().flatten()).map(|(a, b)| (a - b).abs());
@@ -256,8 +259,10 @@ fn moved_and_scaled_scenes_look_the_same() {
         let mut made = scene(vec![bulging, square(8.0, 1.0, 1)], materials, vec![place, place * low]);
         made.model.lights = vec![sun(DVec3::new(0.4, 1.0, 0.3), 3.0)];
         let at = |p: DVec3| place.transform_point3(p);
-        let options =
-            Options { sky: Some([0.2, 0.3, 0.4]), ..looking(at(DVec3::new(3.0, 4.0, 5.0)), at(DVec3::ZERO), 48) };
+        let options = Options {
+            sky: Some([0.2, 0.3, 0.4].into()),
+            ..looking(at(DVec3::new(3.0, 4.0, 5.0)), at(DVec3::ZERO), 48)
+        };
         let tree = texel(5, grey(0.7), |p| (p - DVec3::splat(0.5)).length() < 0.45);
         shot(&made, vec![Some(tree)], &options)
     };
@@ -340,9 +345,9 @@ fn occluded_sky_is_dark_under_a_plate() {
     let above = DAffine3::from_translation(DVec3::new(0.0, 1.0, 0.0));
     let parts = vec![square(50.0, 1.0, 0), square(20.0, 1.0, 0)];
     let plates = dark(scene(parts, vec![grey], vec![DAffine3::IDENTITY, above]));
-    let sky = Some([1.0; 3]);
+    let sky = || Some([1.0; 3].into());
     let under = |ambient, x: f64| {
-        let options = Options { sky, ambient, ..looking(DVec3::new(x, 0.5, 0.1), DVec3::new(x, 0.0, 0.0), 1) };
+        let options = Options { sky: sky(), ambient, ..looking(DVec3::new(x, 0.5, 0.1), DVec3::new(x, 0.0, 0.0), 1) };
         shot(&plates, vec![None], &options).pixels[0][0]
     };
     assert_eq!(under(Ambient::Constant, 0.0), 0.5);
@@ -379,4 +384,28 @@ fn wrong_options_are_told() {
     let done = render_with(&empty, vec![], &Options { size: [4, 4], ..Default::default() }, &Quiet).unwrap();
     assert_eq!(done.warnings.iter().count(), 1);
     assert!(trace_pixel(&empty, &Options::default(), [5000, 0]).is_err());
+}
+
+/// A long wall on the ground hides (1 − d / r) / 2 of the sky at the distance d, r being the distance to its upper edge.
+#[test]
+fn a_wall_hides_its_form_factor() {
+    let white = Material { base_color: [1.0; 4], ..Default::default() };
+    let upright = DMat3::from_cols(DVec3::new(0.0, 0.5, 0.0), DVec3::NEG_X, DVec3::new(0.0, 0.0, 100.0));
+    let wall = DAffine3 { matrix3: upright, translation: DVec3::new(0.0, 0.5, 0.0) };
+    let parts = vec![square(60.0, 1.0, 0), square(1.0, 1.0, 0)];
+    let land = dark(scene(parts, vec![white], vec![DAffine3::IDENTITY, wall]));
+    let (mut square, mut worst, mut count) = (0.0f64, 0.0f64, 0.0);
+    for d in [0.4, 0.7, 1.0, 1.5, 2.0, 3.0, 5.0f64] {
+        let options = Options {
+            sky: Some([1.0; 3].into()),
+            ambient: Ambient::Occluded,
+            ..looking(DVec3::new(d + 1.5, 3.0, 0.1), DVec3::new(d, 0.0, 0.1), 65)
+        };
+        let seen = f64::from(shot(&land, vec![None], &options).pixels[32 * 65 + 32][0]);
+        let right = 0.5 + 0.5 * d / d.hypot(1.0);
+        let error = seen - right;
+        (square, worst, count) = (square + error * error, worst.max(error.abs()), count + 1.0);
+    }
+    // Of 41 rays that reach above the ground, up to seven run along an edge of the wall: a few hundredths of the light.
+    assert!((square / count).sqrt() < 0.05 && worst < 0.1, "{} {worst}", (square / count).sqrt());
 }

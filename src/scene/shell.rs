@@ -62,12 +62,33 @@ pub struct Pose {
 }
 
 /// `environment` of the root.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct Environment {
-    /// Radiance of the sky that lights the scene, linear.
-    pub sky: Option<[f64; 3]>,
+    /// What lights the scene from all around.
+    pub sky: Option<Sky>,
     /// Radiance that an escaped camera ray sees, linear.
     pub background: Option<[f64; 3]>,
+    /// Angular size of directional lights, radians.
+    pub sun_angle: Option<f64>,
+    /// Visibility in haze, metres.
+    pub haze: Option<f64>,
+}
+
+/// What lights a scene from all around.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Sky {
+    /// The same radiance from everywhere, linear Rec. 709.
+    Constant([f64; 3]),
+    /// A clear sky that fits the sun: the optical depth of the air over that of the molecules alone, 1 to 10.
+    Clear(f64),
+    /// A picture of all directions: `.exr`, `.hdr` or `.png`, twice as wide as high.
+    Picture(std::path::PathBuf),
+}
+
+impl From<[f64; 3]> for Sky {
+    fn from(radiance: [f64; 3]) -> Sky {
+        Sky::Constant(radiance)
+    }
 }
 
 /// The extension object of a material.

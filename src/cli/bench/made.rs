@@ -136,8 +136,8 @@ impl Bench<'_> {
     }
 
     pub fn options(&self, place: &Place, made: &Made) -> Result<Options> {
-        let sky = Some([0.3, 0.35, 0.4]);
-        let common = Options { sky, background: Some([0.3, 0.35, 0.4]), ..Options::default() };
+        let sky = Some([0.3, 0.35, 0.4].into());
+        let common = Options { sky, background: Some([0.3, 0.35, 0.4]), ..Options::measuring() };
         let look =
             |eye: DVec3, target: DVec3, degrees: f64| CameraChoice::LookAt { eye, target, yfov: degrees.to_radians() };
         Ok(match place.layout {

@@ -11,7 +11,7 @@ use crate::progress::Quiet;
 use crate::render::metrics;
 use crate::render::metrics::flip::DEFAULT_PPD;
 use crate::render::reference::{Reference, reference as trace};
-use crate::render::{Film, Options, SourceLod, render};
+use crate::render::{Film, Options, SourceLod, Tone, render};
 use crate::{Error, Result};
 
 /// One way to make a picture, or the texel for it.
@@ -153,7 +153,7 @@ impl Bench<'_> {
                 // Without any, a sun would be added.
                 truth.scene.model.lights.iter_mut().for_each(|l| l.intensity = [0.0; 3]);
             }
-            let sky = if light == "sky" { Some([1.0; 3]) } else { options.sky };
+            let sky = if light == "sky" { Some([1.0; 3].into()) } else { options.sky.clone() };
             let options = Options { shadows: false, sky, ..options.clone() };
             let reference = self.reference(&format!("{}-{light}", place.name), &truth, &options)?;
             let noise = reference.noise(DEFAULT_PPD)?.all.flip;
@@ -169,6 +169,7 @@ impl Bench<'_> {
         let stored = self.folder.join(format!("{name}-{}x{}.exr", options.size[0], options.size[1]));
         let job = reference::Job {
             moment: String::new(),
+            tone: Tone::None,
             landscape: &of.path,
             scene: &of.scene,
             scene_name: None,

@@ -114,14 +114,15 @@ fn shell() -> ShellMaterial {
 
 fn scene(model: Model) -> Scene {
     let texel = TexelRef { name: "plant".into(), frames: vec![], ..TexelRef::default() };
-    let environment = Environment { sky: Some([0.3, 0.4, 0.6]), background: Some([0.1, 0.2, 0.9]) };
+    let environment =
+        Environment { sky: Some([0.3, 0.4, 0.6].into()), background: Some([0.1, 0.2, 0.9]), ..Default::default() };
     Scene { model, texels: vec![texel], copies: Vec::new(), environment }
 }
 
 fn options() -> Options {
     let target = tile() * DVec3::new(1.5, 0.3, 1.5);
     let camera = CameraChoice::LookAt { eye: target + DVec3::new(3.0, 4.0, 7.0), target, yfov: 0.8 };
-    Options { size: [96, 64], camera, ambient: Ambient::Constant, ..Options::default() }
+    Options { size: [96, 64], camera, ..Options::measuring() }
 }
 
 fn of_shell(material: ShellMaterial, options: &Options, samples: Range<u32>) -> Reference {

@@ -12,6 +12,7 @@ use crate::render::stats::Counts;
 use crate::scene::Model;
 
 use super::sampling::{chance, hash, point};
+use crate::render::surround::of_normal;
 
 /// Distance by which a straight segment may stray from the true path through a curved box, in edges of the texel's cube.
 const STRAY: f64 = 1e-4;
@@ -49,11 +50,15 @@ impl<'a> Tracer<'a> {
         let seed = hash(set ^ hash(place));
         match self.nearest(&cone.ray, seed, counts) {
             Some(met) => {
-                let [r, g, b] = self.radiance(&cone.ray, &met, point(place, !set), counts).to_array();
+                let mut seen = self.radiance(&cone.ray, &met, (set, place), counts);
+                if let Some((through, added)) = self.world.surround.air(cone.ray.dir, met.t) {
+                    seen = through * seen + added;
+                }
+                let [r, g, b] = seen.to_array();
                 [r, g, b, 1.0]
             }
             None => {
-                let [r, g, b] = self.world.background.to_array();
+                let [r, g, b] = self.world.surround.seen(cone.ray.dir, 0.0).to_array();
                 [r, g, b, 0.0]
             }
         }
@@ -131,8 +136,9 @@ impl<'a> Tracer<'a> {
         });
     }
 
-    /// Light that leaves the surface against `ray`. `sky` chooses the direction in which the sky is looked for.
-    fn radiance(&self, ray: &Ray, met: &Intersection, sky: [f64; 2], counts: &mut Counts) -> Vec3 {
+    /// Light that leaves the surface against `ray`. Where it is looked for is chosen by point `place` of the sets that go
+    /// with `set`.
+    fn radiance(&self, ray: &Ray, met: &Intersection, (set, place): (u32, u32), counts: &mut Counts) -> Vec3 {
         let seen = self.surface(ray, met);
         if seen.unlit {
             return seen.albedo;
@@ -143,16 +149,19 @@ impl<'a> Tracer<'a> {
         for incident in self.world.lights.iter().filter_map(|light| light.incident(seen.lifted)) {
             let cosine = seen.normal.dot(incident.dir) as f32;
             if cosine > 0.0 {
-                let open = self.open(seen.lifted, incident.dir, incident.distance, start, counts);
+                let dir = within(incident.dir, incident.radius, point(place, hash(set)));
+                let open = self.open(seen.lifted, dir, incident.distance, start, counts);
                 light += incident.irradiance * (cosine * open * std::f32::consts::FRAC_1_PI);
             }
         }
-        let open = if self.options.ambient == Ambient::Occluded {
-            self.open(seen.lifted, towards_sky(seen.normal, sky), f64::INFINITY, start, counts)
+        let surround = &self.world.surround;
+        let sky = if self.options.ambient == Ambient::Occluded {
+            let dir = towards_sky(seen.normal, point(place, !set));
+            self.open(seen.lifted, dir, f64::INFINITY, start, counts) * surround.radiance(dir)
         } else {
-            1.0
+            surround.light.irradiance(&of_normal(seen.normal))
         };
-        seen.albedo * (light + open * self.world.sky)
+        seen.albedo * (light + sky)
     }
 
     fn surface(&self, ray: &Ray, met: &Intersection) -> Surface {
@@ -191,6 +200,16 @@ impl<'a> Tracer<'a> {
         });
         through.max(0.0)
     }
+}
+
+/// A direction of a light of the angular size 2 `radius` about `dir`, even over its disc.
+fn within(dir: DVec3, radius: f64, [u, v]: [f64; 2]) -> DVec3 {
+    if radius <= 0.0 {
+        return dir;
+    }
+    let (across, other) = dir.any_orthonormal_pair();
+    let (sin, cos) = libm::sincos(std::f64::consts::TAU * v);
+    (dir + libm::tan(radius) * u.sqrt() * (cos * across + sin * other)).normalize()
 }
 
 /// The nearest contact before `t1`, a contact of alpha a being there with chance a.

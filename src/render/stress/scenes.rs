@@ -106,7 +106,8 @@ fn landscape(random: &mut Random, place: DAffine3) -> Scene {
         ..Model::default()
     };
     let texel = TexelRef { name: "t".into(), frames: vec!["t.vtex".into()], ..TexelRef::default() };
-    let environment = Environment { sky: Some([0.2, 0.3, 0.4]), background: Some([0.0; 3]) };
+    let environment =
+        Environment { sky: Some([0.2, 0.3, 0.4].into()), background: Some([0.0; 3]), ..Default::default() };
     Scene { model, texels: vec![texel], copies: vec![copies], environment }
 }
 
@@ -128,7 +129,7 @@ pub fn scenes(random: &mut Random, rays: u64) -> Tally {
         let place = DAffine3::from_scale(DVec3::splat(scale)) * DAffine3::from_translation(shift);
         let at = |p: DVec3| place.transform_point3(p);
         let camera = CameraChoice::LookAt { eye: at(eye), target: at(target), yfov: 0.7 };
-        let options = Options { size: [SIDE, SIDE], camera, threads: 1, ..Options::default() };
+        let options = Options { size: [SIDE, SIDE], camera, threads: 1, ..Options::measuring() };
         let scene = landscape(&mut Random::new(of_land, 0, 0), place);
         let tree = ball(4, seed)?;
         render_with(&scene, vec![Some(tree)], &options, &Quiet).ok().map(|done| done.film.pixels)

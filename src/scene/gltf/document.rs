@@ -261,6 +261,8 @@ pub fn named_files(path: &Path) -> Vec<PathBuf> {
         let named = list(texel.get("frames")).into_iter().chain(texel.get("geometry").cloned());
         uris.extend(named.filter_map(|value| uri(&value)).map(|uri| (uri, false)));
     }
+    let sky = json.pointer(&format!("/extensions/{EXTENSION_NAME}/environment/image"));
+    uris.extend(sky.and_then(uri).map(|uri| (uri, false)));
     uris.iter()
         .filter_map(|(uri, anywhere)| match files::target(uri) {
             Ok(files::Target::File(name)) => Some(files::locate(dir, uri, &name, *anywhere)),

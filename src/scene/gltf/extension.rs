@@ -11,7 +11,7 @@ use crate::scene::cycle::{Cycle, Mode, Phase};
 use crate::scene::files;
 pub use crate::scene::shell::EXTENSION_NAME as NAME;
 use crate::scene::shell::{
-    CellWrap, Discrete, Environment, FrameFacts, Layer, Orientations, Pose, ShellMaterial, TexelRef, Variant,
+    CellWrap, Discrete, Environment, FrameFacts, Layer, Orientations, Pose, ShellMaterial, Sky, TexelRef, Variant,
 };
 use crate::scene::wind::{MOST_STRENGTH, Moment, Wind};
 use crate::volume::material::MOST_MATERIALS;
@@ -37,8 +37,22 @@ pub fn root(document: &Document, warnings: &mut Warnings) -> Result<Root> {
     let texels = texels.iter().map(|t| texel(t, warnings)).collect::<Result<_>>()?;
     let mut environment = Environment::default();
     if let Some(e) = root.object("environment")? {
-        e.known(&["sky", "background"], &["image"], warnings);
-        environment.sky = e.vec3("sky", 0.0..=f64::MAX)?;
+        e.known(&["sky", "background", "clear", "image", "sunAngle", "haze"], &[], warnings);
+        environment.sky = e.vec3("sky", 0.0..=f64::MAX)?.map(Sky::Constant);
+        if let Some(clear) = e.object("clear")? {
+            clear.known(&["turbidity"], &[], warnings);
+            environment.sky = Some(Sky::Clear(clear.number("turbidity", 1.0..=10.0)?.unwrap_or(2.5)));
+        }
+        if let Some(image) = e.object("image")? {
+            image.known(&["uri"], &[], warnings);
+            let path = image.path("uri")?.ok_or_else(|| image.error("uri", "is needed"))?;
+            environment.sky = Some(Sky::Picture(path));
+        }
+        environment.sun_angle = e.number("sunAngle", 0.0..=1.0)?;
+        environment.haze = e.number("haze", 0.0..=f64::MAX)?;
+        if environment.haze == Some(0.0) {
+            return Err(e.error("haze", "must be above 0"));
+        }
         environment.background = e.vec3("background", 0.0..=f64::MAX)?;
     }
     Ok(Root { texels, environment, wind: wind(&root, None, warnings)? })

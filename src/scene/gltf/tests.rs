@@ -505,7 +505,7 @@ fn shells_are_read_with_their_defaults() {
     let s = shell().scene();
     assert!(s.texels[0].frames[0].ends_with("a tree.vtex") && s.texels[0].name == "a tree");
     assert!(s.texels[1].frames[0].ends_with("sub/b.vtex") && s.texels[1].max_depth == Some(9));
-    assert_eq!((s.environment.sky, s.environment.background), (Some([1.0, 2.0, 3.0]), None));
+    assert_eq!((s.environment.sky, s.environment.background), (Some([1.0, 2.0, 3.0].into()), None));
     let m = s.model.materials[0].shell.as_ref().unwrap();
     assert_eq!((m.tex_coord, m.w, m.dw, m.thickness, m.surface_visible), (0, 0.0, 1.0, 1.0, true));
     let l = &m.layers[0];

@@ -1,0 +1,112 @@
+//! Which lights and which sky a scene is seen under: what the caller says, else the file, else a clear sky that fits the sun.
+
+use super::air::{ClearSky, luminance};
+use super::light::{DEFAULT_SKY, PunctualLight, default_sun};
+use super::options::{Options, SunPosition};
+use super::surround::{Sun, Surround, check_turbidity, is_up};
+use crate::geom::DVec3;
+use crate::scene::Scene;
+use crate::scene::shell::Sky;
+use crate::{Error, Result};
+
+/// Angular size of the sun, radians: .53 degrees.
+pub const SUN_ANGLE: f64 = 0.009_25;
+/// A clear day.
+pub const DEFAULT_TURBIDITY: f64 = 2.5;
+
+/// The lights, and what surrounds the scene; what was chosen for want of better is added to `notes`. The renderer's space is
+/// (world − eye) / unit.
+///
+/// # Errors
+/// `Options` where a number is out of its range, or a clear sky has no sun; as [`Surround::picture`].
+pub fn environment(
+    scene: &Scene,
+    options: &Options,
+    eye: DVec3,
+    unit: f64,
+    notes: &mut Vec<String>,
+) -> Result<(Vec<PunctualLight>, Surround)> {
+    let said = &scene.environment;
+    let radius = 0.5 * options.sun_angle.or(said.sun_angle).unwrap_or(SUN_ANGLE);
+    if !(0.0..=0.5).contains(&radius) {
+        return Err(Error::Options("the sun's angular size must be 0 to 57 degrees".into()));
+    }
+    let sky = options.sky.as_ref().or(said.sky.as_ref());
+    let turbidity = if let Some(Sky::Clear(turbidity)) = sky { *turbidity } else { DEFAULT_TURBIDITY };
+    check_turbidity(turbidity)?;
+    let place = |light: PunctualLight| light.with_radius(radius);
+    let mut lights: Vec<PunctualLight> = scene
+        .model
+        .lights
+        .iter()
+        .filter_map(|light| PunctualLight::new(light, options.light_scale, eye, unit).map(place))
+        .collect();
+    let pictured = matches!(sky, Some(Sky::Picture(_)));
+    if scene.model.lights.is_empty() && !pictured {
+        if options.sun.is_none() {
+            notes.push("no light in the file: a sun from the upper left was added (--sun)".into());
+        }
+        lights.extend(PunctualLight::new(&default_sun(), 1.0, eye, unit).map(place));
+    }
+    if let Some(position) = &options.sun {
+        move_sun(&mut lights, position, turbidity, radius)?;
+    }
+    let suns = lights.iter().filter_map(PunctualLight::sun);
+    let sun = suns.reduce(|a, b| if luminance(b.irradiance) > luminance(a.irradiance) { b } else { a });
+    let surround = match (sky, &sun) {
+        (Some(Sky::Constant(radiance)), _) => Surround::constant(DVec3::from_array(*radiance)),
+        (Some(Sky::Clear(_)), None) => {
+            let what = "a clear sky needs a sun, and the file has no directional light (--sun ELEVATION,AZIMUTH)";
+            return Err(Error::Options(what.into()));
+        }
+        (Some(Sky::Clear(_)), Some(sun)) => Surround::clear(sun, turbidity),
+        (Some(Sky::Picture(path)), _) => {
+            let (surround, found) = Surround::picture(path)?;
+            if let Some(sun) = found {
+                notes.push(format!("the sun in {} is a light of its own", path.display()));
+                lights.push(PunctualLight::from_sun(&sun));
+            }
+            surround
+        }
+        (None, Some(sun)) if is_up(sun.towards) => {
+            notes.push("no sky in the file: a clear one that fits the sun (--sky clear|R,G,B|FILE)".into());
+            Surround::clear(sun, turbidity)
+        }
+        (None, _) => {
+            notes.push("no sky in the file, and no sun above: a plain sky (--sky clear|R,G,B|FILE)".into());
+            Surround::constant(DVec3::from_array(DEFAULT_SKY))
+        }
+    };
+    let haze = options.haze.or(said.haze);
+    if haze.is_some_and(|visibility| !(visibility > 0.0 && visibility.is_finite())) {
+        return Err(Error::Options("the visibility in haze must be above 0 metres".into()));
+    }
+    let background = options.background.or(said.background).map(DVec3::from_array);
+    Ok((lights, surround.behind(background).hazy(haze, unit)))
+}
+
+/// Put the brightest parallel light, or a new one, where the caller wants the sun. It keeps its luminance and takes the
+/// colour that the air gives it there.
+fn move_sun(lights: &mut Vec<PunctualLight>, position: &SunPosition, turbidity: f64, radius: f64) -> Result<()> {
+    let SunPosition { elevation, azimuth } = *position;
+    if !(-90.0..=90.0).contains(&elevation) || !azimuth.is_finite() {
+        return Err(Error::Options("--sun: the elevation is −90 to 90 degrees".into()));
+    }
+    let (up, level) = libm::sincos(elevation.to_radians());
+    let (east, north) = libm::sincos(azimuth.to_radians());
+    let towards = DVec3::new(level * east, up, -level * north);
+    let bright = |light: &PunctualLight| light.sun().map_or(-1.0, |sun| luminance(sun.irradiance));
+    let brightest = (0..lights.len()).reduce(|a, b| if bright(&lights[b]) > bright(&lights[a]) { b } else { a });
+    let own = brightest.map(|i| (i, bright(&lights[i]))).filter(|(_, bright)| *bright >= 0.0);
+    // Where the sun has set its light has no colour left; the last one then.
+    let seen_from = DVec3::new(towards.x, towards.y.max(0.035), towards.z);
+    let colour = ClearSky::new(seen_from, turbidity).sun;
+    let wanted = own.map_or_else(|| luminance(DVec3::from_array(default_sun().intensity)), |(_, bright)| bright);
+    let irradiance = colour * (wanted / luminance(colour).max(1e-30));
+    let sun = PunctualLight::from_sun(&Sun { towards, irradiance, radius });
+    match own {
+        Some((i, _)) => lights[i] = sun,
+        None => lights.push(sun),
+    }
+    Ok(())
+}

@@ -1,0 +1,47 @@
+//! All directions in parts of about the same size, in rings about the vertical.
+
+use std::f64::consts::TAU;
+
+use super::harmonics::Harmonics;
+use crate::geom::DVec3;
+
+/// A part of the directions.
+#[derive(Debug, Clone)]
+pub struct Part {
+    /// Unit: its middle.
+    pub axis: DVec3,
+    /// What a cone as large as the part grows by in a unit of length.
+    pub growth: f64,
+    /// Rays to look for meshes by, spread over it; unit.
+    pub rays: Vec<DVec3>,
+    /// The light that comes from it.
+    pub light: Harmonics,
+}
+
+/// Rings: sine of the elevation from and to, parts, rays a part. Most are where land and trees hide the sky.
+const RINGS: [(f64, f64, usize, usize); 6] =
+    [(-1.0, -0.5, 3, 1), (-0.5, 0.0, 5, 1), (0.0, 0.2, 7, 2), (0.2, 0.45, 7, 2), (0.45, 0.75, 6, 1), (0.75, 1.0, 4, 1)];
+
+/// The parts, lit by `radiance`.
+pub fn parts(radiance: impl Fn(DVec3) -> DVec3) -> Vec<Part> {
+    let mut all = Vec::new();
+    for (low, high, count, rays) in RINGS {
+        for k in 0..count {
+            // Neighbouring rings are turned against each other.
+            let turn = |at: f64| TAU * (k as f64 + at + 0.5 * (count % 2) as f64) / count as f64;
+            let at = |up: f64, around: f64| {
+                let y: f64 = low + (high - low) * up;
+                let (sin, cos) = libm::sincos(turn(around));
+                let level = (1.0 - y * y).max(0.0).sqrt();
+                DVec3::new(level * cos, y, level * sin)
+            };
+            let size = TAU * (high - low) / count as f64;
+            const N: usize = 12;
+            let spread = (0..N * N).map(|i| at(((i / N) as f64 + 0.5) / N as f64, ((i % N) as f64 + 0.5) / N as f64));
+            let light = spread.map(|dir| Harmonics::from_direction(dir, radiance(dir) * (size / (N * N) as f64))).sum();
+            let rays = (0..rays).map(|i| at(0.5, (i as f64 + 0.5) / rays as f64)).collect();
+            all.push(Part { axis: at(0.5, 0.5), growth: size.sqrt(), rays, light });
+        }
+    }
+    all
+}
