@@ -17,6 +17,8 @@ mod files;
 mod golden;
 mod import;
 mod json;
+#[cfg(unix)]
+mod kills;
 mod layers;
 mod levels;
 mod lsystem;
