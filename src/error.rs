@@ -79,12 +79,12 @@ impl Error {
 
     /// An [`Error::Input`] about the place `at` in `path`.
     pub fn input(path: impl AsRef<Path>, at: impl Into<String>, what: impl Into<String>) -> Self {
-        Error::Input { path: path.as_ref().to_path_buf(), at: at.into(), what: what.into() }
+        Error::Input { path: path.as_ref().to_path_buf(), at: one_line(at.into()), what: one_line(what.into()) }
     }
 
     /// An [`Error::Unsupported`] feature of `path`.
     pub fn unsupported(path: impl AsRef<Path>, what: impl Into<String>) -> Self {
-        Error::Unsupported { path: path.as_ref().to_path_buf(), what: what.into() }
+        Error::Unsupported { path: path.as_ref().to_path_buf(), what: one_line(what.into()) }
     }
 }
 
@@ -97,6 +97,11 @@ pub fn short(value: f64) -> String {
     } else {
         format!("{rounded:e}")
     }
+}
+
+/// The text without a newline: decoders end their messages with one, and names in files may have them anywhere.
+fn one_line(text: String) -> String {
+    if text.contains(['\n', '\r']) { text.trim_end().replace('\n', "\\n").replace('\r', "\\r") } else { text }
 }
 
 /// Things that were mended or left out, each counted under its text.
@@ -161,5 +166,13 @@ mod tests {
         for (value, text) in cases {
             assert_eq!(short(value), text);
         }
+    }
+
+    #[test]
+    fn errors_are_one_line_whatever_decoders_and_files_say() {
+        for error in [Error::input("a", "node \"x\ny\"", "cut\n"), Error::unsupported("a", "this\r\nthat\n")] {
+            assert!(!error.to_string().contains(['\n', '\r']), "{error:?}");
+        }
+        assert_eq!(Error::input("a", "x\ny", "cut short\n").to_string(), "a: x\\ny: cut short");
     }
 }

@@ -19,6 +19,8 @@ mod golden;
 mod haze;
 mod import;
 mod json;
+#[cfg(unix)]
+mod kills;
 mod layers;
 mod levels;
 mod lsystem;

@@ -3,7 +3,8 @@
 //! Rules, the same for every file that this crate writes:
 //! - Bytes go to a new file in the output's folder, which takes the output's name at the end. Where the system can (Linux,
 //!   most of its file systems) the new file has no name until then, so that even a killed process leaves nothing behind;
-//!   elsewhere it is `.vtex-PROCESS-N.part`, opened so that it cannot be another's.
+//!   elsewhere it is `.vtex-PROCESS-N.part`, opened so that it cannot be another's. To replace a file it needs such a name
+//!   for a moment there too: a process that is killed by SIGKILL just then leaves one behind, which may be removed.
 //! - An output that is there keeps its permissions, and its owner where the system allows that. Other hard links to it keep
 //!   the old content.
 //! - A symbolic link is followed: what it points to is replaced, the link stays. A link that points to nothing is refused.
@@ -70,6 +71,18 @@ impl PartFile {
         }
         let file = BufWriter::with_capacity(1 << 18, file);
         Ok(PartFile { sink: Sink::Replacing { file, part, target }, path: path.to_path_buf() })
+    }
+
+    /// Bring to the disk what was written, so that little is left to do when it takes its name.
+    ///
+    /// # Errors
+    /// `Io` where it cannot be written.
+    pub fn sync(&mut self) -> Result<()> {
+        match &mut self.sink {
+            Sink::Replacing { file, .. } => file.flush().and_then(|()| file.get_ref().sync_all()),
+            Sink::Stream(_) | Sink::Finished => Ok(()),
+        }
+        .map_err(|e| Error::io(&self.path, e))
     }
 
     /// Flush to the disk and take the name.

@@ -14,8 +14,10 @@ use crate::{Error, Result};
 
 /// Pictures of more pixels than this are refused: 2^28, a 16 K square.
 pub const MAX_PIXELS: u64 = 1 << 28;
-/// Largest file: those pixels as RGBA of 32-bit floats, and as much again.
-const MAX_BYTES: u64 = 32 * MAX_PIXELS;
+/// Pixels of a picture that is read: 2^26, an 8 K square, are a gigabyte as RGBA of 32-bit floats.
+const MAX_READ: u64 = 1 << 26;
+/// Largest file: those pixels as RGBA of 32-bit floats, and as much again; also what the channels of one may take.
+const MAX_BYTES: u64 = 32 * MAX_READ;
 
 /// A picture in linear Rec. 709; row 0 is the top.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -67,7 +69,7 @@ pub fn srgb8(linear: f32) -> u8 {
 ///
 /// # Errors
 /// `Io` where the file cannot be read, `Unsupported` for another ending or pixel layout, `Input` where the data are
-/// broken, `Limit` beyond [`MAX_PIXELS`].
+/// broken, `Limit` beyond 2^26 pixels.
 pub fn read(path: &Path) -> Result<Image> {
     match extension(path).as_str() {
         "png" => read_png(path),
@@ -77,7 +79,7 @@ pub fn read(path: &Path) -> Result<Image> {
     }
 }
 
-/// The size that a header claims, against [`MAX_PIXELS`] and the length of the file: deflate, the densest coding there
+/// The size that a header claims, against [`MAX_READ`] and the length of the file: deflate, the densest coding there
 /// is in both formats, gives at most 1032 bytes per byte, and a byte at most 8 pixels.
 fn check_size(path: &Path, width: u64, height: u64, file_bytes: u64) -> Result<()> {
     let pixels = width.saturating_mul(height);
@@ -87,8 +89,8 @@ fn check_size(path: &Path, width: u64, height: u64, file_bytes: u64) -> Result<(
     if pixels / (8 * 1032) > file_bytes {
         return Err(Error::input(path, "", format!("the file is too short for {width}×{height} pixels")));
     }
-    if pixels > MAX_PIXELS {
-        return Err(Error::Limit { what: format!("{}: pixels", path.display()), needed: pixels, allowed: MAX_PIXELS });
+    if pixels > MAX_READ {
+        return Err(Error::Limit { what: format!("{}: pixels", path.display()), needed: pixels, allowed: MAX_READ });
     }
     Ok(())
 }
@@ -177,6 +179,12 @@ pub fn read_planes(path: &Path) -> Result<Planes> {
     for header in &meta.headers {
         let size = header.layer_size;
         check_size(path, size.width() as u64, size.height() as u64, bytes.len() as u64)?;
+        // The channels as they are stored, and as numbers of 32 bits.
+        let pixel = (header.channels.bytes_per_pixel + 4 * header.channels.list.len()) as u64;
+        let needed = pixel.saturating_mul((size.width() * size.height()) as u64);
+        if needed > MAX_BYTES {
+            return Err(Error::Limit { what: format!("{}: bytes", path.display()), needed, allowed: MAX_BYTES });
+        }
     }
     let layer = exr::prelude::read()
         .no_deep_data()

@@ -142,6 +142,11 @@ impl Document {
         Error::input(&self.path, at, what)
     }
 
+    /// Bytes that may still be taken.
+    pub fn left(&self) -> u64 {
+        self.left.get()
+    }
+
     /// Take `bytes` of what may be read in all, before allocating them.
     pub fn charge(&self, bytes: u64, what: &str) -> Result<()> {
         match self.left.get().checked_sub(bytes) {

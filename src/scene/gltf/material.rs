@@ -1,6 +1,6 @@
 //! Materials: base colour, its texture and how it is laid on, alpha, and the shell that a material may carry.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use gltf::json::extensions::texture::TextureTransform;
@@ -11,6 +11,7 @@ use serde_json::Value;
 
 use super::document::{Document, index};
 use super::{ReadOptions, extension};
+use crate::scene::image::Refused;
 use crate::scene::model::{Alpha, Material, Part, TextureRef};
 use crate::scene::texture::{Texture, Wrap};
 use crate::scene::{files, image};
@@ -33,7 +34,7 @@ pub fn read(
         };
         *flag = true;
     }
-    let mut images = Images { document, options, decoded: BTreeMap::new(), textures: BTreeMap::new() };
+    let mut images = Images { document, options, missing: BTreeSet::new(), textures: BTreeMap::new() };
     let mut materials = Vec::with_capacity(count + 1);
     for (i, &used) in used[..count].iter().enumerate() {
         materials.push(if used { material(&mut images, i, texels, warnings)? } else { Material::default() });
@@ -119,11 +120,12 @@ struct SpecularGlossiness {
 /// Way in which a sampler lays an image on, as far as it matters here; ordered, so that it can be a key.
 type Sampling = ([u8; 2], bool);
 
-/// Images decoded so far, and textures made of them.
+/// Textures made so far. An image that is laid on in several ways is decoded for each, so that it is not held once more.
 struct Images<'a> {
     document: &'a Document,
     options: &'a ReadOptions,
-    decoded: BTreeMap<usize, Option<Arc<Texture>>>,
+    /// Images that cannot be had.
+    missing: BTreeSet<usize>,
     textures: BTreeMap<(usize, Sampling, bool), Arc<Texture>>,
 }
 
@@ -180,17 +182,14 @@ impl Images<'_> {
         if let Some(texture) = self.textures.get(&(image, sampling, opaque)) {
             return Ok(Some(texture.clone()));
         }
-        let decoded = match self.decoded.get(&image) {
-            Some(decoded) => decoded.clone(),
-            None => {
-                let decoded = self.decode(image, warnings)?.map(Arc::new);
-                self.decoded.insert(image, decoded.clone());
-                decoded
-            }
+        if self.missing.contains(&image) {
+            return Ok(None);
+        }
+        let Some(mut texture) = self.decode(image, warnings)? else {
+            self.missing.insert(image);
+            return Ok(None);
         };
-        let Some(decoded) = decoded else { return Ok(None) };
-        self.document.charge(4 * decoded.texels.len() as u64, &format!("images[{image}]"))?;
-        let mut texture = Texture::clone(&decoded);
+        self.document.charge(4 * texture.texels.len() as u64, &format!("images[{image}]"))?;
         texture.wrap = sampling.0.map(|w| [Wrap::Repeat, Wrap::Mirror, Wrap::Clamp][usize::from(w)]);
         texture.nearest = sampling.1;
         if opaque && texture.has_cutouts() {
@@ -221,11 +220,12 @@ impl Images<'_> {
             (None, None) => Err(document.error(&*at, "has neither a URI nor a buffer view")),
         };
         let texture = bytes
-            .map_err(|e| e.to_string())
-            .and_then(|bytes| image::decode(&name, &bytes, hint, self.options.max_pixels));
+            .map_err(|e| Refused::Image(e.to_string()))
+            .and_then(|bytes| image::decode(&name, &bytes, hint, self.options.max_pixels, document.left()));
         match texture {
             Ok(texture) => Ok(Some(texture)),
-            Err(what) => {
+            Err(Refused::Memory(needed)) => document.charge(needed, &at).map(|()| None),
+            Err(Refused::Image(what)) => {
                 warnings.add(format!("texture {name} cannot be read ({what}); the factor colour is used"));
                 Ok(None)
             }

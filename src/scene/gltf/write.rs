@@ -208,19 +208,23 @@ impl Editor {
                 pieces.push([&(chunk.len() as u32).to_le_bytes()[..], &kind[..]].concat());
                 pieces.push(chunk);
             }
-            write(output, &pieces)?;
+            written(output, &pieces)?.finish()?;
         } else {
+            let mut beside = None;
             if let Some(bin) = self.bin.take() {
                 let name = format!("{stem}.bin");
                 self.json["buffers"][0]["uri"] = json!(encode(&name));
                 self.json["buffers"][0]["byteLength"] = json!(bin.len());
-                write(&folder.join(name), &[bin])?;
+                beside = Some(written(&folder.join(name), &[bin])?);
             } else if !self.added.is_empty() {
-                write(&folder.join(shell), &[std::mem::take(&mut self.added)])?;
+                beside = Some(written(&folder.join(shell), &[std::mem::take(&mut self.added)])?);
             }
             let text =
                 serde_json::to_vec_pretty(&self.json).map_err(|e| Error::input(output, "JSON", e.to_string()))?;
-            write(output, &[text])?;
+            let text = written(output, &[text])?;
+            // Both are on the disk before the first takes its name: a landscape is hardly ever one half old and one half new.
+            beside.map_or(Ok(()), PartFile::finish)?;
+            text.finish()?;
         }
         Ok(())
     }
@@ -430,10 +434,12 @@ fn encode(name: &str) -> String {
     utf8_percent_encode(name, SEGMENT).to_string()
 }
 
-fn write(path: &Path, pieces: &[Vec<u8>]) -> Result<()> {
+/// What will be the file `path` once it is finished, on the disk.
+fn written(path: &Path, pieces: &[Vec<u8>]) -> Result<PartFile> {
     let mut part = PartFile::create(path)?;
     for piece in pieces {
         part.write_all(piece).map_err(|e| Error::io(path, e))?;
     }
-    part.finish()
+    part.sync()?;
+    Ok(part)
 }

@@ -6,6 +6,7 @@
 mod mtl;
 mod statements;
 
+use std::collections::btree_map::Entry;
 use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
 
@@ -45,20 +46,23 @@ pub fn read(path: &Path, options: &ReadOptions) -> Result<Model> {
     let geometry = Geometry::new(&mesh, statements.decimals);
     let built = geometry.parts(&statements);
     let mut model = Model::default();
-    let mut textures = mtl::Textures::default();
+    let mut textures = mtl::Textures::new(options.max_bytes.saturating_sub(bytes.len() as u64));
     let mut places: BTreeMap<Option<usize>, usize> = BTreeMap::new();
     for ((name, material), mut part) in statements.parts.iter().cloned().zip(built) {
         topology::clean(&mut part, false, &mut warnings);
         if part.triangles.is_empty() && part.lines.is_empty() && part.points.is_empty() {
             continue;
         }
-        part.material = *places.entry(material).or_insert_with(|| {
-            model.materials.push(match material.and_then(|m| statements.library.get(m)) {
-                Some(m) => textures.resolve(m, options, &mut warnings),
-                None => Material { double_sided: true, ..Material::default() },
-            });
-            model.materials.len() - 1
-        });
+        part.material = match places.entry(material) {
+            Entry::Occupied(known) => *known.get(),
+            Entry::Vacant(new) => {
+                model.materials.push(match material.and_then(|m| statements.library.get(m)) {
+                    Some(m) => textures.resolve(m, options, &mut warnings)?,
+                    None => Material { double_sided: true, ..Material::default() },
+                });
+                *new.insert(model.materials.len() - 1)
+            }
+        };
         if part.uvs.is_empty() && model.materials[part.material].texture.is_some() {
             warnings.add("texture coordinates that a material asks for are missing; they are read as 0");
             part.uvs.push(vec![[0.0; 2]; part.positions.len()]);

@@ -8,10 +8,11 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use crate::Warnings;
+use crate::scene::image::Refused;
 use crate::scene::text::{decode, keyword, logical_lines, without_comment};
 use crate::scene::texture::{Texture, Wrap};
 use crate::scene::{Alpha, Material, ReadOptions, TextureRef, files, image};
+use crate::{Error, Result, Warnings};
 
 /// A material as the text has it.
 #[derive(Debug, Default)]
@@ -190,19 +191,48 @@ fn map(mut rest: &str) -> Option<Map> {
     (!map.file.is_empty()).then_some(map)
 }
 
-/// Textures decoded so far, by the name that the text has.
-#[derive(Default)]
-pub struct Textures(BTreeMap<PathBuf, Option<Arc<Texture>>>);
+/// Textures decoded so far, by the name that the text has, and the bytes that all may still take.
+pub struct Textures {
+    decoded: BTreeMap<PathBuf, Option<Arc<Texture>>>,
+    left: u64,
+}
 
 impl Textures {
+    /// None so far, and `max_bytes` for all.
+    pub fn new(max_bytes: u64) -> Textures {
+        Textures { decoded: BTreeMap::new(), left: max_bytes }
+    }
+
+    /// Take `needed` bytes for the texture `file`, before they are allocated.
+    fn charge(&mut self, needed: u64, file: &str, options: &ReadOptions) -> Result<()> {
+        let what = || format!("decoding the textures of its materials, up to {file}, in bytes,");
+        let allowed = options.max_bytes;
+        let taken = allowed.saturating_sub(self.left);
+        let left = self.left.checked_sub(needed);
+        self.left = left.ok_or_else(|| Error::Limit { what: what(), needed: taken.saturating_add(needed), allowed })?;
+        Ok(())
+    }
+
     /// A material with its textures; those that cannot be had are left out and counted.
-    pub fn resolve(&mut self, source: &MtlMaterial, options: &ReadOptions, warnings: &mut Warnings) -> Material {
+    ///
+    /// # Errors
+    /// [`Error::Limit`] where textures take more memory than is allowed.
+    pub fn resolve(
+        &mut self,
+        source: &MtlMaterial,
+        options: &ReadOptions,
+        warnings: &mut Warnings,
+    ) -> Result<Material> {
         let opacity = source.opacity.unwrap_or(1.0).clamp(0.0, 1.0);
-        let mut load = |map: &Option<Map>| {
-            let map = map.as_ref().filter(|_| options.textures)?;
-            self.load(&source.folder, &map.file, options, warnings)
+        let mut load = |map: &Option<Map>| match map.as_ref().filter(|_| options.textures) {
+            Some(map) => self.load(&source.folder, &map.file, options, warnings),
+            None => Ok(None),
         };
-        let (color, alpha) = (load(&source.color_map), load(&source.alpha_map));
+        let (color, alpha) = (load(&source.color_map)?, load(&source.alpha_map)?);
+        // What is made of them for this material.
+        let side = |f: fn(&Texture) -> u32| color.iter().chain(&alpha).map(|t| u64::from(f(t))).max().unwrap_or(0);
+        let made = 4 * side(|t| t.width) * side(|t| t.height);
+        self.charge(made, &source.name, options)?;
         let name = &source.name;
         if alpha.is_none()
             && let Some(color) = color.as_ref().filter(|c| c.has_cutouts())
@@ -243,7 +273,7 @@ impl Textures {
             TextureRef { texture: Arc::new(texture), tex_coord: 0, transform }
         });
         let [r, g, b] = diffuse.map(|c| c.max(0.0));
-        Material {
+        Ok(Material {
             name: source.name.clone(),
             base_color: [r, g, b, opacity],
             texture,
@@ -251,27 +281,40 @@ impl Textures {
             // Faces of an OBJ have no culled side.
             double_sided: true,
             ..Material::default()
-        }
+        })
     }
 
-    fn load(&mut self, dir: &Path, file: &str, options: &ReadOptions, warnings: &mut Warnings) -> Option<Arc<Texture>> {
+    fn load(
+        &mut self,
+        dir: &Path,
+        file: &str,
+        options: &ReadOptions,
+        warnings: &mut Warnings,
+    ) -> Result<Option<Arc<Texture>>> {
         let key = dir.join(file);
-        if let Some(known) = self.0.get(&key) {
-            return known.clone();
+        if let Some(known) = self.decoded.get(&key) {
+            return Ok(known.clone());
         }
-        let decoded = files::find(dir, file, true).ok_or("no such file".to_string()).and_then(|path| {
-            let bytes = files::read(&path, options.max_bytes).map_err(|e| e.to_string())?;
-            image::decode(file, &bytes, file, options.max_pixels)
+        let decoded = files::find(dir, file, true).ok_or(Refused::Image("no such file".into())).and_then(|path| {
+            let bytes = files::read(&path, self.left).map_err(|e| Refused::Image(e.to_string()))?;
+            image::decode(file, &bytes, file, options.max_pixels, self.left)
         });
         let texture = match decoded {
-            Ok(texture) => Some(Arc::new(texture)),
-            Err(what) => {
+            Ok(texture) => {
+                self.charge(4 * texture.texels.len() as u64, file, options)?;
+                Some(Arc::new(texture))
+            }
+            Err(Refused::Memory(needed)) => {
+                self.charge(needed, file, options)?;
+                None
+            }
+            Err(Refused::Image(what)) => {
                 warnings.add(format!("texture {file} cannot be read ({what}); the colour Kd is used"));
                 None
             }
         };
-        self.0.insert(key, texture.clone());
-        texture
+        self.decoded.insert(key, texture.clone());
+        Ok(texture)
     }
 }
 
@@ -330,6 +373,10 @@ mod tests {
         }
     }
 
+    fn resolved(source: &MtlMaterial, warnings: &mut Warnings) -> Result<Material> {
+        Textures::new(1 << 30).resolve(source, &ReadOptions::default(), warnings)
+    }
+
     #[test]
     fn statements_are_understood() {
         let mut warnings = Warnings::default();
@@ -339,7 +386,7 @@ mod tests {
         let list = library.materials();
         assert_eq!((list[0].name.as_str(), list[0].diffuse, list[0].opacity), ("a b", Some([0.5; 3]), Some(0.75)));
         assert_eq!((list[1].name.as_str(), list[1].diffuse, list[1].opacity), ("", None, Some(0.5)));
-        let material = Textures::default().resolve(&list[1], &ReadOptions::default(), &mut warnings);
+        let material = resolved(&list[1], &mut warnings).unwrap();
         assert_eq!((material.alpha, material.base_color), (Alpha::Blend, [1.0, 1.0, 1.0, 0.5]));
         assert!(material.texture.is_none());
         assert_eq!(warnings.iter().count(), 2, "the colour and the missing texture");
@@ -366,7 +413,7 @@ mod tests {
         let said = |text: &str| {
             let (mut library, mut warnings) = (Library::default(), Warnings::default());
             library.add(&dir.path().join("m.mtl"), text.as_bytes(), &mut warnings);
-            Textures::default().resolve(&library.materials()[0], &ReadOptions::default(), &mut warnings);
+            resolved(&library.materials()[0], &mut warnings).unwrap();
             warnings.as_reasons()
         };
         assert!(said("newmtl leaf\nmap_Kd leaf.png").contains("says map_d leaf.png too"));

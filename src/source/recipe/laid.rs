@@ -7,6 +7,7 @@ use serde::Deserialize;
 
 use super::model::{Albedo, Either, Noise, Projection, Varied};
 use crate::geom::{Aabb, DVec3};
+use crate::scene::image::Refused;
 use crate::scene::{ReadOptions, files, image, text};
 use crate::source::noise;
 use crate::source::paint;
@@ -176,8 +177,13 @@ pub fn colour(
             let path = find(name)?;
             let bytes = files::read(&path, read.max_bytes)?;
             let hint = path.to_string_lossy();
-            let texture =
-                image::decode(name, &bytes, &hint, read.max_pixels).map_err(|what| Error::input(&path, "", what))?;
+            let texture = image::decode(name, &bytes, &hint, read.max_pixels, read.max_bytes).map_err(|e| match e {
+                Refused::Image(what) => Error::input(&path, "", what),
+                Refused::Memory(needed) => {
+                    let what = format!("decoding {}, in bytes,", path.display());
+                    Error::Limit { what, needed, allowed: read.max_bytes }
+                }
+            })?;
             let cuts = texture.texels.iter().any(|t| t[3] < 255);
             return Ok((Some(paint::picture(texture, projection(varied))), cuts));
         }

@@ -16,6 +16,8 @@ pub struct Choice<'a> {
     frame: Option<usize>,
     /// UID or number of a DICOM series, and after a colon the number of a stack in it.
     pub series: Option<&'a str>,
+    /// Bytes that decoding may take at a time.
+    pub memory: u64,
 }
 
 /// "1 DAPI, 2 GFP", numbers alone where names say no more.
@@ -32,8 +34,9 @@ fn listed(names: &[String]) -> String {
 }
 
 impl<'a> Choice<'a> {
-    pub fn new(path: &'a Path, options: &'a StackOptions) -> Choice<'a> {
-        Choice { path, channel: options.channel.as_deref(), frame: options.frame, series: options.series.as_deref() }
+    pub fn new(path: &'a Path, options: &'a StackOptions, memory: u64) -> Choice<'a> {
+        let (channel, series) = (options.channel.as_deref(), options.series.as_deref());
+        Choice { path, channel, frame: options.frame, series, memory }
     }
 
     /// Whether a channel was asked for.
@@ -150,17 +153,17 @@ mod tests {
         let names = ["DAPI".to_owned(), "2".to_owned(), String::new()];
         let mut options = StackOptions::default();
         let mut warnings = Warnings::default();
-        assert_eq!(Choice::new(Path::new("a"), &options).channel(&names, &mut warnings).unwrap(), 0);
+        assert_eq!(Choice::new(Path::new("a"), &options, 1 << 30).channel(&names, &mut warnings).unwrap(), 0);
         assert!(warnings.as_reasons().contains("3 channels are in it (1 DAPI, 2, 3)"), "{}", warnings.as_reasons());
         for (wanted, index) in [("DAPI", 0), ("1", 0), ("2", 1), ("3", 2)] {
             options.channel = Some(wanted.into());
             let mut warnings = Warnings::default();
-            assert_eq!(Choice::new(Path::new("a"), &options).channel(&names, &mut warnings).unwrap(), index);
+            assert_eq!(Choice::new(Path::new("a"), &options, 1 << 30).channel(&names, &mut warnings).unwrap(), index);
             assert!(warnings.is_empty());
         }
         for wrong in ["0", "4", "dapi", ""] {
             options.channel = Some(wrong.into());
-            let error = Choice::new(Path::new("a"), &options).channel(&names, &mut warnings).unwrap_err();
+            let error = Choice::new(Path::new("a"), &options, 1 << 30).channel(&names, &mut warnings).unwrap_err();
             assert!(error.to_string().contains("1 DAPI, 2, 3"), "{wrong}: {error}");
         }
     }
@@ -172,10 +175,10 @@ mod tests {
         let mut options = StackOptions { frame: Some(8), channel: Some("2".into()), ..StackOptions::default() };
         let mut warnings = Warnings::default();
         // Frame 8 is the second of the third row: 1 + 3 · 1 + 6 · 2.
-        let volume = outer.choose(&Choice::new(Path::new("a"), &options), &mut warnings).unwrap();
+        let volume = outer.choose(&Choice::new(Path::new("a"), &options, 1 << 30), &mut warnings).unwrap();
         assert_eq!((volume, warnings.is_empty()), (StoredVolume { index: 16, count: 24 }, true));
         options.frame = Some(13);
-        let error = outer.choose(&Choice::new(Path::new("a"), &options), &mut warnings).unwrap_err();
+        let error = outer.choose(&Choice::new(Path::new("a"), &options, 1 << 30), &mut warnings).unwrap_err();
         assert!(error.to_string().contains("1 to 12"), "{error}");
     }
 }

@@ -117,14 +117,16 @@ pub fn read(choice: &Choice, files: &[PathBuf], warnings: Warnings, in_memory: u
         files: files.len(),
         file: choice.path.to_path_buf(),
     };
-    let step = AHEAD * par::threads();
-    for group in files.chunks(step) {
-        if let [file] = group {
-            // Page by page, never all at once.
-            pile.file.clone_from(file);
-            slice::read(choice, file, &mut pile)?;
-            continue;
-        }
+    if let [file] = files {
+        // Page by page, never all at once.
+        pile.file.clone_from(file);
+        slice::read(choice, file, &mut pile)?;
+        return pile.finish(warnings);
+    }
+    let mut left = files;
+    while !left.is_empty() {
+        let (group, after) = left.split_at(pile.ahead(in_memory).min(left.len()));
+        left = after;
         let decoded = par::map(group.len(), |i| {
             let mut one = One { file: &group[i], about: About::default(), slice: None };
             slice::read(choice, &group[i], &mut one).map(|()| (one.about, one.slice))
@@ -202,6 +204,14 @@ impl Sink for Pile<'_> {
 }
 
 impl Pile<'_> {
+    /// Number of slices that are decoded at the same time: the first by itself, then as many as memory has room for.
+    fn ahead(&self, memory: u64) -> usize {
+        let Some((first, _)) = &self.first else { return 1 };
+        let bytes = byte_count([first.width, first.height, 1], first.coding).map_or(u64::MAX, |n| n as u64);
+        let room = usize::try_from(memory / bytes.saturating_mul(4).max(1)).unwrap_or(usize::MAX);
+        room.clamp(1, AHEAD * par::threads())
+    }
+
     fn finish(self, mut warnings: Warnings) -> Result<Stack> {
         let Some((first, _)) = self.first else { return Err(Error::input(self.path, "", "holds no slices")) };
         let dims = [first.width, first.height, self.count];

@@ -130,7 +130,7 @@ fn kind(path: &Path) -> Kind {
 
 /// Read the stack `path`; decoded samples stay in memory up to `in_memory` bytes, and go to a file without a name beyond.
 pub fn read(path: &Path, options: &StackOptions, in_memory: u64) -> Result<Stack> {
-    let choice = Choice::new(path, options);
+    let choice = Choice::new(path, options, in_memory);
     let mut stack = match kind(path) {
         _ if path.is_dir() => folder(&choice, in_memory)?,
         Kind::Nifti => nifti::read(&choice, in_memory)?,

@@ -7,7 +7,7 @@ mod parts;
 use std::io::Cursor;
 use std::path::Path;
 
-use image::{DynamicImage, ImageFormat, ImageReader};
+use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader};
 
 use super::bytes::map_file;
 use super::choice::Choice;
@@ -77,6 +77,14 @@ fn check_size(path: &Path, width: u64, height: u64, stored: u64) -> Result<()> {
     Ok(())
 }
 
+/// That decoding `path` takes no more memory than is allowed.
+fn check_memory(choice: &Choice, path: &Path, needed: u64) -> Result<()> {
+    if needed <= choice.memory {
+        return Ok(());
+    }
+    Err(Error::Limit { what: format!("decoding {}, in bytes,", path.display()), needed, allowed: choice.memory })
+}
+
 /// The extensions of slices.
 pub fn is_image(extension: &str) -> bool {
     ["png", "jpg", "jpeg", "tif", "tiff", "exr", "bmp", "webp", "gif", "tga"].contains(&extension)
@@ -92,22 +100,23 @@ pub fn read(choice: &Choice, path: &Path, sink: &mut dyn Sink) -> Result<()> {
             let mut about = About::default();
             choice.frame(1, &mut about.warnings)?;
             sink.about(about)?;
-            sink.slice(other(path, &bytes)?)
+            sink.slice(other(choice, path, &bytes)?)
         }
     }
 }
 
-fn other(path: &Path, bytes: &[u8]) -> Result<Slice> {
+fn other(choice: &Choice, path: &Path, bytes: &[u8]) -> Result<Slice> {
     let broken = |e: image::ImageError| Error::input(path, "", format!("cannot be read as an image: {e}"));
     let format = image::guess_format(bytes).or_else(|e| ImageFormat::from_path(path).map_err(|_| e)).map_err(broken)?;
-    let reader = || ImageReader::with_format(Cursor::new(bytes), format);
-    let (width, height) = reader().into_dimensions().map_err(broken)?;
+    let mut decoder = ImageReader::with_format(Cursor::new(bytes), format).into_decoder().map_err(broken)?;
+    let (width, height) = decoder.dimensions();
     check_size(path, width.into(), height.into(), bytes.len() as u64)?;
+    // What is decoded, and what a decoder keeps of it besides.
+    check_memory(choice, path, decoder.total_bytes().saturating_mul(2))?;
     let mut limits = image::Limits::default();
     limits.max_alloc = Some((u64::from(width) * u64::from(height)).saturating_mul(16).saturating_add(1 << 20));
-    let mut reader = reader();
-    reader.limits(limits);
-    let image = reader.decode().map_err(broken)?;
+    decoder.set_limits(limits).map_err(broken)?;
+    let image = DynamicImage::from_decoder(decoder).map_err(broken)?;
     let (kind, channels) = match &image {
         DynamicImage::ImageLuma8(_) => (Kind::U8, 1),
         DynamicImage::ImageLumaA8(_) => (Kind::U8, 2),

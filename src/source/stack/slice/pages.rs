@@ -11,7 +11,7 @@ use tiff::decoder::{Decoder, DecodingResult, Limits};
 use tiff::tags::{Tag, Type, ValueBuffer};
 
 use super::description::{Description, Resolution};
-use super::{About, Sink, Slice, check_size};
+use super::{About, Sink, Slice, check_memory, check_size};
 use crate::source::stack::choice::Choice;
 use crate::source::stack::coding::{Coding, Kind, rgb_of_ycbcr};
 use crate::{Error, Result};
@@ -22,6 +22,7 @@ const MAX_PAGE: usize = 1 << 32;
 const MAX_RATIO: usize = 8 * 1032;
 
 struct Pages<'a> {
+    choice: &'a Choice<'a>,
     path: &'a Path,
     bytes: &'a [u8],
     decoder: Decoder<Cursor<&'a [u8]>>,
@@ -39,8 +40,9 @@ fn broken(path: &Path, n: usize) -> impl Fn(tiff::TiffError) -> Error {
 /// Give the slices of a TIFF.
 pub fn read(choice: &Choice, path: &Path, bytes: &[u8], sink: &mut dyn Sink) -> Result<()> {
     let mut limits = Limits::default();
-    limits.decoding_buffer_size = MAX_PAGE;
-    limits.intermediate_buffer_size = MAX_PAGE;
+    let most = usize::try_from(choice.memory).unwrap_or(MAX_PAGE).min(MAX_PAGE);
+    limits.decoding_buffer_size = most;
+    limits.intermediate_buffer_size = most;
     let mut decoder = Decoder::new(Cursor::new(bytes)).map_err(broken(path, 0))?.with_limits(limits);
     let mut about = About::default();
     // Before its pages are walked through: its tags are at hand.
@@ -59,7 +61,7 @@ pub fn read(choice: &Choice, path: &Path, bytes: &[u8], sink: &mut dyn Sink) -> 
     let whole: Vec<usize> = pages.iter().filter(|p| !p.1).map(|p| p.0).collect();
     let whole = if whole.is_empty() { pages.iter().map(|p| p.0).collect() } else { whole };
     about.warnings.add_many("pages that are smaller copies of others are left out", (pages.len() - whole.len()) as u64);
-    let mut reader = Pages { path, bytes, decoder };
+    let mut reader = Pages { choice, path, bytes, decoder };
     let planes = plan(choice, path, described, whole.len(), &mut about)?;
     let planes = planes.unwrap_or_else(|| (0..whole.len()).collect());
     let in_a_row = whole.len() == 1 && planes.iter().any(|p| *p > 0);
@@ -203,6 +205,9 @@ impl Pages<'_> {
             let what = format!("{} bytes cannot hold {width}×{height} pixels of {channels} channels", self.bytes.len());
             return Err(Error::input(self.path, format!("page {}", page + 1), what));
         }
+        // The page as it is decoded, and in the order in which it is kept.
+        let kept = (width * height).saturating_mul(channels).saturating_mul(bits.max(8) / 8);
+        check_memory(self.choice, self.path, size.saturating_add(kept) as u64)?;
         let mut decoded = DecodingResult::U8(Vec::new());
         self.decoder.read_image_to_buffer(&mut decoded).map_err(&wrong)?;
         let (kind, mut bytes) = numbers(decoded);

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use exr::prelude::{ReadChannels, ReadLayers};
 
-use super::{About, MAX_PIXELS, Sink, Slice, check_size};
+use super::{About, MAX_PIXELS, Sink, Slice, check_memory, check_size};
 use crate::source::stack::choice::Choice;
 use crate::source::stack::coding::{Coding, Kind};
 use crate::source::stack::natural::natural;
@@ -23,16 +23,20 @@ pub fn read(choice: &Choice, path: &Path, bytes: &[u8], sink: &mut dyn Sink) -> 
         e => Error::input(path, "", format!("cannot be read as an EXR: {e}")),
     };
     let meta = exr::meta::MetaData::read_from_buffered(Cursor::new(bytes), false).map_err(broken)?;
-    let mut all = 0u64;
+    let (mut all, mut needed) = (0u64, 0u64);
     for header in &meta.headers {
         let (width, height) = (header.layer_size.width() as u64, header.layer_size.height() as u64);
         check_size(path, width, height, bytes.len() as u64)?;
         all = all.saturating_add(width.saturating_mul(height));
+        // All parts are decoded at once, and one of them is held as numbers of 32 bits, twice.
+        let (own, channels) = (header.channels.bytes_per_pixel as u64, header.channels.list.len() as u64);
+        needed = needed.saturating_add(width.saturating_mul(height).saturating_mul(own + 8 * channels));
     }
     if all > MAX_ALL {
         let what = format!("the number of pixels of all parts of {}", path.display());
         return Err(Error::Limit { what, needed: all, allowed: MAX_ALL });
     }
+    check_memory(choice, path, needed)?;
     let image = exr::prelude::read()
         .no_deep_data()
         .largest_resolution_level()
