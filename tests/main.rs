@@ -28,3 +28,4 @@ mod readable;
 mod reference;
 mod render;
 mod stack;
+mod vectors;
