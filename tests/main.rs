@@ -12,6 +12,7 @@ mod copies;
 mod curves;
 mod demo;
 mod error;
+mod export;
 mod files;
 mod golden;
 mod import;

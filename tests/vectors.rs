@@ -2,11 +2,11 @@
 
 use std::path::{Path, PathBuf};
 
+use vtex::Error;
 use vtex::format::{Limits, Reader, verify};
 use vtex::geom::Vec3;
 use vtex::render::{DepthChoice, MarchStats, Stretch, transmittance};
 use vtex::volume::{Octree, Volume, Voxel};
-use vtex::Error;
 
 fn vectors(kind: &str) -> Vec<PathBuf> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("format-spec/vectors");
@@ -91,7 +91,8 @@ fn listing(volume: &Volume) -> Vec<String> {
             let mut row: Vec<i32> = vec![x as i32, y as i32, z as i32];
             row.extend(numbers(voxel));
             if let Some(mix) = depth.mixes.get(i) {
-                let share = |id: usize| mix.shares().filter(|s| usize::from(s.0) == id).map(|s| i32::from(s.1)).sum::<i32>();
+                let share =
+                    |id: usize| mix.shares().filter(|s| usize::from(s.0) == id).map(|s| i32::from(s.1)).sum::<i32>();
                 row.extend((0..info.materials.len()).map(share));
             }
             let row: Vec<String> = row.iter().map(i32::to_string).collect();

@@ -12,18 +12,21 @@ class BackwardBits {
     this.at = bytes.length * 8 - Math.clz32(last) + 24 - 1; // bits that are left
   }
 
-  // n ≤ 31 bits; those before the start are 0.
+  // n ≤ 25 bits; those before the start are 0.
   peek(n) {
-    let value = 0;
-    for (let low = this.at - n, i = low >> 3; i <= (this.at - 1) >> 3; i++) {
-      if (i < 0) continue;
-      const shift = i * 8 - low;
-      value += shift >= 0 ? this.bytes[i] * 2 ** shift : this.bytes[i] >>> -shift;
-    }
-    return value % 2 ** n;
+    const low = this.at - n;
+    if (low < 0) return this.at > 0 ? this.grab(0, this.at) << -low : 0;
+    return this.grab(low, n);
   }
 
+  grab(low, n) {
+    const b = this.bytes, i = low >> 3;
+    return ((b[i] | (b[i + 1] << 8) | (b[i + 2] << 16) | (b[i + 3] << 24)) >>> (low & 7)) & ((1 << n) - 1);
+  }
+
+  // n ≤ 31 bits.
   read(n) {
+    if (n > 24) return this.read(n - 16) * 65536 + this.read(16);
     const value = n ? this.peek(n) : 0;
     this.at -= n;
     return value;

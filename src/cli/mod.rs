@@ -25,6 +25,7 @@ mod curves;
 mod demo;
 #[cfg(all(feature = "bake", feature = "render", feature = "plot"))]
 mod error;
+mod export;
 mod inspect;
 mod interrupt;
 #[cfg(feature = "bake")]
@@ -95,6 +96,7 @@ enum Command {
     /// Measure how far a texel is from its source: opacity, normals, colour, shadows, by depth
     #[cfg(all(feature = "bake", feature = "render", feature = "plot"))]
     Error(Box<error::Args>),
+    Export(export::Args),
     Inspect(inspect::Args),
     #[cfg(feature = "bake")]
     Merge(merge::MergeArgs),
@@ -156,6 +158,7 @@ fn run(command: Command, ui: &Ui) -> crate::Result<()> {
         Command::Compare(args) => compare::run(&args, ui),
         #[cfg(all(feature = "bake", feature = "render", feature = "plot"))]
         Command::Error(args) => error::run(&args, ui),
+        Command::Export(args) => export::run(&args, ui),
         Command::Inspect(args) => inspect::run(&args, ui),
         #[cfg(feature = "bake")]
         Command::Merge(args) => merge::run_merge(&args, ui),
