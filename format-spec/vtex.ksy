@@ -33,7 +33,7 @@ types:
       - {id: len_head, type: u4, valid: {min: 240, max: 1048576}}
       - {id: head_crc32, type: u4}
       - {id: len_file, type: u8}
-      - {id: incompat_flags, type: u4}
+      - {id: incompat_flags, type: u4, valid: 0}
       - {id: compat_flags, type: u4}
       - {id: num_depths, type: u1, valid: {min: 1, max: 17}}
       - {id: num_streams, type: u1, valid: {min: 1, max: 32}}
@@ -42,14 +42,19 @@ types:
       - {id: cyclic_axes, type: u1, valid: {max: 7}}
       - {id: up_axis, type: u1, valid: {max: 2}}
       - {id: num_sections, type: u2, valid: {min: 1, max: 4096}}
-      - {id: bounds, type: f8, repeat: expr, repeat-expr: 6}
-      - {id: metres_per_unit, type: f8}
+      - id: bounds
+        type: f8
+        repeat: expr
+        repeat-expr: 6
+        valid: {expr: '_ - _ == 0'}
+        doc: finite, as nothing else gives 0 when it is taken from itself
+      - {id: metres_per_unit, type: f8, valid: {expr: '_ >= 0 and _ - _ == 0'}}
       - {id: num_nodes, type: u8}
       - {id: content_id, size: 16}
   depth_entry:
     seq:
-      - {id: num_nodes, type: u8}
-      - {id: num_internal, type: u8}
+      - {id: num_nodes, type: u8, valid: {max: 4294967294}}
+      - {id: num_internal, type: u8, valid: {max: num_nodes}}
       - {id: ofs_block, type: u8}
       - {id: end_block, type: u8, doc: a prefix of this many bytes holds depths 0..this}
       - {id: digest_sha256, size: 32}
@@ -61,13 +66,13 @@ types:
       - {id: quant_max, type: u2, valid: {min: 1, max: 255}}
       - {id: flags, type: u2, valid: {max: 7}}
       - {id: reserved, type: u2, valid: 0}
-      - {id: max_abs_error, type: f4}
+      - {id: max_abs_error, type: f4, valid: {expr: '_ >= 0 and _ - _ == 0'}}
       - {id: constant, size: 8}
-      - {id: reserved_tail, size: 8}
+      - {id: reserved_tail, contents: [0, 0, 0, 0, 0, 0, 0, 0]}
   section_entry:
     seq:
       - {id: kind, type: str, size: 4, encoding: ASCII}
-      - {id: flags, type: u2}
+      - {id: flags, type: u2, valid: {max: 3}}
       - {id: depth, type: u1}
       - {id: stream, type: u1}
       - {id: ofs_body, type: u8}
@@ -75,9 +80,9 @@ types:
       - {id: len_decoded, type: u8}
       - {id: num_pages, type: u4}
       - {id: crc32, type: u4}
-      - {id: codec, type: u1, enum: codec}
-      - {id: filter, type: u1, enum: filter}
-      - {id: reserved, size: 6}
+      - {id: codec, type: u1, enum: codec, valid: {in-enum: true}}
+      - {id: filter, type: u1, enum: filter, valid: {in-enum: true}}
+      - {id: reserved, contents: [0, 0, 0, 0, 0, 0]}
     instances:
       body:
         io: _root._io

@@ -30,6 +30,7 @@ mod demo;
 mod depfile;
 #[cfg(all(feature = "bake", feature = "render", feature = "plot"))]
 mod error;
+mod export;
 #[cfg_attr(not(feature = "bake"), allow(dead_code))]
 mod frames;
 mod inspect;
@@ -124,6 +125,7 @@ enum Command {
     /// Measure how far a texel is from its source: opacity, normals, colour, shadows, by depth
     #[cfg(all(feature = "bake", feature = "render", feature = "plot"))]
     Error(Box<error::Args>),
+    Export(export::Args),
     Inspect(inspect::Args),
     #[cfg(feature = "bake")]
     Merge(merge::MergeArgs),
@@ -187,6 +189,7 @@ fn run(command: Command, ui: &Ui) -> crate::Result<()> {
         Command::Compare(args) => compare::run(&args, ui),
         #[cfg(all(feature = "bake", feature = "render", feature = "plot"))]
         Command::Error(args) => error::run(&args, ui),
+        Command::Export(args) => export::run(&args, ui),
         Command::Inspect(args) => inspect::run(&args, ui),
         #[cfg(feature = "bake")]
         Command::Merge(args) => merge::run_merge(&args, ui),

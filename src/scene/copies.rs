@@ -77,6 +77,8 @@ pub fn to_texel(info: &Info) -> DAffine3 {
     let metres = if info.metres_per_unit > 0.0 { info.metres_per_unit } else { 1.0 };
     let (min, max) = (info.bounds.min * metres, info.bounds.max * metres);
     let (low, high) = match info.up {
+        // (u, v, w) = (y, z, x) of the source.
+        0 => (DVec3::new(min.y, min.z, min.x), DVec3::new(max.y, max.z, max.x)),
         // (u, v, w) = (x, −z, y) of the source.
         1 => (DVec3::new(min.x, -max.z, min.y), DVec3::new(max.x, -min.z, max.y)),
         _ => (min, max),
@@ -104,6 +106,10 @@ mod tests {
         let map = to_texel(&Info { up: 2, ..info });
         assert_eq!(map.transform_vector3(DVec3::Y), DVec3::new(0.0, 0.0, 0.5));
         assert_eq!(map.transform_point3(DVec3::ZERO), DVec3::new(0.25, 0.125, 0.5));
+        // Of one with X up, x is.
+        let map = to_texel(&Info { up: 0, ..info });
+        assert_eq!(map.transform_vector3(DVec3::Y), DVec3::new(0.0, 0.0, 0.5));
+        assert_eq!(map.transform_point3(DVec3::ZERO), DVec3::new(0.125, 0.5, 0.25));
     }
 
     #[test]

@@ -17,7 +17,7 @@ pub struct Placement {
     pub scale: f64,
     /// Finest depth: 2^depth voxels per side.
     pub depth: usize,
-    /// Source axis that becomes w: 1 (+Y up) or 2 (+Z up).
+    /// Source axis that becomes w: 0 (+X up), 1 (+Y up) or 2 (+Z up).
     pub up: u8,
     /// Axes of the grid along which what reaches beyond comes in again on the other side.
     pub cyclic: [bool; 3],
@@ -56,7 +56,11 @@ impl Placement {
 
     /// A direction of the space of `bounds`, along u, v, w.
     fn turn(&self, p: DVec3) -> DVec3 {
-        if self.up == 1 { DVec3::new(p.x, -p.z, p.y) } else { p }
+        match self.up {
+            0 => DVec3::new(p.y, p.z, p.x),
+            1 => DVec3::new(p.x, -p.z, p.y),
+            _ => p,
+        }
     }
 
     fn turned_min(&self) -> DVec3 {

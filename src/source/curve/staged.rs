@@ -54,7 +54,7 @@ impl<'a> StagedCurves<'a> {
         let to_grid = affine(place, source.bounds);
         let scale = largest_stretch(to_grid.matrix3);
         let shifts = place.shifts(grid_box(&to_grid, source.bounds));
-        let up = place.transform.matrix3.inverse() * if place.up == 1 { DVec3::Y } else { DVec3::Z };
+        let up = place.transform.matrix3.inverse() * DVec3::AXES[usize::from(place.up.min(2))];
         let up = up.try_normalize().unwrap_or(DVec3::Y);
         let chunks = source.lines.len().div_ceil(CHUNK);
         progress.stage("lay out", chunks as u64);

@@ -1,0 +1,43 @@
+#!/usr/bin/env bash
+# Holds the Python, the JavaScript and the Kaitai reader to the vectors. Needs python3 with venv, node and npm, and a network for
+# three packages: numpy and zstandard, and Kaitai's compiler, in pinned versions, in a temporary folder. ./conformance.sh [FILE.vtex …]
+# compares what Python and JavaScript read of further files.
+set -euo pipefail
+cd "$(dirname "$0")"
+here=$PWD work=$(mktemp -d)
+trap 'rm -rf "$work"' EXIT
+python3 -m venv "$work/venv"
+"$work/venv/bin/pip" -q install numpy==2.2.6 zstandard==0.23.0
+(cd "$work" && npm install --silent --no-fund --no-audit kaitai-struct-compiler@0.11.0 kaitai-struct@0.11.0 js-yaml@4.1.0 > /dev/null)
+cp js/kaitai.mjs "$work/"
+python() { "$work/venv/bin/python" "$here/reader.py" "$@" 2>&1; }
+javascript() { node "$here/js/read.mjs" "$@" 2>&1; }
+failed=0 count=0
+fault() { echo "WRONG: $*"; failed=1; }
+
+# The generator still makes what is stored, compressed or not.
+mkdir "$work/made"
+"$work/venv/bin/python" vectors/make.py "$work/made"
+for text in vectors/ok-*.txt; do cmp -s "$text" "$work/made/$(basename "$text")" || fault "$text is not what make.py makes"; done
+
+for file in vectors/ok-*.vtex "$@"; do
+    python "$file" > "$work/python.txt" || fault "Python refuses $file"
+    javascript "$file" > "$work/javascript.txt" || fault "JavaScript refuses $file"
+    wanted="${file%.vtex}.txt"
+    if [ -f "$wanted" ]; then grep -v '^ray' "$wanted" > "$work/wanted.txt"; else cp "$work/python.txt" "$work/wanted.txt"; fi
+    cmp -s "$work/wanted.txt" "$work/python.txt" || fault "Python reads $file otherwise"
+    cmp -s "$work/wanted.txt" "$work/javascript.txt" || fault "JavaScript reads $file otherwise"
+    count=$((count + 1))
+done
+for file in vectors/bad-*.vtex; do
+    code=$(basename "$file" .vtex) && code=${code#bad-} && code=${code%-*}
+    for reader in python javascript; do
+        said=$($reader --check "$file" | head -1) || true
+        [ "${said%% *}" = "$code" ] || fault "$reader says \"$said\" of $file"
+    done
+    count=$((count + 1))
+done
+# Kaitai: every good file, and of the bad ones those whose structure is wrong; the others are listed in rules.md.
+(cd "$work" && node kaitai.mjs "$here") || failed=1
+echo "$count files"
+exit $failed

@@ -1,0 +1,146 @@
+// The page: decodes the texel coarse first, draws it while the view moves, and finer when it rests.
+import { Texel } from "./vtex.mjs";
+import { Positions, bricks } from "./octree.mjs";
+import { Picture } from "./picture.mjs";
+import { Orbit, listen } from "./view.mjs";
+
+const MOST_BYTES = 400 * 2 ** 20; // of the graphics memory, for one depth
+const CHANNELS = ["shaded", "albedo", "normal", "opacity", "materials"];
+const $ = (id) => document.getElementById(id);
+
+function bytesOf(base64) {
+  const text = atob(base64), out = new Uint8Array(text.length);
+  for (let i = 0; i < text.length; i++) out[i] = text.charCodeAt(i);
+  return out;
+}
+
+const digits = (x) => Number(x.toPrecision(4)).toString();
+
+function row(list, name, value) {
+  const term = document.createElement("dt"), text = document.createElement("dd");
+  term.textContent = name;
+  text.textContent = value;
+  list.append(term, text);
+}
+
+function describe(texel) {
+  const { meta, depths, bounds, metres } = texel, list = $("figures");
+  const voxels = depths.reduce((sum, d) => sum + d.n, 0);
+  row(list, "resolution", `${2 ** (depths.length - 1)}³`);
+  row(list, "voxels", voxels.toLocaleString("en"));
+  row(list, "file", `${(texel.length / 1024).toLocaleString("en", { maximumFractionDigits: 0 })} kB`);
+  const size = [0, 1, 2].map((k) => digits((bounds[k + 3] - bounds[k]) * (metres || 1)));
+  row(list, metres ? "size, m" : "size", size.join(" × "));
+  row(list, "model", meta.model);
+  if (meta.error?.opacity?.mean !== undefined) row(list, "error of opacity", digits(meta.error.opacity.mean));
+  const materials = meta.materials ?? [];
+  materials.slice(0, 64).forEach((material, i) => {
+    const item = document.createElement("li"), patch = document.createElement("span");
+    patch.className = "patch";
+    patch.style.background = css(colours(materials)[i]);
+    item.append(patch, `${material.name}, ${digits(100 * material.share)} %`);
+    $("materials").append(item);
+  });
+}
+
+const css = (rgb) => `rgb(${rgb.map((v) => Math.round(255 * Math.sqrt(v))).join(" ")})`;
+
+// Colours that tell materials apart: hues by the golden ratio.
+function colours(materials) {
+  return materials.map((_, i) => [0, 1, 2].map((k) => (0.5 + 0.45 * Math.cos(2 * Math.PI * (i * 0.618 + k / 3))) ** 2));
+}
+
+function start() {
+  const texel = new Texel(bytesOf($("data").textContent.trim()));
+  $("data").remove();
+  describe(texel);
+  const canvas = $("picture"), picture = Picture.on(canvas);
+  if (!picture) throw new Error("This browser has no WebGL2, which is needed to draw the texel. Its figures are on the left.");
+  const positions = new Positions(texel), finest = texel.depths.length - 1;
+  const { min, max } = texel.meta.content;
+  const orbit = new Orbit(min, max), palette = new Float32Array(192);
+  colours(texel.meta.materials ?? []).slice(0, 64).forEach((c, i) => palette.set(c, 3 * i));
+  let shown = -1, largest = finest, busy = false, timer = 0, speed = 0.5;
+  window.texelView = { orbit, pictures: 0, get depth() { return shown; }, get time() { return speed; } };
+
+  const show = (depth) => {
+    if (depth === shown) return;
+    try {
+      picture.load(bricks(texel, positions, depth, MOST_BYTES));
+      shown = depth;
+    } catch (error) {
+      if (!(error instanceof RangeError)) throw error;
+      largest = depth - 1;
+      show(largest);
+    }
+  };
+  const wanted = () => {
+    const chosen = Number($("depth").value);
+    return Math.max(0, Math.min(chosen > finest ? orbit.depth(canvas.clientHeight * devicePixelRatio) : chosen, largest, finest));
+  };
+  const draw = (scale, samples) => {
+    canvas.width = Math.max(1, Math.round(canvas.clientWidth * scale));
+    canvas.height = Math.max(1, Math.round(canvas.clientHeight * scale));
+    const [azimuth, height] = [$("azimuth").value, $("height").value].map((v) => v * Math.PI / 180);
+    const sun = [Math.sin(azimuth) * Math.cos(height), -Math.cos(azimuth) * Math.cos(height), Math.sin(height)];
+    const [low, high] = [[...min], [...max]], axis = Number($("axis").value), at = Number($("slice").value);
+    if (axis < 3) high[axis] = low[axis] + at * (high[axis] - low[axis]);
+    const channel = CHANNELS.indexOf($("channel").value), isotropic = texel.meta.model === "neyret";
+    const began = performance.now();
+    picture.draw({ ...orbit.shader(), sun, low, high, channel, samples, isotropic, palette });
+    window.texelView.pictures += 1;
+    return performance.now() - began;
+  };
+  // Coarse while it moves: as many pixels as a twelfth of a second allows.
+  const moved = () => {
+    if (busy) return;
+    busy = true;
+    requestAnimationFrame(() => {
+      busy = false;
+      const took = draw(speed, 1);
+      speed = Math.min(devicePixelRatio, Math.max(0.12, speed * Math.sqrt(Math.min(4, 80 / Math.max(took, 5)))));
+      clearTimeout(timer);
+      timer = setTimeout(rest, 150);
+    });
+  };
+  const rest = () => {
+    const depth = wanted();
+    const next = shown < depth ? shown + 1 : depth;
+    show(next);
+    const last = shown === Math.min(depth, largest);
+    $("state").textContent = `depth ${shown}, ${2 ** shown}³`;
+    draw(last ? devicePixelRatio : speed, last ? 4 : 1);
+    document.body.dataset.state = last ? "rest" : "finer";
+    if (!last) timer = setTimeout(rest, 0);
+  };
+  $("depth").max = String(finest + 1);
+  $("depth").value = String(finest + 1);
+  const told = () => {
+    const chosen = Number($("depth").value);
+    $("depth-value").textContent = chosen > finest ? "auto" : `${2 ** chosen}³`;
+  };
+  told();
+  for (const id of ["depth", "channel", "azimuth", "height", "axis", "slice"]) {
+    $(id).addEventListener("input", () => {
+      document.body.dataset.state = "moved";
+      told();
+      moved();
+    });
+  }
+  if (!texel.streams.some((s) => s.semantic === "MATL")) $("channel").querySelector("[value=materials]").remove();
+  listen(canvas, orbit, () => {
+    document.body.dataset.state = "moved";
+    moved();
+  });
+  new ResizeObserver(moved).observe(canvas);
+  show(Math.min(4, finest));
+  moved();
+}
+
+try {
+  start();
+} catch (error) {
+  $("failure").textContent = error.message;
+  $("failure").hidden = false;
+  document.body.dataset.state = "failed";
+}
