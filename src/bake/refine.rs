@@ -45,9 +45,16 @@ fn compose_and_correct(
     Some(correct_rates(GroupTransmittance::compose(children, solid)?, cover))
 }
 
-/// Compose the group of `children` as [`correct_group`] does, without a correction.
-#[multiversion(targets("x86_64+avx2+bmi1+bmi2+lzcnt+popcnt"))]
-pub fn compose_group(children: &[Option<&GroupTransmittance>; 8], solid: [bool; 8]) -> Option<GroupTransmittance> {
+multiversioned! {
+    /// Compose the group of `children` as [`correct_group`] does, without a correction.
+    pub fn compose_group(
+        children: &[Option<&GroupTransmittance>; 8],
+        solid: [bool; 8],
+    ) -> Option<GroupTransmittance> = compose_thinned;
+}
+
+#[inline(always)]
+fn compose_thinned(children: &[Option<&GroupTransmittance>; 8], solid: [bool; 8]) -> Option<GroupTransmittance> {
     GroupTransmittance::compose(children, solid).map(GroupTransmittance::thin_lines)
 }
 
