@@ -17,6 +17,8 @@ use crate::{Error, Result};
 /// log2 of how many voxels a page holds in memory.
 pub const PAGE_LOG2: u32 = 12;
 const PAGE: usize = 1 << PAGE_LOG2;
+/// Most nodes of a depth.
+const MAX_NODES: usize = u32::MAX as usize - 1;
 
 /// Provider of an [`Octree`]'s content: a file's reader, or a volume in memory. Each call may be slow: an octree asks once for
 /// the masks of a depth and the voxels of a page, and never for mixes, which [`super::palette`] turns into colours.
@@ -179,7 +181,6 @@ impl Octree {
         if counts.len() > MAX_DEPTH + 1 {
             return limit("the number of the octree's depths".into(), counts.len(), MAX_DEPTH + 1);
         }
-        const MAX_NODES: usize = u32::MAX as usize - 1;
         if let Some((depth, &n)) = counts.iter().enumerate().find(|(_, n)| **n > MAX_NODES) {
             return limit(format!("the number of voxels at depth {depth} of the octree"), n, MAX_NODES);
         }
