@@ -103,7 +103,7 @@ mod tests {
         assert_eq!(map.transform_vector3(DVec3::Y), DVec3::new(0.0, 0.0, 0.5));
         assert_eq!(map.transform_vector3(DVec3::NEG_Z), DVec3::new(0.0, 0.5, 0.0));
         // Of a source with Z up, z is up in the scene.
-        let map = to_texel(&Info { up: 2, ..info });
+        let map = to_texel(&Info { up: 2, ..info.clone() });
         assert_eq!(map.transform_vector3(DVec3::Y), DVec3::new(0.0, 0.0, 0.5));
         assert_eq!(map.transform_point3(DVec3::ZERO), DVec3::new(0.25, 0.125, 0.5));
         // Of one with X up, x is.

@@ -1,4 +1,5 @@
 //! An allocator that counts: how many bytes are taken, the most that were, and a bound above which it gives none.
+#![allow(unsafe_code)]
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::sync::atomic::{AtomicUsize, Ordering};

@@ -185,8 +185,8 @@ pub fn trk() -> Vec<u8> {
     put(988, &2i32.to_le_bytes());
     put(992, &2i32.to_le_bytes());
     put(996, &1000i32.to_le_bytes());
-    for n in [2, 3] {
-        head.extend((n as i32).to_le_bytes());
+    for n in [2i32, 3] {
+        head.extend(n.to_le_bytes());
         (0..n).for_each(|i| head.extend(floats(&[n as f32, 2.0 * i as f32, 0.5])));
     }
     head

@@ -57,7 +57,9 @@ impl Job {
         }
         std::panic::set_hook(Box::new(|info| {
             let place = info.location().map(|l| format!(" at {}:{}", l.file(), l.line())).unwrap_or_default();
-            let text = info.payload_as_str().unwrap_or_default();
+            let payload = info.payload();
+            let words = payload.downcast_ref::<String>().map(String::as_str);
+            let text = words.or_else(|| payload.downcast_ref::<&str>().copied()).unwrap_or_default();
             *PANIC.lock().unwrap() = format!("{text}{place}");
         }));
         vtex::par::with_threads(1, || self.numbers.clone().for_each(|number| self.one(number, &formats))).unwrap();
