@@ -15,7 +15,10 @@ use crate::geom::DVec3;
 use crate::progress::Progress;
 use crate::scene::files::extension;
 use crate::scene::gltf;
-use crate::scene::gltf::map::{Cells, Chart, Covered, Heights, MapOptions, Mapped, map};
+use crate::scene::gltf::map::{
+    Arrangement, Cells, Chart, Covered, Heights, MapOptions, Mapped, MaskOver, PointsTable, PointsUp, Scales, map,
+};
+use crate::scene::raster::Raster;
 use crate::scene::shell::Orientations;
 use crate::scene::texture::srgb_to_linear;
 use crate::volume::{Info, Style};
@@ -23,7 +26,7 @@ use crate::{Error, Result};
 
 #[derive(clap::Args)]
 pub struct Args {
-    /// The mesh to cover: .gltf or .glb
+    /// The mesh to cover, .gltf or .glb, or a picture of a ground's heights: .png, .tif
     input: PathBuf,
     /// A .vtex file, or a texel of frames, NAME.####.vtex; given several times, every copy is one of them
     #[arg(long = "texel", required = true, value_name = "FILE")]
@@ -46,12 +49,48 @@ pub struct Args {
     /// Bend copies with the ground, in a shell [default: cyclic texels and files with vectors of their own only]
     #[arg(long)]
     bend: bool,
+    /// Share of the copies that a texel has, in proportion to the others'; once for each --texel [default: all the same]
+    #[arg(long = "weight", value_name = "N", value_parser = finite)]
+    weights: Vec<f64>,
     /// Rigid copies per hectare (400, 400/ha) or square metre (0.04/m2) of ground [default: crowns touch]
     #[arg(long, value_name = "N[/ha|/m2]", value_parser = density)]
     density: Option<f64>,
-    /// Height of rigid copies in metres, of the tallest texel [default: as the source, or in proportion to the cell]
+    /// A .png or .tif: the share of that density, from black (none) to white (all)
+    #[arg(long, value_name = "FILE")]
+    density_map: Option<PathBuf>,
+    /// What the map lies on: texture coordinates, or the bounds of what is covered, from above [default: texture
+    /// coordinates that lie in the unit square, else bounds]
+    #[arg(long, value_enum, requires = "density_map")]
+    map_over: Option<Over>,
+    /// Slopes on which rigid copies stand, degrees; an end may be left out
+    #[arg(long, value_name = "A..B", value_parser = range, allow_hyphen_values = true)]
+    slope: Option<[f64; 2]>,
+    /// Altitudes (y) at which rigid copies stand, metres; an end may be left out
+    #[arg(long, value_name = "A..B", value_parser = range, allow_hyphen_values = true)]
+    altitude: Option<[f64; 2]>,
+    /// Height of rigid copies in metres: of the tallest texel, or once for each --texel [default: as the source, or in
+    /// proportion to the cell]
+    #[arg(long = "size", value_name = "METRES", value_parser = finite)]
+    sizes: Vec<f64>,
+    /// Multiply each rigid copy's colours by one between these two
+    #[arg(long, value_name = "COLOUR..COLOUR", value_parser = ramp)]
+    tint: Option<[[f64; 3]; 2]>,
+    /// Place rigid copies where a .csv says: x (east), y (north) [, z (up)], size (metres high), scale, turn (degrees), tint
+    /// (#rrggbb), texel, by the names in its first line; where z is missing, on the ground
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["density", "density_map", "slope", "altitude"])]
+    points: Option<PathBuf>,
+    /// Which axis of --points is up; y: the scene's own axes
+    #[arg(long, value_enum, default_value = "z", requires = "points")]
+    points_up: PointsAxis,
+    /// What is taken from the points' ground coordinates [default: the middle of a GeoTIFF ground, else 0,0]
+    #[arg(long, value_name = "X,Y", value_parser = pair, requires = "points", allow_hyphen_values = true)]
+    points_origin: Option<[f64; 2]>,
+    /// Width of a pixel of a ground that is a picture, metres [default: as a GeoTIFF says]
     #[arg(long, value_name = "METRES", value_parser = finite)]
-    size: Option<f64>,
+    pixel: Option<f64>,
+    /// Heights of black and white in it, metres [default: numbers of a .tif are heights]
+    #[arg(long, value_name = "MIN,MAX", value_parser = pair, allow_hyphen_values = true)]
+    relief: Option<[f64; 2]>,
     /// Sink rigid copies by so many metres on a slope of 45 degrees, in proportion on others
     #[arg(long, value_name = "METRES", default_value_t = 0.0, value_parser = finite)]
     sink: f64,
@@ -124,6 +163,18 @@ enum Axis {
 }
 
 #[derive(Clone, Copy, ValueEnum)]
+enum Over {
+    Uv,
+    Bounds,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum PointsAxis {
+    Y,
+    Z,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
 enum Turns {
     Identity,
     W4,
@@ -160,6 +211,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
         ui.say(&format!("{name} is for shells: copies bend with the ground, as with --bend"));
     }
     let bend = args.bend || for_shells.is_some();
+    let density_map = args.density_map.as_deref().map(|path| Raster::open(path)?.into_shares(path)).transpose()?;
     let options = MapOptions {
         texels,
         geometries: args.geometries.clone(),
@@ -170,8 +222,21 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
             (None, None) => Cells::Texel,
         },
         bend,
+        weights: args.weights.clone(),
         density: args.density,
-        size: args.size,
+        density_map,
+        map_over: args.map_over.map(|over| if matches!(over, Over::Uv) { MaskOver::Uv } else { MaskOver::Bounds }),
+        slope: args.slope,
+        altitude: args.altitude,
+        sizes: args.sizes.clone(),
+        arrangement: Arrangement::Scattered,
+        tint: args.tint,
+        points: args.points.clone().map(|path| PointsTable {
+            path,
+            up: if matches!(args.points_up, PointsAxis::Y) { PointsUp::Y } else { PointsUp::Z },
+            origin: args.points_origin,
+        }),
+        ground: Scales { pixel: args.pixel, relief: args.relief },
         sink: args.sink,
         inset: args.inset,
         offset: args.offset.unwrap_or_default(),
@@ -214,7 +279,9 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
 fn default_output(input: &Path) -> PathBuf {
     let mut name = input.file_stem().unwrap_or_default().to_owned();
     name.push("-landscape.");
-    name.push(input.extension().unwrap_or("glb".as_ref()));
+    // A picture of a ground's heights becomes a mesh.
+    let kind = input.extension().filter(|_| ["gltf", "glb"].contains(&extension(input).as_str()));
+    name.push(kind.unwrap_or("glb".as_ref()));
     name.into()
 }
 
@@ -254,6 +321,7 @@ fn check_output(args: &Args, output: &Path) -> Result<Vec<PathBuf>> {
         return Err(Error::Options(format!("{path}: a landscape is written as .gltf or .glb; name it so")));
     }
     let mut read = depfile::of_landscape(&args.input);
+    read.extend(args.density_map.iter().chain(&args.points).cloned());
     read.extend(args.texels.iter().chain(&args.geometries).cloned());
     // The input comes first.
     let added_to = outputs::same(&args.input, output) && gltf::is_landscape(&args.input);
@@ -295,19 +363,42 @@ fn pair(text: &str) -> Result<[f64; 2], String> {
 fn restyled(text: &str) -> Result<(String, Style), String> {
     let (name, colour) = text.rsplit_once('=').filter(|(name, _)| !name.is_empty()).ok_or("NAME=COLOUR is needed")?;
     let (keep, colour) = colour.strip_prefix('*').map_or((false, colour), |rest| (true, rest));
-    let factor = match colour.strip_prefix('#') {
-        Some(digits) => {
-            let code = u32::from_str_radix(digits, 16).ok().filter(|_| digits.len() == 6);
-            let code = code.ok_or_else(|| format!("{colour} is not a colour like #4c8a2e"))?;
-            [16, 8, 0].map(|shift| f64::from(srgb_to_linear((code >> shift & 255) as u8)))
-        }
-        None => <[f64; 3]>::try_from(numbers(colour)?).map_err(|_| "a colour is #rrggbb or three numbers")?,
-    };
+    let factor = self::colour(colour)?;
     let most = if keep { f64::MAX } else { 1.0 };
     if factor.iter().any(|v| !(0.0..=most).contains(v)) {
         return Err(if keep { "factors are at least 0" } else { "a colour's numbers are from 0 to 1" }.into());
     }
     Ok((name.to_owned(), Style { factor, keep }))
+}
+
+/// `#rrggbb` (sRGB), or three linear numbers.
+fn colour(text: &str) -> Result<[f64; 3], String> {
+    match text.strip_prefix('#') {
+        Some(digits) => {
+            let code = u32::from_str_radix(digits, 16).ok().filter(|_| digits.len() == 6);
+            let code = code.ok_or_else(|| format!("{text} is not a colour like #4c8a2e"))?;
+            Ok([16, 8, 0].map(|shift| f64::from(srgb_to_linear((code >> shift & 255) as u8))))
+        }
+        None => Ok(<[f64; 3]>::try_from(numbers(text)?).map_err(|_| "a colour is #rrggbb or three numbers")?),
+    }
+}
+
+/// `A..B`, `A..` or `..B`.
+fn range(text: &str) -> Result<[f64; 2], String> {
+    let (low, high) = text.split_once("..").ok_or("two numbers with .. between them are needed, such as 0..30")?;
+    let end = |text: &str, open: f64| match text.trim() {
+        "" => Ok(open),
+        text => finite(text).map_err(|_| format!("{text:?} is not a number")),
+    };
+    let range = [end(low, f64::NEG_INFINITY)?, end(high, f64::INFINITY)?];
+    if range[0] > range[1] { Err("the limits go from less to more".into()) } else { Ok(range) }
+}
+
+/// Two colours with `..` between them, or one.
+fn ramp(text: &str) -> Result<[[f64; 3]; 2], String> {
+    let (a, b) = text.split_once("..").unwrap_or((text, text));
+    let ends = [colour(a.trim())?, colour(b.trim())?];
+    if ends.iter().flatten().any(|v| *v < 0.0) { Err("factors are at least 0".into()) } else { Ok(ends) }
 }
 
 fn displacement(text: &str) -> Result<[f64; 3], String> {
