@@ -19,7 +19,7 @@ use crate::scene::gltf::map::{
     Arrangement, Cells, Chart, Covered, Heights, MapOptions, Mapped, MaskOver, PointsTable, PointsUp, Scales, map,
 };
 use crate::scene::raster::Raster;
-use crate::scene::shell::Orientations;
+use crate::scene::shell::{Continuous, Orientations};
 use crate::scene::texture::srgb_to_linear;
 use crate::volume::{Info, Style};
 use crate::{Error, Result};
@@ -72,7 +72,7 @@ pub struct Args {
     /// proportion to the cell]
     #[arg(long = "size", value_name = "METRES", value_parser = finite)]
     sizes: Vec<f64>,
-    /// Multiply each rigid copy's colours by one between these two
+    /// Multiply each copy's colours by one between these two
     #[arg(long, value_name = "COLOUR..COLOUR", value_parser = ramp)]
     tint: Option<[[f64; 3]; 2]>,
     /// Place rigid copies where a .csv says: x (east), y (north) [, z (up)], size (metres high), scale, turn (degrees), tint
@@ -124,13 +124,21 @@ pub struct Args {
     /// Write _VTEX_UVW and _VTEX_HEIGHT even where the material alone would do
     #[arg(long)]
     attributes: bool,
-    /// How copies are turned at random: not at all; in a shell by quarter turns, or also mirrored; rigid ones by any angle
-    #[arg(long, value_enum, default_value_t = Turns::W8)]
-    orientations: Turns,
-    /// Random size of copies, as a share of their full size
-    #[arg(long, value_name = "MIN,MAX", value_parser = pair, default_value = "0.8,1")]
-    scale: [f64; 2],
-    /// Largest random displacement of a shell's copies, in cells [default: 0.1]
+    /// How copies differ, as a whole; options below change parts of it
+    #[arg(long, value_enum, default_value_t = JitterPreset::Natural)]
+    jitter: JitterPreset,
+    /// How copies are turned at random: not at all; in a shell by quarter turns about w (w4), or also mirrored (w8), or by all
+    /// turns of a cube (cube24), or also mirrored (cube48); rigid ones by any angle [default: w8; of cyclic texels identity]
+    #[arg(long, value_enum)]
+    orientations: Option<Turns>,
+    /// Axes (of u, v, w, such as `uv`) along which half of a shell's copies are mirrored
+    #[arg(long, value_name = "AXES", value_parser = axes)]
+    mirror: Option<[bool; 3]>,
+    /// Random size of copies, as a share of their full size [default: 0.8,1; of cyclic texels 1]
+    #[arg(long, value_name = "MIN,MAX", value_parser = pair)]
+    scale: Option<[f64; 2]>,
+    /// Largest random displacement of a shell's copies, in cells; they may reach over others' cells [default: 0.1; of cyclic
+    /// texels 0]
     #[arg(long, value_name = "D|U,V,W", value_parser = displacement)]
     displace: Option<[f64; 3]>,
     /// Share of the cells that hold a copy, or of the density that is kept
@@ -179,6 +187,8 @@ enum Turns {
     Identity,
     W4,
     W8,
+    Cube24,
+    Cube48,
 }
 
 #[derive(Clone, Copy, PartialEq, ValueEnum)]
@@ -211,6 +221,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
         ui.say(&format!("{name} is for shells: copies bend with the ground, as with --bend"));
     }
     let bend = args.bend || for_shells.is_some();
+    let preset = args.jitter.preset(isolated, args.seed);
     let density_map = args.density_map.as_deref().map(|path| Raster::open(path)?.into_shares(path)).transpose()?;
     let options = MapOptions {
         texels,
@@ -229,7 +240,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
         slope: args.slope,
         altitude: args.altitude,
         sizes: args.sizes.clone(),
-        arrangement: Arrangement::Scattered,
+        arrangement: preset.arrangement,
         tint: args.tint,
         points: args.points.clone().map(|path| PointsTable {
             path,
@@ -251,13 +262,17 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
             (None, None) => Chart::Auto,
         },
         attributes: args.attributes,
-        orientations: match args.orientations {
+        orientations: args.orientations.map_or(preset.orientations, |turns| match turns {
             Turns::Identity => Orientations::Identity,
             Turns::W4 => Orientations::W4,
             Turns::W8 => Orientations::W8,
-        },
-        scale: args.scale,
-        displace: args.displace.unwrap_or([0.1, 0.1, 0.0]),
+            Turns::Cube24 => Orientations::Cube24,
+            Turns::Cube48 => Orientations::Cube48,
+        }),
+        mirror: args.mirror.unwrap_or_default(),
+        continuous: preset.continuous,
+        scale: args.scale.unwrap_or(preset.scale),
+        displace: args.displace.unwrap_or(preset.displace),
         presence: args.presence,
         seed: args.seed,
         palette: args.palette.iter().cloned().collect(),
@@ -299,6 +314,69 @@ fn described(args: &Args, output: &Path, mapped: &Mapped) -> Value {
     })
 }
 
+/// How copies differ.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum JitterPreset {
+    /// Nothing differs: copies stand in rows, all alike
+    None,
+    /// Grown: turned, of uneven size, irregularly spread; cyclic texels are bent by noise
+    Natural,
+    /// The same, more of it
+    Wild,
+    /// Planted: turned, of uneven size, in rows
+    Orchard,
+}
+
+/// What a preset sets.
+struct Preset {
+    orientations: Orientations,
+    scale: [f64; 2],
+    displace: [f64; 3],
+    arrangement: Arrangement,
+    continuous: Option<Continuous>,
+}
+
+impl JitterPreset {
+    /// `isolated`: of objects that do not go on from cell to cell.
+    fn preset(self, isolated: bool, seed: u32) -> Preset {
+        let rows = if matches!(self, JitterPreset::None | JitterPreset::Orchard) {
+            Arrangement::Rows
+        } else {
+            Arrangement::Scattered
+        };
+        let alike = Preset {
+            orientations: Orientations::Identity,
+            scale: [1.0; 2],
+            displace: [0.0; 3],
+            arrangement: rows,
+            continuous: None,
+        };
+        // Lattice cells of some three texels, so that neither grid is seen in the other.
+        let noise = |strength: f64| Continuous {
+            seed,
+            frequency: [0.31, 0.31, 0.31],
+            octaves: 2,
+            uvw_amplitude: [0.35 * strength, 0.35 * strength, 0.0],
+            height_tilt: 0.4 * strength,
+            height_scale: 0.35 * strength,
+        };
+        match (self, isolated) {
+            (JitterPreset::None, _) => alike,
+            (JitterPreset::Natural | JitterPreset::Orchard, false) => Preset { continuous: Some(noise(1.0)), ..alike },
+            (JitterPreset::Wild, false) => Preset { continuous: Some(noise(1.8)), ..alike },
+            (JitterPreset::Natural, true) => {
+                Preset { orientations: Orientations::W8, scale: [0.8, 1.0], displace: [0.1, 0.1, 0.0], ..alike }
+            }
+            (JitterPreset::Wild, true) => {
+                Preset { orientations: Orientations::W8, scale: [0.5, 1.0], displace: [0.5, 0.5, 0.0], ..alike }
+            }
+            (JitterPreset::Orchard, true) => {
+                Preset { orientations: Orientations::W8, scale: [0.9, 1.0], displace: [0.04, 0.04, 0.0], ..alike }
+            }
+        }
+    }
+}
+
 /// An option that only shells understand, if one is given.
 fn of_shells(args: &Args) -> Option<&'static str> {
     let given = [
@@ -307,6 +385,7 @@ fn of_shells(args: &Args) -> Option<&'static str> {
         (args.uv.is_some(), "--uv"),
         (args.attributes, "--attributes"),
         (args.displace.is_some(), "--displace"),
+        (args.mirror.is_some(), "--mirror"),
         (args.offset.is_some(), "--offset"),
         (args.surface == Surface::Hidden, "--surface hidden"),
     ];
@@ -381,6 +460,12 @@ fn colour(text: &str) -> Result<[f64; 3], String> {
         }
         None => Ok(<[f64; 3]>::try_from(numbers(text)?).map_err(|_| "a colour is #rrggbb or three numbers")?),
     }
+}
+
+/// Some of u, v, w.
+fn axes(text: &str) -> Result<[bool; 3], String> {
+    let known = text.chars().all(|c| "uvw".contains(c)) && !text.is_empty();
+    if known { Ok(['u', 'v', 'w'].map(|c| text.contains(c))) } else { Err("axes are u, v, w, such as `uv`".into()) }
 }
 
 /// `A..B`, `A..` or `..B`.

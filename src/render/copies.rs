@@ -83,7 +83,14 @@ impl<'a> Copies<'a> {
                 let map = to_texel(row.info);
                 let content = row.content.transformed(map.inverse());
                 let tint = Vec3::from_array(v.diffuse.map(|d| d as f32));
-                Ok(CopyVariant { texel: v.texel, frames, cycle: said.and_then(|t| t.cycle), tint, to_texel: map, content })
+                Ok(CopyVariant {
+                    texel: v.texel,
+                    frames,
+                    cycle: said.and_then(|t| t.cycle),
+                    tint,
+                    to_texel: map,
+                    content,
+                })
             };
             let kinds = set.variants.iter().map(kind).collect::<Result<Vec<_>>>()?;
             copies.sets.push(PlacedSet { set, first: copies.count, place: place(set.to_world), kinds });

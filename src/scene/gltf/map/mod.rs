@@ -1,8 +1,8 @@
 //! Covers a plain glTF mesh with texels: rigid copies of isolated objects, shells of what is continuous.
 
 mod copies;
-mod motion;
 mod heightfield;
+mod motion;
 mod options;
 mod place;
 mod plan;

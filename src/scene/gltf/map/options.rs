@@ -4,12 +4,12 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 
 use super::super::write::Saved;
-use super::motion::Motion;
 pub use super::heightfield::Scales;
+use super::motion::Motion;
 pub use super::points::PointsUp;
 use crate::geom::DVec3;
 use crate::scene::raster::Raster;
-use crate::scene::shell::Orientations;
+use crate::scene::shell::{Continuous, Orientations};
 use crate::volume::{Info, Style};
 use crate::{Error, Result};
 
@@ -44,7 +44,7 @@ pub struct MapOptions {
     pub sizes: Vec<f64>,
     /// How rigid copies are spread.
     pub arrangement: Arrangement,
-    /// Each rigid copy's albedo is multiplied by a colour between these two, linear.
+    /// Each copy's albedo is multiplied by a colour between these two, linear.
     pub tint: Option<[[f64; 3]; 2]>,
     /// Where rigid copies stand, in place of a random spread.
     pub points: Option<PointsTable>,
@@ -72,6 +72,10 @@ pub struct MapOptions {
     pub attributes: bool,
     /// Turns and mirrorings that copies of a shell take at random.
     pub orientations: Orientations,
+    /// Whether a shell's copies may be mirrored along u, v, w.
+    pub mirror: [bool; 3],
+    /// Noise that bends a shell's coordinates.
+    pub continuous: Option<Continuous>,
     /// Uniform scale of a copy, [min, max]; of a shell within (0, 1].
     pub scale: [f64; 2],
     /// Largest displacement along u, v, w, in cells.
@@ -205,6 +209,8 @@ impl Default for MapOptions {
             chart: Chart::Auto,
             attributes: false,
             orientations: Orientations::W8,
+            mirror: [false; 3],
+            continuous: None,
             scale: [0.8, 1.0],
             displace: [0.1, 0.1, 0.0],
             presence: 1.0,
@@ -258,8 +264,8 @@ pub fn check(options: &MapOptions, rigid: bool) -> Result<()> {
     if !(0.0..=1.0).contains(&options.presence) {
         return wrong("--presence must lie in [0, 1]");
     }
-    if options.displace.iter().any(|d| !(0.0..=1.0).contains(d)) {
-        return wrong("--displace must lie in [0, 1], in cells");
+    if options.displace.iter().any(|d| !(0.0..=4.0).contains(d)) {
+        return wrong("--displace must lie in [0, 4], in cells");
     }
     if options.offset.iter().any(|d| !d.is_finite()) {
         return wrong("--offset must be two numbers");
