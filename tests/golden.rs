@@ -7,7 +7,7 @@ use std::sync::Arc;
 use vtex::geom::{Aabb, DAffine3, DVec3};
 use vtex::morton;
 use vtex::progress::Quiet;
-use vtex::render::{Ambient, CameraChoice, Options, Sky, SunPosition, render_with};
+use vtex::render::{Ambient, CameraChoice, Options, render_with};
 use vtex::scene::shell::{
     CellWrap, Continuous, Discrete, Environment, Layer, Orientations, ShellMaterial, TexelRef, Variant,
 };
