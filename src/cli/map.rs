@@ -77,7 +77,7 @@ pub struct Args {
     tint: Option<[[f64; 3]; 2]>,
     /// Place rigid copies where a .csv says: x (east), y (north) [, z (up)], size (metres high), scale, turn (degrees), tint
     /// (#rrggbb), texel, by the names in its first line; where z is missing, on the ground
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["density", "density_map", "slope", "altitude"])]
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["density", "density_map", "slope", "altitude", "inset"])]
     points: Option<PathBuf>,
     /// Which axis of --points is up; y: the scene's own axes
     #[arg(long, value_enum, default_value = "z", requires = "points")]
