@@ -3,7 +3,7 @@
 //! Based on: F. Neyret, *Synthesizing Verdant Landscapes using Volumetric Textures*, RR-2846, 1996 (jittered copies);
 //! J. Amanatides, A. Woo, *A Fast Voxel Traversal Algorithm for Ray Tracing*, 1987.
 
-use super::jitter::{Bend, stretch};
+use super::jitter::{JitterNoise, stretch};
 use super::placement::PlacedCopy;
 use super::shell::{Foot, ShellSegment};
 use crate::geom::{Aabb, DMat3, DVec3, Ray, Vec3};
@@ -18,7 +18,7 @@ pub struct TexelLayer {
     pub layer: Layer,
     /// Texels that the hash chooses from, at least one.
     pub choices: Vec<TexelChoice>,
-    bend: Option<Bend>,
+    jitter: Option<JitterNoise>,
     /// Cells that a copy reaches beyond its own, along each axis.
     reach: [i64; 3],
 }
@@ -117,8 +117,8 @@ const MAX_CELLS_PER_SEGMENT: u32 = 1 << 16;
 impl TexelLayer {
     /// `choices`: at least one.
     pub fn new(layer: Layer, choices: Vec<TexelChoice>) -> TexelLayer {
-        let bend = layer.continuous.as_ref().map(Bend::new);
-        let mut made = TexelLayer { layer, choices, bend, reach: [0; 3] };
+        let jitter = layer.continuous.as_ref().map(JitterNoise::new);
+        let mut made = TexelLayer { layer, choices, jitter, reach: [0; 3] };
         made.reach = made.reach();
         made
     }
@@ -136,9 +136,9 @@ impl TexelLayer {
         let (q0, q1) = (segment.q0 * scale + offset, segment.q1 * scale + offset);
         let to_texel = DMat3::from_diagonal(scale) * segment.to_texel;
         let placed = ShellSegment { q0, q1, to_texel, feet, ..*segment };
-        match &self.bend {
+        match &self.jitter {
             None => each(&placed),
-            Some(bend) => bend.for_each_chord(&placed, stretch(self.layer.continuous.as_ref()), tolerance, each),
+            Some(jitter) => jitter.for_each_chord(&placed, stretch(self.layer.continuous.as_ref()), tolerance, each),
         }
     }
 
