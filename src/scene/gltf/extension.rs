@@ -413,8 +413,10 @@ fn discrete(
 const MAX_DISPLACEMENT: f64 = 4.0;
 
 fn continuous(json: &Object, warnings: &mut Warnings) -> Result<Continuous> {
-    const KEYS: [&str; 7] = ["seed", "space", "frequency", "octaves", "uvwAmplitude", "heightTilt", "heightScale"];
+    const KEYS: [&str; 8] =
+        ["noise", "seed", "space", "frequency", "octaves", "uvwAmplitude", "heightTilt", "heightScale"];
     json.known(&KEYS, &[], warnings);
+    json.choice("noise", &[("perlin2002", ())])?;
     json.choice("space", &[("texel", ())])?;
     let octaves = json.integer("octaves", 8)?.unwrap_or(1) as u32;
     if octaves == 0 {
