@@ -8,7 +8,9 @@ use vtex::geom::{Aabb, DAffine3, DVec3};
 use vtex::morton;
 use vtex::progress::Quiet;
 use vtex::render::{Ambient, CameraChoice, Options, render_with};
-use vtex::scene::shell::{CellWrap, Discrete, Environment, Layer, Orientations, ShellMaterial, TexelRef, Variant};
+use vtex::scene::shell::{
+    CellWrap, Continuous, Discrete, Environment, Layer, Orientations, ShellMaterial, TexelRef, Variant,
+};
 use vtex::scene::wind::Wind;
 use vtex::scene::{
     Alpha, Instance, Light, LightKind, Material, Model, Part, ReadOptions, Scene, Texture, TextureRef, gltf,
@@ -199,7 +201,7 @@ fn copies_vary() {
         scale: [0.5, 1.0],
         displace: [0.2, 0.2, 0.0],
         presence: 0.8,
-        variants: vec![],
+        ..Discrete::default()
     };
     let options = looking([0.6, 4.0, 4.0], [0.0; 3]);
     let ground = vec![(square(1.5, 4.0, 0), DAffine3::IDENTITY)];
@@ -210,6 +212,97 @@ fn copies_vary() {
         vec![sun()],
         options,
     );
+}
+
+#[test]
+fn copies_reach_over_their_cells() {
+    let discrete = Discrete {
+        seed: 6,
+        scale: [0.8, 1.0],
+        displace: [0.6, 0.6, 0.0],
+        tint: vec![[1.0; 3], [0.3, 0.3, 1.0]],
+        ..Discrete::default()
+    };
+    let layer = Layer { discrete: Some(discrete), ..Layer::default() };
+    let options = looking([0.6, 4.0, 4.0], [0.0; 3]);
+    golden("reach", vec![(square(1.5, 4.0, 0), DAffine3::IDENTITY)], vec![shell(0.7, layer)], vec![sun()], options);
+}
+
+#[test]
+fn copies_turn_any_way() {
+    let orientations = Orientations::Cube48;
+    let discrete = Discrete { seed: 2, orientations, mirror: [true; 3], ..Discrete::default() };
+    let layer = Layer { discrete: Some(discrete), ..Layer::default() };
+    let options = looking([0.6, 4.0, 4.0], [0.0; 3]);
+    golden("cube", vec![(square(1.5, 3.0, 0), DAffine3::IDENTITY)], vec![shell(0.9, layer)], vec![sun()], options);
+}
+
+fn noise() -> Continuous {
+    Continuous {
+        seed: 4,
+        frequency: [0.4, 0.4, 0.4],
+        octaves: 2,
+        uvw_amplitude: [0.4, 0.4, 0.0],
+        height_tilt: 0.8,
+        height_scale: 0.7,
+    }
+}
+
+#[test]
+fn noise_bends_copies() {
+    let layer = Layer { continuous: Some(noise()), ..Layer::default() };
+    let options = looking([0.6, 4.0, 4.0], [0.0; 3]);
+    golden("bent", vec![(square(1.5, 5.0, 0), DAffine3::IDENTITY)], vec![shell(0.6, layer)], vec![sun()], options);
+}
+
+/// Each triangle cut into four, by the middles of its edges.
+fn cut_finer(part: &Part) -> Part {
+    let mut fine = Part { uvs: vec![vec![]], heights: Some(vec![]), jitter: Some(vec![]), ..part.clone() };
+    (fine.positions, fine.triangles) = (vec![], vec![]);
+    let (heights, jitter) = (part.heights.as_ref().unwrap(), part.jitter.as_ref().unwrap());
+    for t in &part.triangles {
+        let [a, b, c] = t.map(|v| v as usize);
+        let first = fine.positions.len() as u32;
+        for [i, j] in [[a, a], [b, b], [c, c], [a, b], [b, c], [c, a]] {
+            fn middle<const N: usize>(of: &[[f32; N]], [i, j]: [usize; 2]) -> [f32; N] {
+                std::array::from_fn(|k| 0.5 * (of[i][k] + of[j][k]))
+            }
+            fine.positions.push(middle(&part.positions, [i, j]));
+            fine.uvs[0].push(middle(&part.uvs[0], [i, j]));
+            fine.heights.as_mut().unwrap().push(middle(heights, [i, j]));
+            fine.jitter.as_mut().unwrap().push(0.5 * (jitter[i] + jitter[j]));
+        }
+        fine.triangles.extend([[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]].map(|t| t.map(|k| first + k)));
+    }
+    fine
+}
+
+/// What noise bends looks the same however finely the mesh is cut: a hill, and the same with 16 times the faces.
+#[test]
+fn bent_copies_do_not_depend_on_the_faces() {
+    let mut hill =
+        sheet(4, 6.0, 0, |s, t| DVec3::new(3.0 * s - 1.5, 0.6 * (3.1 * s).sin() * (2.0 * t).cos(), 1.5 - 3.0 * t));
+    hill.heights = Some(hill.positions.iter().map(|[x, _, z]| [0.1 * x, 0.6, 0.1 * z]).collect());
+    hill.jitter = Some(hill.positions.iter().map(|[x, ..]| 0.5 + 0.3 * x).collect());
+    let fine = cut_finer(&cut_finer(&hill));
+    assert_eq!(fine.triangles.len(), 16 * hill.triangles.len());
+    let picture = |part: Part| {
+        let layer = Layer { continuous: Some(noise()), ..Layer::default() };
+        let instances = vec![Instance { part: 0, transform: DAffine3::IDENTITY, node: String::new() }];
+        let (parts, materials) = (vec![part], vec![shell(0.6, layer)]);
+        let model =
+            Model { parts, materials, instances, lights: vec![sun()], metres_per_unit: 1.0, ..Model::default() };
+        let texels = vec![TexelRef { name: "figure".into(), ..TexelRef::default() }];
+        let environment = Environment { sky: Some([0.3, 0.35, 0.4].into()), ..Default::default() };
+        let scene = Scene { model, texels, copies: Vec::new(), environment };
+        let options = Options { size: [160, 120], ..looking([0.6, 3.0, 4.0], [0.0; 3]) };
+        render_with(&scene, vec![Some(figure())], &options, &Quiet).unwrap().film.image()
+    };
+    let (coarse, fine) = (picture(hill), picture(fine));
+    let map = vtex::render::metrics::compare(&coarse, &fine, &Default::default()).unwrap().flip_map;
+    let flip = map.iter().sum::<f32>() / map.len() as f32;
+    // What is asked of a landscape; a change of what is seen, as by noise that is taken at vertices, gives tenths.
+    assert!(flip <= 0.01, "{flip}");
 }
 
 #[test]
@@ -311,6 +404,7 @@ fn restyled() {
         displace: [0.0; 3],
         presence: 1.0,
         variants: vec![variant(1.0, [1.0; 3]), variant(1.0, [1.0, 2.5, 1.0]), variant(1.0, [0.4, 2.0, 1.0])],
+        ..Discrete::default()
     };
     let layer = Layer { discrete: Some(discrete), ..Layer::default() };
     let ground = vec![(square(1.0, 3.0, 0), DAffine3::IDENTITY)];

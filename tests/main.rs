@@ -27,6 +27,7 @@ mod levels;
 mod lsystem;
 mod map;
 mod map_measure;
+mod map_place;
 mod materials;
 mod medium;
 mod near;

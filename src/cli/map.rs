@@ -15,15 +15,18 @@ use crate::geom::DVec3;
 use crate::progress::Progress;
 use crate::scene::files::extension;
 use crate::scene::gltf;
-use crate::scene::gltf::map::{Cells, Chart, Covered, Heights, MapOptions, Mapped, map};
-use crate::scene::shell::Orientations;
+use crate::scene::gltf::map::{
+    Arrangement, Cells, Chart, Covered, Heights, MapOptions, Mapped, MaskOver, PointsTable, PointsUp, Scales, map,
+};
+use crate::scene::raster::Raster;
+use crate::scene::shell::{Continuous, Orientations};
 use crate::scene::texture::srgb_to_linear;
 use crate::volume::{Info, Style};
 use crate::{Error, Result};
 
 #[derive(clap::Args)]
 pub struct Args {
-    /// The mesh to cover: .gltf or .glb
+    /// The mesh to cover, .gltf or .glb, or a picture of a ground's heights: .png, .tif
     input: PathBuf,
     /// A .vtex file, or a texel of frames, NAME.####.vtex; given several times, every copy is one of them
     #[arg(long = "texel", required = true, value_name = "FILE")]
@@ -46,12 +49,48 @@ pub struct Args {
     /// Bend copies with the ground, in a shell [default: cyclic texels and files with vectors of their own only]
     #[arg(long)]
     bend: bool,
+    /// Share of the copies that a texel has, in proportion to the others'; once for each --texel [default: all the same]
+    #[arg(long = "weight", value_name = "N", value_parser = finite)]
+    weights: Vec<f64>,
     /// Rigid copies per hectare (400, 400/ha) or square metre (0.04/m2) of ground [default: crowns touch]
     #[arg(long, value_name = "N[/ha|/m2]", value_parser = density)]
     density: Option<f64>,
-    /// Height of rigid copies in metres, of the tallest texel [default: as the source, or in proportion to the cell]
+    /// A .png or .tif: the share of that density, from black (none) to white (all)
+    #[arg(long, value_name = "FILE")]
+    density_map: Option<PathBuf>,
+    /// What the map lies on: texture coordinates, or the bounds of what is covered, from above [default: texture
+    /// coordinates that lie in the unit square, else bounds]
+    #[arg(long, value_enum, requires = "density_map")]
+    map_over: Option<Over>,
+    /// Slopes on which rigid copies stand, degrees; an end may be left out
+    #[arg(long, value_name = "A..B", value_parser = range, allow_hyphen_values = true)]
+    slope: Option<[f64; 2]>,
+    /// Altitudes (y) at which rigid copies stand, metres; an end may be left out
+    #[arg(long, value_name = "A..B", value_parser = range, allow_hyphen_values = true)]
+    altitude: Option<[f64; 2]>,
+    /// Height of rigid copies in metres: of the tallest texel, or once for each --texel [default: as the source, or in
+    /// proportion to the cell]
+    #[arg(long = "size", value_name = "METRES", value_parser = finite)]
+    sizes: Vec<f64>,
+    /// Multiply each copy's colours by one between these two
+    #[arg(long, value_name = "COLOUR..COLOUR", value_parser = ramp)]
+    tint: Option<[[f64; 3]; 2]>,
+    /// Place rigid copies where a .csv says: x (east), y (north) [, z (up)], size (metres high), scale, turn (degrees), tint
+    /// (#rrggbb), texel, by the names in its first line; where z is missing, on the ground
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["density", "density_map", "slope", "altitude", "inset"])]
+    points: Option<PathBuf>,
+    /// Which axis of --points is up; y: the scene's own axes
+    #[arg(long, value_enum, default_value = "z", requires = "points")]
+    points_up: PointsAxis,
+    /// What is taken from the points' ground coordinates [default: the middle of a GeoTIFF ground, else 0,0]
+    #[arg(long, value_name = "X,Y", value_parser = pair, requires = "points", allow_hyphen_values = true)]
+    points_origin: Option<[f64; 2]>,
+    /// Width of a pixel of a ground that is a picture, metres [default: as a GeoTIFF says]
     #[arg(long, value_name = "METRES", value_parser = finite)]
-    size: Option<f64>,
+    pixel: Option<f64>,
+    /// Heights of black and white in it, metres [default: numbers of a .tif are heights]
+    #[arg(long, value_name = "MIN,MAX", value_parser = pair, allow_hyphen_values = true)]
+    relief: Option<[f64; 2]>,
     /// Sink rigid copies by so many metres on a slope of 45 degrees, in proportion on others
     #[arg(long, value_name = "METRES", default_value_t = 0.0, value_parser = finite)]
     sink: f64,
@@ -85,13 +124,21 @@ pub struct Args {
     /// Write _VTEX_UVW and _VTEX_HEIGHT even where the material alone would do
     #[arg(long)]
     attributes: bool,
-    /// How copies are turned at random: not at all; in a shell by quarter turns, or also mirrored; rigid ones by any angle
-    #[arg(long, value_enum, default_value_t = Turns::W8)]
-    orientations: Turns,
-    /// Random size of copies, as a share of their full size
-    #[arg(long, value_name = "MIN,MAX", value_parser = pair, default_value = "0.8,1")]
-    scale: [f64; 2],
-    /// Largest random displacement of a shell's copies, in cells [default: 0.1]
+    /// How copies differ, as a whole; options below change parts of it
+    #[arg(long, value_enum, default_value_t = JitterPreset::Natural)]
+    jitter: JitterPreset,
+    /// How copies are turned at random: not at all; in a shell by quarter turns about w (w4), or also mirrored (w8), or by all
+    /// turns of a cube (cube24), or also mirrored (cube48); rigid ones by any angle [default: w8; of cyclic texels identity]
+    #[arg(long, value_enum)]
+    orientations: Option<Turns>,
+    /// Axes (of u, v, w, such as `uv`) along which half of a shell's copies are mirrored
+    #[arg(long, value_name = "AXES", value_parser = axes)]
+    mirror: Option<[bool; 3]>,
+    /// Random size of copies, as a share of their full size [default: 0.8,1; of cyclic texels 1]
+    #[arg(long, value_name = "MIN,MAX", value_parser = pair)]
+    scale: Option<[f64; 2]>,
+    /// Largest random displacement of a shell's copies, in cells; they may reach over others' cells [default: 0.1; of cyclic
+    /// texels 0]
     #[arg(long, value_name = "D|U,V,W", value_parser = displacement)]
     displace: Option<[f64; 3]>,
     /// Share of the cells that hold a copy, or of the density that is kept
@@ -124,10 +171,24 @@ enum Axis {
 }
 
 #[derive(Clone, Copy, ValueEnum)]
+enum Over {
+    Uv,
+    Bounds,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum PointsAxis {
+    Y,
+    Z,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
 enum Turns {
     Identity,
     W4,
     W8,
+    Cube24,
+    Cube48,
 }
 
 #[derive(Clone, Copy, PartialEq, ValueEnum)]
@@ -160,6 +221,8 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
         ui.say(&format!("{name} is for shells: copies bend with the ground, as with --bend"));
     }
     let bend = args.bend || for_shells.is_some();
+    let preset = args.jitter.preset(isolated, args.seed);
+    let density_map = args.density_map.as_deref().map(|path| Raster::open(path)?.into_shares(path)).transpose()?;
     let options = MapOptions {
         texels,
         geometries: args.geometries.clone(),
@@ -170,8 +233,21 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
             (None, None) => Cells::Texel,
         },
         bend,
+        weights: args.weights.clone(),
         density: args.density,
-        size: args.size,
+        density_map,
+        map_over: args.map_over.map(|over| if matches!(over, Over::Uv) { MaskOver::Uv } else { MaskOver::Bounds }),
+        slope: args.slope,
+        altitude: args.altitude,
+        sizes: args.sizes.clone(),
+        arrangement: preset.arrangement,
+        tint: args.tint,
+        points: args.points.clone().map(|path| PointsTable {
+            path,
+            up: if matches!(args.points_up, PointsAxis::Y) { PointsUp::Y } else { PointsUp::Z },
+            origin: args.points_origin,
+        }),
+        ground: Scales { pixel: args.pixel, relief: args.relief },
         sink: args.sink,
         inset: args.inset,
         offset: args.offset.unwrap_or_default(),
@@ -186,13 +262,17 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
             (None, None) => Chart::Auto,
         },
         attributes: args.attributes,
-        orientations: match args.orientations {
+        orientations: args.orientations.map_or(preset.orientations, |turns| match turns {
             Turns::Identity => Orientations::Identity,
             Turns::W4 => Orientations::W4,
             Turns::W8 => Orientations::W8,
-        },
-        scale: args.scale,
-        displace: args.displace.unwrap_or([0.1, 0.1, 0.0]),
+            Turns::Cube24 => Orientations::Cube24,
+            Turns::Cube48 => Orientations::Cube48,
+        }),
+        mirror: args.mirror.unwrap_or_default(),
+        continuous: preset.continuous,
+        scale: args.scale.unwrap_or(preset.scale),
+        displace: args.displace.unwrap_or(preset.displace),
         presence: args.presence,
         seed: args.seed,
         palette: args.palette.iter().cloned().collect(),
@@ -214,7 +294,9 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
 fn default_output(input: &Path) -> PathBuf {
     let mut name = input.file_stem().unwrap_or_default().to_owned();
     name.push("-landscape.");
-    name.push(input.extension().unwrap_or("glb".as_ref()));
+    // A picture of a ground's heights becomes a mesh.
+    let kind = input.extension().filter(|_| ["gltf", "glb"].contains(&extension(input).as_str()));
+    name.push(kind.unwrap_or("glb".as_ref()));
     name.into()
 }
 
@@ -232,6 +314,69 @@ fn described(args: &Args, output: &Path, mapped: &Mapped) -> Value {
     })
 }
 
+/// How copies differ.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum JitterPreset {
+    /// Nothing differs: copies stand in rows, all alike
+    None,
+    /// Grown: turned, of uneven size, irregularly spread; cyclic texels are bent by noise
+    Natural,
+    /// The same, more of it
+    Wild,
+    /// Planted: turned, of uneven size, in rows
+    Orchard,
+}
+
+/// What a preset sets.
+struct Preset {
+    orientations: Orientations,
+    scale: [f64; 2],
+    displace: [f64; 3],
+    arrangement: Arrangement,
+    continuous: Option<Continuous>,
+}
+
+impl JitterPreset {
+    /// `isolated`: of objects that do not go on from cell to cell.
+    fn preset(self, isolated: bool, seed: u32) -> Preset {
+        let rows = if matches!(self, JitterPreset::None | JitterPreset::Orchard) {
+            Arrangement::Rows
+        } else {
+            Arrangement::Scattered
+        };
+        let alike = Preset {
+            orientations: Orientations::Identity,
+            scale: [1.0; 2],
+            displace: [0.0; 3],
+            arrangement: rows,
+            continuous: None,
+        };
+        // Lattice cells of some three texels, so that neither grid is seen in the other.
+        let noise = |strength: f64| Continuous {
+            seed,
+            frequency: [0.31, 0.31, 0.31],
+            octaves: 2,
+            uvw_amplitude: [0.35 * strength, 0.35 * strength, 0.0],
+            height_tilt: 0.4 * strength,
+            height_scale: 0.35 * strength,
+        };
+        match (self, isolated) {
+            (JitterPreset::None, _) => alike,
+            (JitterPreset::Natural | JitterPreset::Orchard, false) => Preset { continuous: Some(noise(1.0)), ..alike },
+            (JitterPreset::Wild, false) => Preset { continuous: Some(noise(1.8)), ..alike },
+            (JitterPreset::Natural, true) => {
+                Preset { orientations: Orientations::W8, scale: [0.8, 1.0], displace: [0.1, 0.1, 0.0], ..alike }
+            }
+            (JitterPreset::Wild, true) => {
+                Preset { orientations: Orientations::W8, scale: [0.5, 1.0], displace: [0.5, 0.5, 0.0], ..alike }
+            }
+            (JitterPreset::Orchard, true) => {
+                Preset { orientations: Orientations::W8, scale: [0.9, 1.0], displace: [0.04, 0.04, 0.0], ..alike }
+            }
+        }
+    }
+}
+
 /// An option that only shells understand, if one is given.
 fn of_shells(args: &Args) -> Option<&'static str> {
     let given = [
@@ -240,6 +385,7 @@ fn of_shells(args: &Args) -> Option<&'static str> {
         (args.uv.is_some(), "--uv"),
         (args.attributes, "--attributes"),
         (args.displace.is_some(), "--displace"),
+        (args.mirror.is_some(), "--mirror"),
         (args.offset.is_some(), "--offset"),
         (args.surface == Surface::Hidden, "--surface hidden"),
     ];
@@ -254,6 +400,7 @@ fn check_output(args: &Args, output: &Path) -> Result<Vec<PathBuf>> {
         return Err(Error::Options(format!("{path}: a landscape is written as .gltf or .glb; name it so")));
     }
     let mut read = depfile::of_landscape(&args.input);
+    read.extend(args.density_map.iter().chain(&args.points).cloned());
     read.extend(args.texels.iter().chain(&args.geometries).cloned());
     // The input comes first.
     let added_to = outputs::same(&args.input, output) && gltf::is_landscape(&args.input);
@@ -295,19 +442,48 @@ fn pair(text: &str) -> Result<[f64; 2], String> {
 fn restyled(text: &str) -> Result<(String, Style), String> {
     let (name, colour) = text.rsplit_once('=').filter(|(name, _)| !name.is_empty()).ok_or("NAME=COLOUR is needed")?;
     let (keep, colour) = colour.strip_prefix('*').map_or((false, colour), |rest| (true, rest));
-    let factor = match colour.strip_prefix('#') {
-        Some(digits) => {
-            let code = u32::from_str_radix(digits, 16).ok().filter(|_| digits.len() == 6);
-            let code = code.ok_or_else(|| format!("{colour} is not a colour like #4c8a2e"))?;
-            [16, 8, 0].map(|shift| f64::from(srgb_to_linear((code >> shift & 255) as u8)))
-        }
-        None => <[f64; 3]>::try_from(numbers(colour)?).map_err(|_| "a colour is #rrggbb or three numbers")?,
-    };
+    let factor = self::colour(colour)?;
     let most = if keep { f64::MAX } else { 1.0 };
     if factor.iter().any(|v| !(0.0..=most).contains(v)) {
         return Err(if keep { "factors are at least 0" } else { "a colour's numbers are from 0 to 1" }.into());
     }
     Ok((name.to_owned(), Style { factor, keep }))
+}
+
+/// `#rrggbb` (sRGB), or three linear numbers.
+fn colour(text: &str) -> Result<[f64; 3], String> {
+    match text.strip_prefix('#') {
+        Some(digits) => {
+            let code = u32::from_str_radix(digits, 16).ok().filter(|_| digits.len() == 6);
+            let code = code.ok_or_else(|| format!("{text} is not a colour like #4c8a2e"))?;
+            Ok([16, 8, 0].map(|shift| f64::from(srgb_to_linear((code >> shift & 255) as u8))))
+        }
+        None => Ok(<[f64; 3]>::try_from(numbers(text)?).map_err(|_| "a colour is #rrggbb or three numbers")?),
+    }
+}
+
+/// Some of u, v, w.
+fn axes(text: &str) -> Result<[bool; 3], String> {
+    let known = text.chars().all(|c| "uvw".contains(c)) && !text.is_empty();
+    if known { Ok(['u', 'v', 'w'].map(|c| text.contains(c))) } else { Err("axes are u, v, w, such as `uv`".into()) }
+}
+
+/// `A..B`, `A..` or `..B`.
+fn range(text: &str) -> Result<[f64; 2], String> {
+    let (low, high) = text.split_once("..").ok_or("two numbers with .. between them are needed, such as 0..30")?;
+    let end = |text: &str, open: f64| match text.trim() {
+        "" => Ok(open),
+        text => finite(text).map_err(|_| format!("{text:?} is not a number")),
+    };
+    let range = [end(low, f64::NEG_INFINITY)?, end(high, f64::INFINITY)?];
+    if range[0] > range[1] { Err("the limits go from less to more".into()) } else { Ok(range) }
+}
+
+/// Two colours with `..` between them, or one.
+fn ramp(text: &str) -> Result<[[f64; 3]; 2], String> {
+    let (a, b) = text.split_once("..").unwrap_or((text, text));
+    let ends = [colour(a.trim())?, colour(b.trim())?];
+    if ends.iter().flatten().any(|v| *v < 0.0) { Err("factors are at least 0".into()) } else { Ok(ends) }
 }
 
 fn displacement(text: &str) -> Result<[f64; 3], String> {

@@ -143,7 +143,7 @@ enum Command {
     Verify(verify::Args),
     Truncate(truncate::Args),
     /// Cover a plain glTF mesh with texels
-    Map(map::Args),
+    Map(Box<map::Args>),
     /// Bake the built-in samples, cover the built-in valley with them, render it
     #[cfg(all(feature = "bake", feature = "render"))]
     Demo(demo::Args),

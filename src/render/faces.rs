@@ -14,11 +14,11 @@ pub struct Bend {
     pub unit: f64,
 }
 
-/// The boxes over the faces of a part, between `from` and `to` of the height vectors. `place` takes part space to the
-/// renderer's space.
+/// The boxes over the faces of a part, between `from` and `to` of the height vectors, and `stretch` times as high as that.
+/// `place` takes part space to the renderer's space.
 pub fn boxes(
     part: &Part,
-    (material, [from, to]): (&ShellMaterial, [f64; 2]),
+    (material, [from, to], stretch): (&ShellMaterial, [f64; 2], f64),
     place: DAffine3,
     bend: Option<&Bend>,
     warnings: &mut Warnings,
@@ -29,6 +29,9 @@ pub fn boxes(
     }
     if [from, to] != [0.0, 1.0] {
         corners.iter_mut().for_each(|c| (c.p, c.h) = (c.p + from * c.h, (to - from) * c.h));
+    }
+    if stretch != 1.0 {
+        corners.iter_mut().for_each(|c| (c.h, c.dw) = (stretch * c.h, stretch * c.dw));
     }
     let groups = by_position(part);
     let faces: Vec<Option<[Corner; 3]>> = part
@@ -91,7 +94,8 @@ fn corners(part: &Part, material: &ShellMaterial, place: DAffine3, warnings: &mu
             }
         };
         let dw = part.dw.as_ref().and_then(|d| d.get(i)).map_or(material.dw, |&d| f64::from(d));
-        Corner { p: place.transform_point3(p), h: place.matrix3 * heights[i], q, dw }
+        let jitter = part.jitter.as_ref().and_then(|j| j.get(i)).map_or(1.0, |&j| f64::from(j).clamp(0.0, 1.0));
+        Corner { p: place.transform_point3(p), h: place.matrix3 * heights[i], q, dw, jitter }
     };
     Some((0..part.positions.len()).map(corner).collect())
 }
@@ -220,8 +224,9 @@ fn quad([a, b, c]: [Corner; 3], [d, e, f]: [Corner; 3]) -> Option<[Corner; 4]> {
     // Positions and coordinates come as f32: what is rounding there is the same map here.
     let size = (b.q - a.q).abs().max_element().max((c.q - a.q).abs().max_element());
     let off = q.distance(d.q) / size.max(1e-5 * q.abs().max_element());
+    let jitter = a.jitter + at.x * (b.jitter - a.jitter) + at.y * (c.jitter - a.jitter);
     let convex = at.x > 0.0 && at.y > 0.0 && at.x + at.y > 1.0;
-    (convex && at.z.abs() < 1e-5 && off < 1e-5).then_some([a, b, d, c])
+    (convex && at.z.abs() < 1e-5 && off < 1e-5 && (jitter - d.jitter).abs() < 1e-5).then_some([a, b, d, c])
 }
 
 #[cfg(test)]
@@ -255,10 +260,10 @@ mod tests {
     #[test]
     fn flat_tiles_become_one_box_each() {
         let mut warnings = Warnings::default();
-        let made = boxes(&ground(4, 0.0), (&shell(), [0.0, 1.0]), DAffine3::IDENTITY, None, &mut warnings);
+        let made = boxes(&ground(4, 0.0), (&shell(), [0.0, 1.0], 1.0), DAffine3::IDENTITY, None, &mut warnings);
         assert_eq!(made.len(), 16);
         assert!(warnings.is_empty());
-        let made = boxes(&ground(4, 0.3), (&shell(), [0.0, 1.0]), DAffine3::IDENTITY, None, &mut warnings);
+        let made = boxes(&ground(4, 0.3), (&shell(), [0.0, 1.0], 1.0), DAffine3::IDENTITY, None, &mut warnings);
         assert_eq!(made.len(), 32);
         assert!(made.iter().all(|b| matches!(b, ShellBox::Twisted(_))));
     }
@@ -282,7 +287,7 @@ mod tests {
     fn without_coordinates_there_is_a_word() {
         let part = Part { uvs: vec![], ..ground(1, 0.0) };
         let mut warnings = Warnings::default();
-        assert!(boxes(&part, (&shell(), [0.0, 1.0]), DAffine3::IDENTITY, None, &mut warnings).is_empty());
+        assert!(boxes(&part, (&shell(), [0.0, 1.0], 1.0), DAffine3::IDENTITY, None, &mut warnings).is_empty());
         assert_eq!(warnings.iter().count(), 1);
     }
 }

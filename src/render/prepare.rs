@@ -11,6 +11,7 @@ use super::copies::{Copies, RigidCopy};
 use super::environment::environment;
 use super::faces;
 use super::faces::Bend;
+use super::jitter;
 use super::light::PunctualLight;
 use super::mesh::{Mesh, MeshBuilder};
 use super::options::{CameraChoice, Options, SourceLod};
@@ -20,7 +21,7 @@ use super::source_lod::LazySource;
 use super::source_mesh::SourceMesh;
 use super::surround::Surround;
 use crate::geom::{Aabb, DAffine3, DVec3, Ray, Vec3};
-use crate::scene::shell::{ShellMaterial, Variant};
+use crate::scene::shell::{Layer, ShellMaterial, Variant};
 use crate::scene::{Camera, Part, Projection, Scene};
 use crate::volume::Octree;
 use crate::{Error, Result, Warnings};
@@ -188,7 +189,7 @@ impl<'a> World<'a> {
                     // What is wrong with a shell is said once, not for each of its ranges.
                     let mut again = Warnings::default();
                     let warnings = if group == first { &mut *warnings } else { &mut again };
-                    self.boxes.extend(faces::boxes(part, (shell, range), placed, bend.as_ref(), warnings));
+                    self.boxes.extend(faces::boxes(part, (shell, range.0, range.1), placed, bend.as_ref(), warnings));
                     self.box_layers.resize(self.boxes.len(), group);
                 }
                 lost += self.boxes[before..].iter().filter(|b| !finite(&b.bounds())).count();
@@ -332,12 +333,17 @@ fn view(scene: &Scene, bounds: &Aabb, options: &Options, notes: &mut Vec<String>
     camera.map_or_else(framed, of_file)
 }
 
-/// The parts of the height vectors that a shell's layers fill, each once.
-fn layer_ranges(shell: &ShellMaterial) -> Vec<[f64; 2]> {
+/// The part of the height vectors that a layer fills, and how much higher its boxes are.
+fn range_of(layer: &Layer) -> ([f64; 2], f64) {
+    (layer.skin_range, jitter::stretch(layer.continuous.as_ref()))
+}
+
+/// The ranges of a shell's layers, each once.
+fn layer_ranges(shell: &ShellMaterial) -> Vec<([f64; 2], f64)> {
     let mut ranges = Vec::new();
-    for layer in &shell.layers {
-        if !ranges.contains(&layer.skin_range) {
-            ranges.push(layer.skin_range);
+    for range in shell.layers.iter().map(range_of) {
+        if !ranges.contains(&range) {
+            ranges.push(range);
         }
     }
     ranges
@@ -347,14 +353,14 @@ fn layer_ranges(shell: &ShellMaterial) -> Vec<[f64; 2]> {
 fn layers_in(
     scene: &Scene,
     shell: &ShellMaterial,
-    range: [f64; 2],
+    range: ([f64; 2], f64),
     texels: &[Option<Texel>],
 ) -> Result<Vec<TexelLayer>> {
     let info = |i: usize| Some(texels.get(i)?.as_ref()?.tree.info());
     shell
         .layers
         .iter()
-        .filter(|layer| layer.skin_range == range)
+        .filter(|layer| range_of(layer) == range)
         .map(|layer| {
             let listed = layer.discrete.iter().flat_map(|d| d.variants.iter().copied());
             let mut variants: Vec<Variant> = listed.filter(|v| v.weight > 0.0).collect();
@@ -377,7 +383,7 @@ fn layers_in(
                     Ok(TexelChoice { texel, frames, cycle, cumulative, content, tint: Vec3::from_array(tint) })
                 })
                 .collect::<Result<Vec<_>>>()?;
-            Ok(TexelLayer { layer: layer.clone(), choices })
+            Ok(TexelLayer::new(layer.clone(), choices))
         })
         .collect()
 }

@@ -34,6 +34,8 @@ pub struct CopySegment {
 
 /// Distance by which a chord may stray from the ray's path, in widths of the cone.
 const MAX_STRAY: f64 = 0.25;
+/// And where noise bends the way: a tenth of the voxel that is read, which is about as wide as the cone.
+const MAX_BENT_STRAY: f64 = 0.1;
 /// The stray that is always allowed, in cells: finer than a voxel of depth 10.
 const FREE_STRAY: f64 = 1.0 / 4096.0;
 
@@ -56,10 +58,13 @@ pub fn for_each_segment(
     let layers = world.layers_of(index);
     let layers = layer.map_or(layers, |layer| layers.get(layer as usize).map_or(&[], std::slice::from_ref));
     let tolerance = |t: f64, m: &DMat3| (MAX_STRAY * width_at(t) * scale_across(m, ray.dir)).max(FREE_STRAY);
+    let bent = |t: f64, m: &DMat3| (MAX_BENT_STRAY * width_at(t) * scale_across(m, ray.dir)).max(FREE_STRAY);
     shell.for_each_segment(ray, t0, t1, &tolerance, &mut |segment| {
         layers.iter().all(|layer| {
-            let (segment, cell) = CellSpace::of(layer, segment, ray.dir);
-            layer.for_each_copy(&segment, &mut |hit| cell.segment(world, *hit, width_at).is_none_or(|s| each(&s)))
+            layer.for_each_chord(segment, &bent, &mut |chord| {
+                let cell = CellSpace::of(layer, chord, ray.dir);
+                layer.for_each_copy(chord, &mut |hit| cell.segment(world, *hit, width_at).is_none_or(|s| each(&s)))
+            })
         })
     })
 }
@@ -74,14 +79,10 @@ struct CellSpace {
 }
 
 impl CellSpace {
-    /// The space of a layer, and a shell's segment in the layer's coordinates; `dir` is the ray's.
-    fn of(layer: &TexelLayer, segment: &ShellSegment, dir: DVec3) -> (ShellSegment, CellSpace) {
-        let (scale, offset) = (DVec3::from_array(layer.layer.scale), DVec3::from_array(layer.layer.offset));
-        let to_cell = DMat3::from_diagonal(scale) * segment.to_texel;
-        let (q0, q1) = (segment.q0 * scale + offset, segment.q1 * scale + offset);
+    /// The space of a layer along a chord in its coordinates; `dir` is the ray's.
+    fn of(layer: &TexelLayer, chord: &ShellSegment, dir: DVec3) -> CellSpace {
         let opacity_scale = layer.layer.opacity_scale as f32;
-        let space = CellSpace { to_cell, scale: scale_across(&to_cell, dir), opacity_scale };
-        (ShellSegment { q0, q1, to_texel: to_cell, ..*segment }, space)
+        CellSpace { to_cell: chord.to_texel, scale: scale_across(&chord.to_texel, dir), opacity_scale }
     }
 
     /// A copy's segment, ready to be marched; `None` where it passes by the texel's content.

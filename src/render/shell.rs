@@ -19,6 +19,8 @@ pub struct Corner {
     pub h: DVec3,
     pub q: DVec3,
     pub dw: f64,
+    /// Strength of continuous jitter there, in [0, 1].
+    pub jitter: f64,
 }
 
 /// A stretch of a ray on which texel coordinates are (nearly) linear in t: from `q0` at `t0` to `q1` at `t1`.
@@ -30,6 +32,43 @@ pub struct ShellSegment {
     pub q1: DVec3,
     /// World → texel, the linear part.
     pub to_texel: DMat3,
+    /// Where the ends stand in the shell.
+    pub feet: [Foot; 2],
+}
+
+/// How a point of a shell stands over the base.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Foot {
+    /// How far w has risen since the base.
+    pub rise: f64,
+    /// Share of the height vector, in [0, 1].
+    pub height: f64,
+    /// Strength of continuous jitter, in [0, 1].
+    pub mask: f64,
+}
+
+/// A point of a shell: its texel coordinates and its [`Foot`].
+#[derive(Debug, Clone, Copy)]
+pub struct ShellPoint {
+    pub q: DVec3,
+    pub rise: f64,
+    pub height: f64,
+    pub mask: f64,
+}
+
+impl ShellSegment {
+    /// The point at t, between the ends.
+    pub fn at(&self, t: f64) -> ShellPoint {
+        let share = (t - self.t0) / (self.t1 - self.t0);
+        let [a, b] = &self.feet;
+        let mix = |a: f64, b: f64| a + share * (b - a);
+        ShellPoint {
+            q: self.q0.lerp(self.q1, share),
+            rise: mix(a.rise, b.rise),
+            height: mix(a.height, b.height),
+            mask: mix(a.mask, b.mask),
+        }
+    }
 }
 
 /// The half-space n · x ≤ c.
@@ -61,6 +100,12 @@ pub struct Prism {
     /// Texel coordinate = `to_texel` · x + `offset`.
     to_texel: DMat3,
     offset: DVec3,
+    /// Height in [0, 1] = `up` · x + `floor`; strength of jitter = `mask` · x + `mask_offset`.
+    up: DVec3,
+    floor: f64,
+    mask: DVec3,
+    mask_offset: f64,
+    dw: f64,
     bounds: Aabb,
 }
 
@@ -88,12 +133,18 @@ impl Prism {
             let turned = n.dot(centre) > c;
             planes[2 + k] = if turned { Plane { n: -n, c: -c, turned } } else { Plane { n, c, turned } };
         }
+        let mask = inverse.transpose() * DVec3::new(b.jitter - a.jitter, c.jitter - a.jitter, 0.0);
         let bounds = Aabb::around(face.iter().flat_map(|f| [f.p, f.p + f.h]));
         (to_texel.is_finite() && offset.is_finite()).then_some(Prism {
             planes,
             count: 2 + face.len(),
             to_texel,
             offset,
+            up,
+            floor: -base,
+            mask,
+            mask_offset: a.jitter - mask.dot(a.p),
+            dw: a.dw,
             bounds,
         })
     }
@@ -114,6 +165,11 @@ impl Prism {
 
     fn texel(&self, x: DVec3) -> DVec3 {
         self.to_texel * x + self.offset
+    }
+
+    fn foot(&self, x: DVec3) -> Foot {
+        let height = self.up.dot(x) + self.floor;
+        Foot { rise: height * self.dw, height, mask: (self.mask.dot(x) + self.mask_offset).clamp(0.0, 1.0) }
     }
 }
 
@@ -244,6 +300,12 @@ impl TwistedBox {
         (1.0 - at.b[0] - at.b[1]) * top(a) + at.b[0] * top(b) + at.b[1] * top(c)
     }
 
+    fn foot(&self, at: Place) -> Foot {
+        let [a, b, c] = &self.corners;
+        let mix = |of: fn(&Corner) -> f64| (1.0 - at.b[0] - at.b[1]) * of(a) + at.b[0] * of(b) + at.b[1] * of(c);
+        Foot { rise: at.w * mix(|k| k.dw), height: at.w, mask: mix(|k| k.jitter).clamp(0.0, 1.0) }
+    }
+
     /// World → texel, the linear part, there.
     fn to_texel(&self, at: BoxPoint) -> DMat3 {
         let [a, b, c] = &self.corners;
@@ -322,8 +384,9 @@ impl TwistedBox {
         tolerance: &dyn Fn(f64, &DMat3) -> f64,
         each: &mut dyn FnMut(&ShellSegment) -> bool,
     ) -> bool {
-        let (Some((_, q0)), Some((_, q1))) = (self.along(ray, t0), self.along(ray, t1)) else { return true };
-        self.cut(ray, ShellSegment { t0, t1, q0, q1, to_texel: DMat3::IDENTITY }, 0, tolerance, each)
+        let (Some((from, q0)), Some((to, q1))) = (self.along(ray, t0), self.along(ray, t1)) else { return true };
+        let feet = [self.foot(from), self.foot(to)];
+        self.cut(ray, ShellSegment { t0, t1, q0, q1, to_texel: DMat3::IDENTITY, feet }, 0, tolerance, each)
     }
 
     fn cut(
@@ -351,7 +414,9 @@ impl TwistedBox {
             piece.to_texel = to_texel;
             return each(&piece);
         }
-        let (left, right) = (ShellSegment { t1: mid, q1: q, ..piece }, ShellSegment { t0: mid, q0: q, ..piece });
+        let ([from, to], foot) = (piece.feet, self.foot(place));
+        let left = ShellSegment { t1: mid, q1: q, feet: [from, foot], ..piece };
+        let right = ShellSegment { t0: mid, q0: q, feet: [foot, to], ..piece };
         self.cut(ray, left, depth + 1, tolerance, each) && self.cut(ray, right, depth + 1, tolerance, each)
     }
 }
@@ -452,8 +517,9 @@ impl ShellBox {
     ) -> bool {
         match self {
             ShellBox::Prism(b) => {
-                let (q0, q1) = (b.texel(ray.at(t0)), b.texel(ray.at(t1)));
-                each(&ShellSegment { t0, t1, q0, q1, to_texel: b.to_texel })
+                let (from, to) = (ray.at(t0), ray.at(t1));
+                let feet = [b.foot(from), b.foot(to)];
+                each(&ShellSegment { t0, t1, q0: b.texel(from), q1: b.texel(to), to_texel: b.to_texel, feet })
             }
             ShellBox::Twisted(b) => b.for_each_segment(ray, t0, t1, tolerance, each),
         }

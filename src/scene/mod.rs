@@ -11,6 +11,8 @@ pub(crate) mod image;
 pub mod model;
 #[cfg(feature = "bake")]
 pub mod obj;
+#[cfg(feature = "bake")]
+pub mod raster;
 pub(crate) mod select;
 pub mod shell;
 #[cfg(feature = "bake")]

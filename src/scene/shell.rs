@@ -138,6 +138,8 @@ pub struct Layer {
     pub diffuse: [f64; 3],
     /// Variation per cell; `None` where all cells are alike.
     pub discrete: Option<Discrete>,
+    /// Noise that bends the texel coordinates; `None` where nothing does.
+    pub continuous: Option<Continuous>,
 }
 
 impl Default for Layer {
@@ -152,6 +154,7 @@ impl Default for Layer {
             opacity_scale: 1.0,
             diffuse: [1.0; 3],
             discrete: None,
+            continuous: None,
         }
     }
 }
@@ -163,14 +166,51 @@ pub struct Discrete {
     pub seed: u32,
     /// Orientations to choose from.
     pub orientations: Orientations,
+    /// Whether a copy may be mirrored along u, v, w: half of them are.
+    pub mirror: [bool; 3],
     /// Uniform scale about the cell's base centre, [min, max], 0 < min ≤ max ≤ 1.
     pub scale: [f64; 2],
-    /// Largest displacement along u, v, w, in cells; clamped so that the content stays in its cell.
+    /// Largest displacement along u, v, w, in cells; along an axis whose wrap is empty the content stays in its cell.
     pub displace: [f64; 3],
     /// Share of cells that hold an object.
     pub presence: f64,
     /// Texels to choose from; empty: the layer's own.
     pub variants: Vec<Variant>,
+    /// A ramp of colours, linear: each copy's albedo is multiplied by one of it; empty: by 1.
+    pub tint: Vec<[f64; 3]>,
+}
+
+impl Default for Discrete {
+    /// Copies that are all alike.
+    fn default() -> Self {
+        Discrete {
+            seed: 0,
+            orientations: Orientations::Identity,
+            mirror: [false; 3],
+            scale: [1.0; 2],
+            displace: [0.0; 3],
+            presence: 1.0,
+            variants: Vec::new(),
+            tint: Vec::new(),
+        }
+    }
+}
+
+/// Noise that bends the texel coordinates of a cyclic texel: what it does is in `format-spec/landscape-1.md`, §4.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Continuous {
+    /// Seed of the noise.
+    pub seed: u32,
+    /// Lattice cells of the noise per cell of the texel, along u, v, w; above 0.
+    pub frequency: [f64; 3],
+    /// 1 … 8.
+    pub octaves: u32,
+    /// How far texel coordinates are moved, in cells; ≥ 0.
+    pub uvw_amplitude: [f64; 3],
+    /// How far height vectors lean, radians in texel space, in [0, 1.2].
+    pub height_tilt: f64,
+    /// By which share of themselves they become longer or shorter, in [0, 0.9].
+    pub height_scale: f64,
 }
 
 /// One of several texels of a layer.
@@ -194,4 +234,8 @@ pub enum Orientations {
     W4,
     /// Quarter turns about w, mirrored or not.
     W8,
+    /// All turns that take the cube's axes to axes.
+    Cube24,
+    /// The same, mirrored or not.
+    Cube48,
 }

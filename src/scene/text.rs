@@ -58,6 +58,28 @@ pub fn keyword(line: &str) -> (&str, &str) {
     (key, rest.trim())
 }
 
+/// The values of a line of a table, without quotes, with the place of their first character, from 1 on.
+pub fn fields(line: &str, separator: char) -> impl Iterator<Item = (usize, &str)> {
+    let mut rest = Some((0, line));
+    std::iter::from_fn(move || {
+        let (start, text) = rest.take()?;
+        let skipped =
+            text.len() - text.trim_start_matches(|c: char| c.is_whitespace() && c != separator || c == ' ').len();
+        let (start, text) = (start + skipped, &text[skipped..]);
+        if text.is_empty() && separator == ' ' {
+            return None;
+        }
+        let end = match text.strip_prefix('"').and_then(|t| t.find('"')) {
+            Some(quote) => text[quote + 2..].find(separator).map(|e| e + quote + 2),
+            None => text.find(separator),
+        };
+        rest = end.map(|e| (start + e + 1, &text[e + 1..]));
+        let field = text[..end.unwrap_or(text.len())].trim();
+        let field = field.strip_prefix('"').and_then(|f| f.strip_suffix('"')).unwrap_or(field);
+        Some((line[..start].chars().count() + 1, field))
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -144,7 +144,7 @@ fn mapped(input: &Path, texel: &Path, output: &Path, number: u64) -> Result<()> 
     let options = MapOptions {
         texels: vec![(texel.into(), info)],
         bend: number.is_multiple_of(2),
-        size: (!number.is_multiple_of(2)).then_some(1.0),
+        sizes: if number.is_multiple_of(2) { Vec::new() } else { vec![1.0] },
         density: (!number.is_multiple_of(2)).then_some(0.05),
         ..MapOptions::default()
     };

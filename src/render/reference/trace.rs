@@ -6,7 +6,6 @@ use crate::render::mesh::{Contact, Mesh, Surface};
 use crate::render::options::{Ambient, Options};
 use crate::render::prepare::World;
 use crate::render::shadow::SelfHit;
-use crate::render::shell::ShellSegment;
 use crate::render::source_mesh::{CopyRay, SourceMesh};
 use crate::render::stats::Counts;
 use crate::scene::Model;
@@ -75,7 +74,7 @@ impl<'a> Tracer<'a> {
         let limit = best.as_ref().map_or(f64::INFINITY, |met| met.t);
         world.shells.nearest(ray, limit, |index, limit| {
             let mut end = limit;
-            self.copies(index, ray, limit, counts, &mut |hit, segment, scale| {
+            self.copies(index, ray, limit, counts, &mut |hit, to_cell| {
                 if hit.t0 >= end {
                     return false;
                 }
@@ -89,11 +88,12 @@ impl<'a> Tracer<'a> {
                     source,
                     texel: hit.texel,
                     cell: hit.cell,
-                    ray: CopyRay { ray, t0: hit.t0, to_texel: hit.linear * scale * segment.to_texel },
+                    ray: CopyRay { ray, t0: hit.t0, to_texel: hit.linear * *to_cell },
                     tint: hit.tint,
                 };
                 best = Some(Intersection { t: end, contact, copy: Some(copy) });
-                false
+                // Copies that reach over others' cells may overlap this one, and begin before `end`.
+                true
             });
             end
         });
@@ -101,22 +101,20 @@ impl<'a> Tracer<'a> {
     }
 
     /// The copies of texels that a ray runs through in a box, up to `t1`: layer by layer, each in order, until `each`
-    /// returns false, which ends the layer. `each` gets the layer's scale as a matrix too.
+    /// returns false, which ends the layer. `each` gets the linear part of the map from the world to the layer's cells, too.
     fn copies(
         &self,
         index: u32,
         ray: &Ray,
         t1: f64,
         counts: &mut Counts,
-        each: &mut dyn FnMut(&CopyHit, &ShellSegment, &DMat3) -> bool,
+        each: &mut dyn FnMut(&CopyHit, &DMat3) -> bool,
     ) {
         let Some(shell) = self.world.boxes.get(index as usize) else {
             let copy = self.world.copy(index);
             if let Some((copy, (from, to))) = copy.and_then(|copy| Some((copy, copy.span(ray, t1)?))) {
                 counts.boxes += 1;
-                let (q0, to_texel) = (DVec3::ZERO, copy.to_texel.matrix3);
-                let segment = ShellSegment { t0: from, t1: to, q0, q1: q0, to_texel };
-                each(&copy.hit(ray, from, to), &segment, &DMat3::IDENTITY);
+                each(&copy.hit(ray, from, to), &copy.to_texel.matrix3);
             }
             return;
         };
@@ -124,13 +122,10 @@ impl<'a> Tracer<'a> {
         shell.spans(ray, 0.0, t1, |from, to| {
             counts.boxes += 1;
             for layer in self.world.layers_of(index) {
-                let scale = DVec3::from_array(layer.layer.scale);
-                let offset = DVec3::from_array(layer.layer.offset);
-                let scaling = DMat3::from_diagonal(scale);
                 shell.for_each_segment(ray, from, to, &tolerance, &mut |segment| {
-                    let placed =
-                        ShellSegment { q0: segment.q0 * scale + offset, q1: segment.q1 * scale + offset, ..*segment };
-                    layer.for_each_copy(&placed, &mut |hit| each(hit, segment, &scaling))
+                    layer.for_each_chord(segment, &tolerance, &mut |chord| {
+                        layer.for_each_copy(chord, &mut |hit| each(hit, &chord.to_texel))
+                    })
                 });
             }
         });
@@ -186,7 +181,7 @@ impl<'a> Tracer<'a> {
             return 0.0;
         }
         world.shells.nearest(&ray, distance, |index, t1| {
-            self.copies(index, &ray, t1, counts, &mut |hit, _, _| {
+            self.copies(index, &ray, t1, counts, &mut |hit, _| {
                 if through <= 0.0 {
                     return false;
                 }

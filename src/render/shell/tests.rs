@@ -17,7 +17,7 @@ impl Noise {
 }
 
 fn corner(p: DVec3, h: DVec3, q: DVec3) -> Corner {
-    Corner { p, h, q, dw: 1.0 }
+    Corner { p, h, q, dw: 1.0, jitter: 1.0 }
 }
 
 fn pieces_of(b: &ShellBox, ray: &Ray, tolerance: f64) -> Vec<ShellSegment> {

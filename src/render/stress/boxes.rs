@@ -138,7 +138,7 @@ fn ball(cuts: u32, random: &mut Random, rough: f64, place: &Placing) -> Vec<[Cor
             heights.push((p, h));
             h
         });
-        Corner { p: place.at(p), h: place.along(h), q: p, dw: 1.0 }
+        Corner { p: place.at(p), h: place.along(h), q: p, dw: 1.0, jitter: 1.0 }
     };
     faces.iter().map(|f| f.map(&mut corner)).collect()
 }
@@ -245,7 +245,7 @@ pub fn prisms(random: &mut Random, rays: u64) -> Tally {
     let height = DVec3::new(random.between(-0.5, 0.5), random.between(-0.5, 0.5), random.magnitude(-2.0, 0.5));
     let corner = |i: u32, j: u32| {
         let p = DVec3::new(f64::from(i), f64::from(j), 0.0) / f64::from(n);
-        Corner { p: place.at(p), h: place.along(height), q: p, dw: 1.0 }
+        Corner { p: place.at(p), h: place.along(height), q: p, dw: 1.0, jitter: 1.0 }
     };
     let mut boxes = Vec::new();
     for i in 0..n {
@@ -335,7 +335,13 @@ pub fn upright(random: &mut Random, rays: u64) -> Tally {
         }
     };
     let ground = [DVec3::ZERO, DVec3::X, DVec3::Y];
-    let face = [0, 1, 2].map(|k| Corner { p: map * ground[k], h: map * (tops[k] * DVec3::Z), q: ground[k], dw: 1.0 });
+    let face = [0, 1, 2].map(|k| Corner {
+        p: map * ground[k],
+        h: map * (tops[k] * DVec3::Z),
+        q: ground[k],
+        dw: 1.0,
+        jitter: 1.0,
+    });
     let Some(shell) = ShellBox::new(&face) else {
         tally.nan += 1;
         return tally;
@@ -372,7 +378,8 @@ pub fn upright(random: &mut Random, rays: u64) -> Tally {
 /// Boxes of which nothing is promised but that they end.
 pub fn broken(random: &mut Random, rays: u64) -> Tally {
     let mut tally = Tally { rays, ..Tally::default() };
-    let mut face = [0; 3].map(|_| Corner { p: random.point(), h: random.point(), q: random.point(), dw: 1.0 });
+    let mut face =
+        [0; 3].map(|_| Corner { p: random.point(), h: random.point(), q: random.point(), dw: 1.0, jitter: 1.0 });
     match random.below(7) {
         // A sliver, a needle, corners that agree, heights of 0, folded, huge, sheared into its own plane.
         0 => face[2].p = face[0].p.lerp(face[1].p, 0.5) + random.magnitude(-12.0, -4.0) * random.point(),

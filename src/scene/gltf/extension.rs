@@ -11,7 +11,8 @@ use crate::scene::cycle::{Cycle, Mode, Phase};
 use crate::scene::files;
 pub use crate::scene::shell::EXTENSION_NAME as NAME;
 use crate::scene::shell::{
-    CellWrap, Discrete, Environment, FrameFacts, Layer, Orientations, Pose, ShellMaterial, Sky, TexelRef, Variant,
+    CellWrap, Continuous, Discrete, Environment, FrameFacts, Layer, Orientations, Pose, ShellMaterial, Sky, TexelRef,
+    Variant,
 };
 use crate::scene::wind::{MOST_STRENGTH, Moment, Wind};
 use crate::volume::material::MOST_MATERIALS;
@@ -150,13 +151,13 @@ fn layer(json: &Object, texels: &mut Texels, warnings: &mut Warnings) -> Result<
     }
     let (palette, diffuse) = palette(json, warnings)?;
     let cycle = cycle(json, texels, warnings)?;
-    let discrete = match json.object("jitter")? {
-        Some(jitter) => {
-            jitter.known(&["discrete"], &["continuous"], warnings);
-            jitter.object("discrete")?.map(|d| discrete(&d, texels, (&palette, cycle), warnings)).transpose()?
-        }
-        None => None,
-    };
+    let (mut discrete, mut continuous) = (None, None);
+    if let Some(jitter) = json.object("jitter")? {
+        jitter.known(&["discrete", "continuous"], &[], warnings);
+        let read = |d: Object| self::discrete(&d, texels, (&palette, cycle), warnings);
+        discrete = jitter.object("discrete")?.map(read).transpose()?;
+        continuous = jitter.object("continuous")?.map(|c| self::continuous(&c, warnings)).transpose()?;
+    }
     let scale = json.vec3("scale", ANY)?.unwrap_or([1.0; 3]);
     if scale.contains(&0.0) {
         return Err(json.error("scale", "must not be 0"));
@@ -170,6 +171,7 @@ fn layer(json: &Object, texels: &mut Texels, warnings: &mut Warnings) -> Result<
         opacity_scale: json.number("opacityScale", 0.0..=f64::MAX)?.unwrap_or(1.0),
         diffuse,
         discrete,
+        continuous,
     })
 }
 
@@ -386,19 +388,11 @@ fn discrete(
     shown: (&Palette, Option<Cycle>),
     warnings: &mut Warnings,
 ) -> Result<Discrete> {
-    json.known(&["seed", "orientations", "scale", "displace", "presence", "variants"], &["mirror"], warnings);
-    use Orientations::{Identity, W4, W8};
-    let orientations = [
-        ("identity", (Identity, false)),
-        ("w4", (W4, false)),
-        ("w8", (W8, false)),
-        ("cube24", (W4, true)),
-        ("cube48", (W8, true)),
-    ];
-    let (orientations, approximate) = json.choice("orientations", &orientations)?.unwrap_or((Identity, false));
-    if approximate {
-        warnings.add(format!("{NAME}: orientations cube24 and cube48 are read as w4 and w8"));
-    }
+    const KEYS: [&str; 8] = ["seed", "orientations", "mirror", "scale", "displace", "presence", "variants", "tint"];
+    json.known(&KEYS, &[], warnings);
+    use Orientations::{Cube24, Cube48, Identity, W4, W8};
+    let orientations = [("identity", Identity), ("w4", W4), ("w8", W8), ("cube24", Cube24), ("cube48", Cube48)];
+    let orientations = json.choice("orientations", &orientations)?.unwrap_or(Identity);
     let scale = json.numbers::<2>("scale", 0.0..=1.0)?.unwrap_or([1.0; 2]);
     if !(0.0 < scale[0] && scale[0] <= scale[1]) {
         return Err(json.error("scale", "must be above 0, and from less to more"));
@@ -406,10 +400,39 @@ fn discrete(
     Ok(Discrete {
         seed: json.integer("seed", u32::MAX.into())?.unwrap_or(0) as u32,
         orientations,
+        mirror: json.flags("mirror")?.unwrap_or([false; 3]),
         scale,
-        displace: json.vec3("displace", 0.0..=f64::MAX)?.unwrap_or([0.0; 3]),
+        displace: json.vec3("displace", 0.0..=MAX_DISPLACEMENT)?.unwrap_or([0.0; 3]),
         presence: json.number("presence", 0.0..=1.0)?.unwrap_or(1.0),
         variants: variants(json, texels, shown, warnings)?,
+        tint: json.colours("tint")?,
+    })
+}
+
+/// Cells that a copy may be displaced by; a ray looks into as many cells around it.
+const MAX_DISPLACEMENT: f64 = 4.0;
+
+fn continuous(json: &Object, warnings: &mut Warnings) -> Result<Continuous> {
+    const KEYS: [&str; 8] =
+        ["noise", "seed", "space", "frequency", "octaves", "uvwAmplitude", "heightTilt", "heightScale"];
+    json.known(&KEYS, &[], warnings);
+    json.choice("noise", &[("perlin2002", ())])?;
+    json.choice("space", &[("texel", ())])?;
+    let octaves = json.integer("octaves", 8)?.unwrap_or(1) as u32;
+    if octaves == 0 {
+        return Err(json.error("octaves", "must be at least 1"));
+    }
+    let frequency = json.vec3("frequency", 0.0..=64.0)?.unwrap_or([0.5; 3]);
+    if frequency.contains(&0.0) {
+        return Err(json.error("frequency", "must be above 0"));
+    }
+    Ok(Continuous {
+        seed: json.integer("seed", u32::MAX.into())?.unwrap_or(0) as u32,
+        frequency,
+        octaves,
+        uvw_amplitude: json.vec3("uvwAmplitude", 0.0..=16.0)?.unwrap_or([0.0; 3]),
+        height_tilt: json.number("heightTilt", 0.0..=1.2)?.unwrap_or(0.0),
+        height_scale: json.number("heightScale", 0.0..=0.9)?.unwrap_or(0.0),
     })
 }
 
@@ -492,6 +515,26 @@ impl<'a> Object<'a> {
             };
             self.error(key, &bounds)
         })
+    }
+
+    /// Three times true or false.
+    fn flags(&self, key: &str) -> Result<Option<[bool; 3]>> {
+        let Some(json) = self.json.get(key) else { return Ok(None) };
+        let flags: Option<Vec<bool>> = json.as_array().and_then(|l| l.iter().map(Value::as_bool).collect());
+        let flags = flags.and_then(|f| <[bool; 3]>::try_from(f).ok());
+        flags.ok_or_else(|| self.error(key, "is not three times true or false")).map(Some)
+    }
+
+    /// A ramp of 2 to 16 colours; none where it is absent.
+    fn colours(&self, key: &str) -> Result<Vec<[f64; 3]>> {
+        let Some(json) = self.json.get(key) else { return Ok(Vec::new()) };
+        let wrong = || self.error(key, "is not a list of 2 to 16 colours, each three numbers of at least 0");
+        let list = json.as_array().filter(|l| (2..=16).contains(&l.len())).ok_or_else(wrong)?;
+        let colour = |v: &Value| {
+            let numbers: Option<Vec<f64>> = v.as_array()?.iter().map(|x| x.as_f64().filter(|x| *x >= 0.0)).collect();
+            <[f64; 3]>::try_from(numbers?).ok()
+        };
+        list.iter().map(|v| colour(v).ok_or_else(wrong)).collect()
     }
 
     fn integer(&self, key: &str, most: u64) -> Result<Option<u64>> {

@@ -9,6 +9,7 @@ mod document;
 mod extension;
 mod filters;
 mod light;
+#[cfg(feature = "bake")]
 pub mod map;
 mod material;
 mod meshopt;
@@ -18,6 +19,7 @@ mod skin;
 mod support;
 #[cfg(test)]
 mod tests;
+#[cfg(feature = "bake")]
 mod write;
 
 use std::path::Path;

@@ -537,7 +537,8 @@ fn the_example_of_the_draft_is_read() {
     assert_eq!((l.texel, s.texels.len()), (2, 4));
     assert!(s.texels[2].frames == s.texels[0].frames && s.texels[3].frames == s.texels[1].frames);
     assert_eq!(s.texels[2].palette.style("bark"), Style { factor: [0.35, 0.25, 0.15], keep: true });
-    for (ignored, times) in [("specularFactor", 1), ("shininess", 1), ("continuous", 1)] {
+    assert_eq!(l.continuous.map(|c| (c.seed, c.octaves)), Some((7, 1)));
+    for (ignored, times) in [("specularFactor", 1), ("shininess", 1)] {
         assert_eq!(warned(&s.model, &format!("{ignored} is ignored")), times, "{ignored}");
     }
 }

@@ -3,6 +3,7 @@
 use serde_json::json;
 
 use crate::scene::gltf::tests::shell;
+use crate::scene::shell::{Continuous, Orientations};
 use crate::volume::Style;
 
 #[test]
@@ -30,6 +31,47 @@ fn layers_in_other_colours_share_what_is_alike() {
     ] {
         let example = json!({"layers": [{"texel": 0, "palette": palette}]});
         let error = shell().set("/materials/0/extensions/VTEX_volumetric_texture", example).error();
+        assert!(error.contains(what), "{error}");
+    }
+}
+
+#[test]
+fn jitter_is_read_and_its_ranges_checked() {
+    let with = |jitter: serde_json::Value| {
+        let example = json!({"layers": [{"texel": 0, "jitter": jitter}]});
+        shell().set("/materials/0/extensions/VTEX_volumetric_texture", example)
+    };
+    let s = with(json!({
+        "discrete": {"orientations": "cube48", "mirror": [true, false, true], "tint": [[1, 0, 0], [0, 2, 0]], "displace": [2, 0, 0]},
+        "continuous": {"seed": 7, "space": "texel", "frequency": [1, 2, 3], "octaves": 2, "uvwAmplitude": [0.5, 0, 0],
+            "heightTilt": 0.3, "heightScale": 0.2},
+    }))
+    .scene();
+    let layer = &s.model.materials[0].shell.as_ref().unwrap().layers[0];
+    let discrete = layer.discrete.as_ref().unwrap();
+    assert_eq!((discrete.orientations, discrete.mirror), (Orientations::Cube48, [true, false, true]));
+    assert_eq!((&discrete.tint[..], discrete.displace), (&[[1.0, 0.0, 0.0], [0.0, 2.0, 0.0]][..], [2.0, 0.0, 0.0]));
+    let wanted = Continuous {
+        seed: 7,
+        frequency: [1.0, 2.0, 3.0],
+        octaves: 2,
+        uvw_amplitude: [0.5, 0.0, 0.0],
+        height_tilt: 0.3,
+        height_scale: 0.2,
+    };
+    assert_eq!(layer.continuous, Some(wanted));
+    for (jitter, what) in [
+        (json!({"discrete": {"mirror": [1, 0, 0]}}), "discrete.mirror: is not three times true or false"),
+        (json!({"discrete": {"tint": [[1, 1, 1]]}}), "discrete.tint: is not a list of 2 to 16 colours"),
+        (json!({"discrete": {"tint": [[1, 1, 1], [1, -1, 1]]}}), "discrete.tint: is not a list of 2 to 16 colours"),
+        (json!({"discrete": {"displace": [5, 0, 0]}}), "discrete.displace: is not a number in [0, 4]"),
+        (json!({"continuous": {"octaves": 0}}), "continuous.octaves: must be at least 1"),
+        (json!({"continuous": {"octaves": 9}}), "continuous.octaves: is not a whole number in [0, 8]"),
+        (json!({"continuous": {"frequency": [1, 0, 1]}}), "continuous.frequency: must be above 0"),
+        (json!({"continuous": {"space": "world"}}), "continuous.space: is not texel"),
+        (json!({"continuous": {"heightScale": 1}}), "continuous.heightScale: is not a number in [0, 0.9]"),
+    ] {
+        let error = with(jitter).error();
         assert!(error.contains(what), "{error}");
     }
 }

@@ -1,11 +1,15 @@
 //! Covers a plain glTF mesh with texels: rigid copies of isolated objects, shells of what is continuous.
 
 mod copies;
+mod heightfield;
 mod motion;
 mod options;
+mod place;
 mod plan;
+mod points;
 mod scatter;
 mod shell;
+mod sieve;
 mod surface;
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -17,7 +21,9 @@ use super::document::Document;
 use super::write::{Editor, Saved, reference};
 use super::{ReadOptions, extension, nodes, support};
 pub use motion::Motion;
-pub use options::{Cells, Chart, Covered, Heights, MapOptions, Mapped};
+pub use options::{
+    Arrangement, Cells, Chart, Covered, Heights, MapOptions, Mapped, MaskOver, PointsTable, PointsUp, Scales,
+};
 
 use crate::geom::DVec3;
 use crate::scene::select::Selection;
@@ -26,12 +32,27 @@ use crate::{Error, Result, Warnings};
 use plan::{Plan, SurfacePlan};
 use surface::{Surface, surfaces};
 
-/// Cover `input` and write the landscape to `output` (`.gltf`, or `.glb` by its name). Everything else in the file stays.
+/// Cover `input` and write the landscape to `output` (`.gltf`, or `.glb` by its name). Everything else in the file stays. A
+/// picture of heights (`.png`, `.tif`, `.tiff`) is a ground, too.
 ///
 /// # Errors
 /// Where a file cannot be read or written, where a material is not there, where nothing can be covered, and where
 /// options are out of range.
 pub fn map(input: &Path, options: &MapOptions, output: &Path) -> Result<Mapped> {
+    if heightfield::is_picture(input) {
+        let mut notes = Vec::new();
+        let ground = heightfield::make(input, options.ground, &mut notes)?;
+        let mut mapped = map_mesh(&ground.path, options, output)?;
+        mapped.notes.splice(0..0, notes);
+        return Ok(mapped);
+    }
+    if options.ground != Scales::default() {
+        return Err(Error::Options("--pixel and --relief are for a ground that is a picture of heights".into()));
+    }
+    map_mesh(input, options, output)
+}
+
+fn map_mesh(input: &Path, options: &MapOptions, output: &Path) -> Result<Mapped> {
     let cyclic = |(_, info): &(PathBuf, Info)| info.cyclic[0] || info.cyclic[1];
     let continuous = options.texels.iter().filter(|t| cyclic(t)).count();
     if continuous > 0 && continuous < options.texels.len() && !options.bend {
@@ -92,10 +113,11 @@ pub fn map(input: &Path, options: &MapOptions, output: &Path) -> Result<Mapped> 
             remove_shells(&document, &surfaces, &mut editor, &mut warnings);
         }
         let said = (&mut mapped.notes, &mut warnings);
-        for (cell, members) in by_cell(&plan, &surfaces) {
+        let one = options.points.is_some();
+        for (cell, members) in by_cell(&plan, &surfaces, one) {
             let of = (&plan, &members[..], cell);
             let said = (&mut *said.0, &mut *said.1);
-            mapped.covered.extend(copies::place((&document, &graph), options, of, &texels, &mut editor, said)?);
+            mapped.covered.extend(place::place((&document, &graph), options, of, &texels, &mut editor, said)?);
         }
         motion::write(&mut editor.json, &options.motion, &texels);
         editor.save(output, &saved)?;
@@ -145,13 +167,13 @@ pub fn map(input: &Path, options: &MapOptions, output: &Path) -> Result<Mapped> 
     Ok(mapped)
 }
 
-/// Surfaces with cells of one width together.
-fn by_cell<'a>(plan: &Plan, surfaces: &'a [Surface]) -> Vec<([f64; 2], Vec<&'a Surface>)> {
+/// Surfaces with cells of one width together, or all.
+fn by_cell<'a>(plan: &Plan, surfaces: &'a [Surface], all: bool) -> Vec<([f64; 2], Vec<&'a Surface>)> {
     let mut groups: Vec<([f64; 2], Vec<&Surface>)> = Vec::new();
     for (planned, surface) in plan.surfaces.iter().zip(surfaces) {
         let near = |a: f64, b: f64| (a - b).abs() <= 1e-6 * a.abs().max(b.abs());
         let cell = planned.cell;
-        match groups.iter_mut().find(|g| near(g.0[0], cell[0]) && near(g.0[1], cell[1])) {
+        match groups.iter_mut().find(|g| all || (near(g.0[0], cell[0]) && near(g.0[1], cell[1]))) {
             Some(group) => group.1.push(surface),
             None => groups.push((cell, vec![surface])),
         }

@@ -4,9 +4,12 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 
 use super::super::write::Saved;
+pub use super::heightfield::Scales;
 use super::motion::Motion;
+pub use super::points::PointsUp;
 use crate::geom::DVec3;
-use crate::scene::shell::Orientations;
+use crate::scene::raster::Raster;
+use crate::scene::shell::{Continuous, Orientations};
 use crate::volume::{Info, Style};
 use crate::{Error, Result};
 
@@ -24,11 +27,29 @@ pub struct MapOptions {
     /// Bend copies with the ground, in a shell, also where the texels are isolated objects. Those are else placed as rigid
     /// copies; texels that are cyclic fill shells always.
     pub bend: bool,
+    /// Shares of the copies that each texel has, above 0; as many as `texels`, or none where all have the same.
+    pub weights: Vec<f64>,
     /// Rigid copies per square metre of ground; by default their crowns touch, or each cell holds one.
     pub density: Option<f64>,
-    /// Height of the tallest texel's content as a rigid copy, metres; the others keep their proportions. By default their
-    /// own size, or in proportion to the cell.
-    pub size: Option<f64>,
+    /// Shares of the density, in [0, 1], on the whole ground.
+    pub density_map: Option<Raster>,
+    /// What the map lies on; by default on the texture coordinates where they lie in the unit square.
+    pub map_over: Option<MaskOver>,
+    /// Least and largest slope on which rigid copies stand, degrees; infinite where there is no limit.
+    pub slope: Option<[f64; 2]>,
+    /// Least and largest altitude (y) at which they stand, metres.
+    pub altitude: Option<[f64; 2]>,
+    /// Metres that rigid copies' contents are high: none, each texel's own, or in proportion to the cell; one, of the tallest,
+    /// and the others keep their proportions; or as many as `texels`.
+    pub sizes: Vec<f64>,
+    /// How rigid copies are spread.
+    pub arrangement: Arrangement,
+    /// Each copy's albedo is multiplied by a colour between these two, linear.
+    pub tint: Option<[[f64; 3]; 2]>,
+    /// Where rigid copies stand, in place of a random spread.
+    pub points: Option<PointsTable>,
+    /// Size of a ground that is a picture.
+    pub ground: Scales,
     /// Metres that rigid copies are sunk by on a slope of 45 degrees, and in proportion to the slope elsewhere.
     pub sink: f64,
     /// Leave out rigid copies that would overhang the border of what is covered.
@@ -51,6 +72,10 @@ pub struct MapOptions {
     pub attributes: bool,
     /// Turns and mirrorings that copies of a shell take at random.
     pub orientations: Orientations,
+    /// Whether a shell's copies may be mirrored along u, v, w.
+    pub mirror: [bool; 3],
+    /// Noise that bends a shell's coordinates.
+    pub continuous: Option<Continuous>,
     /// Uniform scale of a copy, [min, max]; of a shell within (0, 1].
     pub scale: [f64; 2],
     /// Largest displacement along u, v, w, in cells.
@@ -65,6 +90,34 @@ pub struct MapOptions {
     pub surface_visible: bool,
     /// Frames of texels, and wind.
     pub motion: Motion,
+}
+
+/// What a picture of densities lies on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum MaskOver {
+    /// The unit square of texture coordinates, and repeated beyond.
+    Uv,
+    /// The box around what is covered, seen from above with −z, north, up.
+    Bounds,
+}
+
+/// How rigid copies are spread.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Arrangement {
+    /// Irregularly, with a least distance.
+    #[default]
+    Scattered,
+    /// In rows along x and z.
+    Rows,
+}
+
+/// A table of places.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PointsTable {
+    pub path: PathBuf,
+    pub up: PointsUp,
+    /// What is taken from east and north (of a survey), or from x and z: by default the origin of the ground, if it has one.
+    pub origin: Option<[f64; 2]>,
 }
 
 /// How wide a copy is.
@@ -134,8 +187,17 @@ impl Default for MapOptions {
             materials: Vec::new(),
             cells: Cells::Texel,
             bend: false,
+            weights: Vec::new(),
             density: None,
-            size: None,
+            density_map: None,
+            map_over: None,
+            slope: None,
+            altitude: None,
+            sizes: Vec::new(),
+            arrangement: Arrangement::Scattered,
+            tint: None,
+            points: None,
+            ground: Scales::default(),
             sink: 0.0,
             inset: false,
             offset: [0.0; 2],
@@ -147,6 +209,8 @@ impl Default for MapOptions {
             chart: Chart::Auto,
             attributes: false,
             orientations: Orientations::W8,
+            mirror: [false; 3],
+            continuous: None,
             scale: [0.8, 1.0],
             displace: [0.1, 0.1, 0.0],
             presence: 1.0,
@@ -182,16 +246,26 @@ pub fn check(options: &MapOptions, rigid: bool) -> Result<()> {
             "--scale must be MIN,MAX with 0 < MIN ≤ MAX ≤ 1"
         });
     }
-    if !rigid && (options.density.is_some() || options.size.is_some() || options.sink != 0.0 || options.inset) {
-        return wrong(
-            "--density, --size, --sink and --inset are for rigid copies, not for shells (cyclic texels, --bend)",
-        );
+    let n = options.texels.len();
+    if !options.weights.is_empty() && options.weights.len() != n {
+        return wrong("--weight is given once for each --texel, in the same order, or not at all");
+    }
+    if options.sizes.len() > 1 && options.sizes.len() != n {
+        return wrong("--size is given once for all, or once for each --texel, in the same order");
+    }
+    if let Some(name) = for_copies(options).filter(|_| !rigid) {
+        return wrong(&format!("{name} is for rigid copies, not for shells (cyclic texels, --bend)"));
+    }
+    for (limits, name) in [(options.slope, "--slope"), (options.altitude, "--altitude")] {
+        if let Some([low, high]) = limits.filter(|[low, high]| low.is_nan() || high.is_nan() || low > high) {
+            return wrong(&format!("{name} {low}..{high}: the limits go from less to more"));
+        }
     }
     if !(0.0..=1.0).contains(&options.presence) {
         return wrong("--presence must lie in [0, 1]");
     }
-    if options.displace.iter().any(|d| !(0.0..=1.0).contains(d)) {
-        return wrong("--displace must lie in [0, 1], in cells");
+    if options.displace.iter().any(|d| !(0.0..=4.0).contains(d)) {
+        return wrong("--displace must lie in [0, 4], in cells");
     }
     if options.offset.iter().any(|d| !d.is_finite()) {
         return wrong("--offset must be two numbers");
@@ -212,8 +286,9 @@ pub fn check(options: &MapOptions, rigid: bool) -> Result<()> {
     if !cells || options.thickness.is_some_and(|t| !positive(t)) {
         return wrong("--repeat, --cell and --thickness must be above 0");
     }
-    if [options.density, options.size].into_iter().flatten().any(|x| !positive(x)) || !options.sink.is_finite() {
-        return wrong("--density and --size must be above 0, and --sink a number");
+    let numbers = options.density.iter().chain(&options.sizes).chain(&options.weights).chain(&options.ground.pixel);
+    if numbers.copied().any(|x| !positive(x)) || !options.sink.is_finite() {
+        return wrong("--density, --size, --weight and --pixel must be above 0, and --sink a number");
     }
     if let Heights::Along(d) = options.heights
         && !(d.is_finite() && d.length() > 0.0)
@@ -221,4 +296,19 @@ pub fn check(options: &MapOptions, rigid: bool) -> Result<()> {
         return wrong("--height-along must not be 0,0,0");
     }
     Ok(())
+}
+
+/// An option that rigid copies alone understand, if one is given.
+fn for_copies(options: &MapOptions) -> Option<&'static str> {
+    let given = [
+        (options.density.is_some(), "--density"),
+        (options.density_map.is_some(), "--density-map"),
+        (options.slope.is_some(), "--slope"),
+        (options.altitude.is_some(), "--altitude"),
+        (!options.sizes.is_empty(), "--size"),
+        (options.sink != 0.0, "--sink"),
+        (options.inset, "--inset"),
+        (options.points.is_some(), "--points"),
+    ];
+    given.into_iter().find(|g| g.0).map(|g| g.1)
 }

@@ -4,6 +4,7 @@
 use super::options::{Cells, Chart, Heights, MapOptions};
 use super::surface::{Coordinates, Surface, SurfaceStats};
 use crate::geom::DVec3;
+use crate::scene::shell::Orientations;
 use crate::volume::Info;
 use crate::{Error, Result, Warnings};
 
@@ -92,7 +93,13 @@ impl Plan {
         let width = if rigid { 1.0 } else { width(options, &groups, notes, warnings) };
         let top = options.texels.iter().map(|(_, info)| info.content.max.z).fold(0.0, f64::max);
         let heights_kept = !options.add && keeps_heights.iter().any(|k| *k);
-        let dw = if options.displace[2] > 0.0 || top <= 0.0 || heights_kept { 1.0 } else { (top * 1.001).min(1.0) };
+        let upright =
+            !matches!(options.orientations, Orientations::Cube24 | Orientations::Cube48) && !options.mirror[2];
+        let dw = if !upright || options.displace[2] > 0.0 || top <= 0.0 || heights_kept {
+            1.0
+        } else {
+            (top * 1.001).min(1.0)
+        };
         let mut planned = vec![None; surfaces.len()];
         for group in &groups {
             let (scale, cell) = match options.cells {

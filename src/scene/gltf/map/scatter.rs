@@ -5,7 +5,8 @@
 
 use std::collections::HashMap;
 
-use crate::geom::DVec3;
+use super::surface::Face;
+use crate::geom::{Aabb, DVec3};
 use crate::random::SplitMix64;
 
 /// A point on a triangle.
@@ -16,24 +17,50 @@ pub struct Point {
     pub normal: DVec3,
     /// The caller's number of the triangle's surface.
     pub surface: usize,
+    /// Texture coordinates.
+    pub uv: [f64; 2],
 }
 
 /// Triangles to throw darts at.
 #[derive(Default)]
 pub struct Target {
-    /// Corners and normal; area summed up to and with each.
-    triangles: Vec<([DVec3; 3], DVec3, usize)>,
+    triangles: Vec<Triangle>,
+    /// Area summed up to and with each.
     areas: Vec<f64>,
 }
 
+#[derive(Clone, Copy)]
+struct Triangle {
+    corners: [DVec3; 3],
+    /// Unit normal of the front.
+    normal: DVec3,
+    surface: usize,
+    uvs: [[f64; 2]; 3],
+}
+
+impl Triangle {
+    /// The point a + s (b − a) + t (c − a).
+    fn point(&self, s: f64, t: f64) -> Point {
+        let ([a, b, c], [p, q, r]) = (self.corners, self.uvs);
+        let uv = std::array::from_fn(|k| p[k] + s * (q[k] - p[k]) + t * (r[k] - p[k]));
+        Point { at: a + s * (b - a) + t * (c - a), normal: self.normal, surface: self.surface, uv }
+    }
+}
+
 impl Target {
-    /// `cross`: twice the area vector of the front.
-    pub fn push(&mut self, corners: [DVec3; 3], cross: DVec3, surface: usize) {
-        let area = 0.5 * cross.length();
+    /// Add a triangle of the caller's surface number `surface`.
+    pub fn push(&mut self, face: &Face, surface: usize) {
+        let area = 0.5 * face.cross.length();
         if area > 0.0 && area.is_finite() {
-            self.triangles.push((corners, cross / (2.0 * area), surface));
+            let normal = face.cross / (2.0 * area);
+            self.triangles.push(Triangle { corners: face.corners, normal, surface, uvs: face.chart });
             self.areas.push(self.area() + area);
         }
+    }
+
+    /// Box around all triangles.
+    pub fn bounds(&self) -> Aabb {
+        Aabb::around(self.triangles.iter().flat_map(|t| t.corners))
     }
 
     /// Square metres.
@@ -45,12 +72,12 @@ impl Target {
     fn dart(&self, random: &mut SplitMix64) -> Option<Point> {
         let aim = random.unit() * self.area();
         let i = self.areas.partition_point(|&a| a <= aim).min(self.areas.len().checked_sub(1)?);
-        let &([a, b, c], normal, surface) = self.triangles.get(i)?;
+        let triangle = self.triangles.get(i)?;
         let (mut s, mut t) = (random.unit(), random.unit());
         if s + t > 1.0 {
             (s, t) = (1.0 - s, 1.0 - t);
         }
-        Some(Point { at: a + s * (b - a) + t * (c - a), normal, surface })
+        Some(triangle.point(s, t))
     }
 
     /// The edges that only one triangle has, by the positions of their ends.
@@ -60,7 +87,12 @@ impl Target {
             let (ka, kb) = (key(a), key(b));
             if ka <= kb { (ka, kb) } else { (kb, ka) }
         };
-        let edges = || self.triangles.iter().flat_map(|&([a, b, c], ..)| [[a, b], [b, c], [c, a]]);
+        let edges = || {
+            self.triangles.iter().flat_map(|t| {
+                let [a, b, c] = t.corners;
+                [[a, b], [b, c], [c, a]]
+            })
+        };
         let mut counts: HashMap<_, u32> = HashMap::new();
         edges().for_each(|[a, b]| *counts.entry(ends(a, b)).or_default() += 1);
         edges().filter(|&[a, b]| counts.get(&ends(a, b)) == Some(&1)).collect()
@@ -122,6 +154,64 @@ impl Discs {
             }
         }
         points
+    }
+}
+
+/// The triangles of a target seen from above, to find the ground under a place.
+pub struct Lookup<'a> {
+    target: &'a Target,
+    bounds: Aabb,
+    /// Columns and rows along x and z, and the triangles whose bounds touch each.
+    size: [usize; 2],
+    cells: Vec<Vec<u32>>,
+}
+
+/// A lookup has some one cell per triangle, and at most so many along an axis.
+const MOST_COLUMNS: f64 = 2048.0;
+
+impl<'a> Lookup<'a> {
+    pub fn new(target: &'a Target) -> Lookup<'a> {
+        let bounds = target.bounds();
+        let side = (target.triangles.len() as f64).sqrt().ceil().clamp(1.0, MOST_COLUMNS) as usize;
+        let mut lookup = Lookup { target, bounds, size: [side; 2], cells: vec![Vec::new(); side * side] };
+        for (i, t) in target.triangles.iter().enumerate() {
+            let own = Aabb::around(t.corners);
+            let (low, high) = (lookup.column(own.min), lookup.column(own.max));
+            for row in low[1]..=high[1] {
+                for column in low[0]..=high[0] {
+                    lookup.cells[row * side + column].push(i as u32);
+                }
+            }
+        }
+        lookup
+    }
+
+    fn column(&self, p: DVec3) -> [usize; 2] {
+        let (share, size) = ((p - self.bounds.min) / self.bounds.size().max(DVec3::splat(1e-9)), self.size);
+        [(share.x, size[0]), (share.z, size[1])].map(|(s, n)| ((s * n as f64).max(0.0) as usize).min(n - 1))
+    }
+
+    /// The highest point of the ground at (x, z); `None` where there is none.
+    pub fn at(&self, x: f64, z: f64) -> Option<Point> {
+        let p = DVec3::new(x, 0.0, z);
+        let [column, row] = self.column(p);
+        let mut best: Option<Point> = None;
+        for &i in &self.cells[row * self.size[0] + column] {
+            let triangle = &self.target.triangles[i as usize];
+            let [a, b, c] = triangle.corners;
+            let (e, f, d) = (b - a, c - a, p - a);
+            let det = e.x * f.z - f.x * e.z;
+            let (s, t) = ((d.x * f.z - f.x * d.z) / det, (e.x * d.z - d.x * e.z) / det);
+            // A place on an edge may lie outside of both triangles by rounding.
+            const RIM: f64 = 1e-9;
+            if s >= -RIM && t >= -RIM && s + t <= 1.0 + RIM {
+                let found = triangle.point(s, t);
+                if best.is_none_or(|b| found.at.y > b.at.y) {
+                    best = Some(found);
+                }
+            }
+        }
+        best
     }
 }
 
@@ -192,7 +282,8 @@ mod tests {
         let p = |x: f64, z: f64| DVec3::new(x * size, 0.0, z * size);
         let mut target = Target::default();
         for t in [[p(0.0, 0.0), p(0.0, 1.0), p(1.0, 1.0)], [p(0.0, 0.0), p(1.0, 1.0), p(1.0, 0.0)]] {
-            target.push(t, (t[1] - t[0]).cross(t[2] - t[0]), 0);
+            let chart = t.map(|p| [p.x / size, p.z / size]);
+            target.push(&Face { corners: t, cross: (t[1] - t[0]).cross(t[2] - t[0]), chart }, 0);
         }
         target
     }
@@ -214,6 +305,22 @@ mod tests {
         assert!((17..=33).contains(&quarter), "{quarter}");
         let again = Discs::new(3.5).throw(&target, 100, 3.5, &mut SplitMix64::new(5));
         assert_eq!(points, again);
+    }
+
+    #[test]
+    fn the_ground_is_found_from_above() {
+        let mut target = square(8.0);
+        let roof = [[2.0, 3.0, 2.0], [2.0, 3.0, 4.0], [4.0, 5.0, 2.0f64]].map(DVec3::from_array);
+        let cross = (roof[1] - roof[0]).cross(roof[2] - roof[0]);
+        target.push(&Face { corners: roof, cross, chart: [[0.0; 2]; 3] }, 7);
+        let lookup = Lookup::new(&target);
+        let found = lookup.at(3.0, 2.5).unwrap();
+        assert!(found.surface == 7 && (found.at.y - 4.0).abs() < 1e-12, "{found:?}");
+        let found = lookup.at(6.0, 2.0).unwrap();
+        assert!(found.surface == 0 && found.at.y == 0.0 && found.uv == [0.75, 0.25], "{found:?}");
+        // On the diagonal, at a corner, and beyond.
+        assert!(lookup.at(5.0, 5.0).is_some() && lookup.at(8.0, 8.0).is_some() && lookup.at(8.1, 4.0).is_none());
+        assert!(lookup.at(f64::NAN, 0.0).is_none());
     }
 
     #[test]

@@ -8,7 +8,7 @@ use super::super::write::Editor;
 use super::options::{Chart, MapOptions};
 use super::plan::{Plan, SurfacePlan};
 use super::surface::{Coordinates, Surface, WRITTEN};
-use crate::scene::shell::Orientations;
+use crate::scene::shell::{Continuous, Orientations};
 use crate::volume::Style;
 use crate::{Error, Result, Warnings};
 
@@ -77,12 +77,18 @@ pub fn material(options: &MapOptions, plan: &Plan, own: &MaterialPlan, texels: &
     if offset != [0.0; 2] {
         layer.insert("offset".into(), json!([offset[0], offset[1], 0.0]));
     }
+    let mut jitter = Map::new();
+    if let Some(c) = &options.continuous {
+        jitter.insert("continuous".into(), continuous(c));
+    }
     let mut discrete = Map::new();
     discrete.insert("seed".into(), json!(options.seed));
     let orientations = match options.orientations {
         Orientations::Identity => "identity",
         Orientations::W4 => "w4",
         Orientations::W8 => "w8",
+        Orientations::Cube24 => "cube24",
+        Orientations::Cube48 => "cube48",
     };
     discrete.insert("orientations".into(), json!(orientations));
     discrete.insert("scale".into(), json!(options.scale));
@@ -91,7 +97,26 @@ pub fn material(options: &MapOptions, plan: &Plan, own: &MaterialPlan, texels: &
     if texels.len() > 1 {
         discrete.insert("variants".into(), texels.iter().map(|t| json!({"texel": t})).collect());
     }
-    layer.insert("jitter".into(), json!({"discrete": discrete}));
+    if options.mirror != [false; 3] {
+        discrete.insert("mirror".into(), json!(options.mirror));
+    }
+    if let Some(ramp) = options.tint {
+        discrete.insert("tint".into(), json!(ramp));
+    }
+    // What varies nothing is left out: a layer then has one copy in all cells.
+    let varies = options.orientations != Orientations::Identity
+        || options.mirror != [false; 3]
+        || options.scale != [1.0; 2]
+        || options.displace != [0.0; 3]
+        || options.presence < 1.0
+        || options.tint.is_some()
+        || texels.len() > 1;
+    if varies {
+        jitter.insert("discrete".into(), discrete.into());
+    }
+    if !jitter.is_empty() {
+        layer.insert("jitter".into(), jitter.into());
+    }
     if !options.palette.is_empty() {
         layer.insert("palette".into(), palette(&options.palette));
     }
@@ -106,6 +131,14 @@ pub fn material(options: &MapOptions, plan: &Plan, own: &MaterialPlan, texels: &
     shell.insert("surface".into(), json!(if options.surface_visible { "visible" } else { "hidden" }));
     shell.insert("layers".into(), json!([layer]));
     Value::Object(shell)
+}
+
+/// The `continuous` object.
+fn continuous(c: &Continuous) -> Value {
+    json!({
+        "seed": c.seed, "frequency": c.frequency, "octaves": c.octaves, "uvwAmplitude": c.uvw_amplitude,
+        "heightTilt": c.height_tilt, "heightScale": c.height_scale,
+    })
 }
 
 /// The `palette` object.

@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use super::{Content, Fault};
 use crate::geom::DVec3;
 use crate::scene::far::Decimals;
-use crate::scene::text::logical_lines;
+use crate::scene::text::{fields, logical_lines};
 use crate::source::curve::Strand;
 
 /// Meaning of a column.
@@ -123,28 +123,6 @@ pub fn read(text: &str) -> Result<Content, Fault> {
         content.strands.push(strand);
     }
     Ok(content)
-}
-
-/// The values of a line, without quotes, with the place of their first character, from 1 on.
-fn fields(line: &str, separator: char) -> impl Iterator<Item = (usize, &str)> {
-    let mut rest = Some((0, line));
-    std::iter::from_fn(move || {
-        let (start, text) = rest.take()?;
-        let skipped =
-            text.len() - text.trim_start_matches(|c: char| c.is_whitespace() && c != separator || c == ' ').len();
-        let (start, text) = (start + skipped, &text[skipped..]);
-        if text.is_empty() && separator == ' ' {
-            return None;
-        }
-        let end = match text.strip_prefix('"').and_then(|t| t.find('"')) {
-            Some(quote) => text[quote + 2..].find(separator).map(|e| e + quote + 2),
-            None => text.find(separator),
-        };
-        rest = end.map(|e| (start + e + 1, &text[e + 1..]));
-        let field = text[..end.unwrap_or(text.len())].trim();
-        let field = field.strip_prefix('"').and_then(|f| f.strip_suffix('"')).unwrap_or(field);
-        Some((line[..start].chars().count() + 1, field))
-    })
 }
 
 /// Meaning of each column by its name; `None` for an unknown name.

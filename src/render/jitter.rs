@@ -1,0 +1,306 @@
+//! Continuous jitter: the texel coordinates along a ray, bent by noise. Normative: `format-spec/landscape-1.md`, §4.
+//!
+//! Based on: F. Neyret, *Synthesizing Verdant Landscapes using Volumetric Textures*, RR-2846, 1996 (continuous jittering of texture
+//! coordinates, of height vectors' directions and lengths); K. Perlin, *Improving Noise*, SIGGRAPH 2002; S. Porumbescu et al.,
+//! *Shell Maps*, SIGGRAPH 2005 (a ray is a curve in texture space).
+//!
+//! The noise is a function of where a point lies in the shell, and not of its face: it is evaluated along the ray, which is cut into
+//! chords until they follow it. So what is seen does not depend on how finely the mesh is cut.
+
+use super::shell::{ShellPoint, ShellSegment};
+use crate::geom::{DMat3, DVec3};
+use crate::noise::Noise;
+use crate::scene::shell::Continuous;
+
+/// How high the noise of one octave, or of the weighted sum of several, gets at the most.
+const NOISE_MAX: f64 = 1.04;
+/// Chords begin no longer than this share of a lattice cell of the finest octave: shorter than any bump.
+const FIRST_CHORD: f64 = 0.5;
+/// And there are no more of them in one segment; what a ray that grazes a thousand cells sees is far coarser.
+const MAX_CHORDS: f64 = 4096.0;
+/// Halvings of a first chord.
+const MAX_DEPTH: u32 = 8;
+/// Distance between the seeds of the six noises; octaves take up to eight seeds each.
+const SEEDS_APART: u32 = 16;
+
+/// Noises that bend the coordinates of a layer.
+#[derive(Debug, Clone)]
+pub struct JitterNoise {
+    noises: [Noise; 6],
+    amplitude: DVec3,
+    tilt: f64,
+    scale: f64,
+}
+
+/// Where a point is bent to.
+struct Bent {
+    q: DVec3,
+    /// Height in the shell as a share of the height vector.
+    height: f64,
+}
+
+/// How much higher than its height vectors a shell must be for what continuous jitter makes longer.
+pub fn stretch(continuous: Option<&Continuous>) -> f64 {
+    continuous.map_or(1.0, |c| 1.0 + NOISE_MAX * c.height_scale)
+}
+
+impl JitterNoise {
+    /// The noises of a layer.
+    pub fn new(continuous: &Continuous) -> JitterNoise {
+        let noise = |k: u32| Noise {
+            seed: continuous.seed.wrapping_add(SEEDS_APART * k),
+            frequency: DVec3::from_array(continuous.frequency),
+            origin: DVec3::ZERO,
+            period: [0; 3],
+            octaves: continuous.octaves,
+            turbulence: false,
+        };
+        JitterNoise {
+            noises: [0, 1, 2, 3, 4, 5].map(noise),
+            amplitude: DVec3::from_array(continuous.uvw_amplitude),
+            tilt: continuous.height_tilt,
+            scale: continuous.height_scale,
+        }
+    }
+
+    /// Noise number `k` at a base point, if what it moves is moved at all.
+    fn noise(&self, k: usize, base: DVec3) -> f64 {
+        let strength = [self.amplitude.x, self.amplitude.y, self.amplitude.z, self.tilt, self.tilt, self.scale][k];
+        if strength == 0.0 { 0.0 } else { self.noises[k].value(base) }
+    }
+
+    fn at(&self, p: &ShellPoint) -> Bent {
+        let base = DVec3::new(p.q.x, p.q.y, p.q.z - p.rise);
+        let n: [f64; 6] = std::array::from_fn(|k| p.mask * self.noise(k, base));
+        let longer = 1.0 + self.scale * n[5];
+        let lean = [n[3], n[4]].map(|n| p.rise * libm::tan(self.tilt * n));
+        let q = base + self.amplitude * DVec3::new(n[0], n[1], n[2]);
+        Bent { q: q + DVec3::new(-lean[0], -lean[1], p.rise / longer), height: p.height / longer }
+    }
+
+    /// d(u', v', w') / d(u, v, w), the base and the mask held.
+    fn derivative(&self, p: &ShellPoint) -> DMat3 {
+        let base = DVec3::new(p.q.x, p.q.y, p.q.z - p.rise);
+        // Value and slope along u and v.
+        let all: [(f64, [f64; 2]); 6] = std::array::from_fn(|k| {
+            let (value, slope) = self.noises[k].at(base);
+            (p.mask * value, [p.mask * slope.x, p.mask * slope.y])
+        });
+        let longer = 1.0 + self.scale * all[5].0;
+        let lean = |k: usize| {
+            let angle = libm::tan(self.tilt * all[k].0);
+            (angle, p.rise * self.tilt * (1.0 + angle * angle))
+        };
+        let (lean_u, lean_v) = (lean(3), lean(4));
+        let along = |axis: usize| {
+            DVec3::new(
+                self.amplitude.x * all[0].1[axis] - lean_u.1 * all[3].1[axis],
+                self.amplitude.y * all[1].1[axis] - lean_v.1 * all[4].1[axis],
+                self.amplitude.z * all[2].1[axis] - p.rise * self.scale * all[5].1[axis] / (longer * longer),
+            )
+        };
+        DMat3::from_cols(DVec3::X + along(0), DVec3::Y + along(1), DVec3::new(-lean_u.0, -lean_v.0, 1.0 / longer))
+    }
+
+    /// Cut a segment, in the layer's texel coordinates, into chords of the bent way that stray from it by no more than
+    /// `tolerance(t, to_texel)`, in order, until `each` returns false. False if stopped. What is above the shell's top, which is
+    /// `stretch` times lower than the box, is left out.
+    pub fn for_each_chord(
+        &self,
+        segment: &ShellSegment,
+        stretch: f64,
+        tolerance: &dyn Fn(f64, &DMat3) -> f64,
+        each: &mut dyn FnMut(&ShellSegment) -> bool,
+    ) -> bool {
+        let finest = self.noises[0].frequency * f64::from(1u32 << (self.noises[0].octaves - 1));
+        let cells = ((segment.q1 - segment.q0) * finest).abs();
+        let count = (cells.x.max(cells.y) / FIRST_CHORD).ceil().clamp(1.0, MAX_CHORDS);
+        let mut walk = Walk { bend: self, segment, stretch, tolerance, each };
+        let mut from = walk.end(segment.t0);
+        for i in 1..=count as u32 {
+            let t = if f64::from(i) == count {
+                segment.t1
+            } else {
+                segment.t0 + (segment.t1 - segment.t0) * f64::from(i) / count
+            };
+            let to = walk.end(t);
+            if !walk.cut(&from, &to, 0) {
+                return false;
+            }
+            from = to;
+        }
+        true
+    }
+}
+
+/// One end of a chord.
+struct End {
+    t: f64,
+    bent: Bent,
+}
+
+struct Walk<'a> {
+    bend: &'a JitterNoise,
+    segment: &'a ShellSegment,
+    stretch: f64,
+    tolerance: &'a dyn Fn(f64, &DMat3) -> f64,
+    each: &'a mut dyn FnMut(&ShellSegment) -> bool,
+}
+
+impl Walk<'_> {
+    fn end(&self, t: f64) -> End {
+        End { t, bent: self.bend.at(&self.segment.at(t)) }
+    }
+
+    fn cut(&mut self, from: &End, to: &End, depth: u32) -> bool {
+        let middle = self.end(0.5 * (from.t + to.t));
+        let allowed = (self.tolerance)(middle.t, &self.segment.to_texel);
+        let strays = |at: &End, share: f64| at.bent.q.distance(from.bent.q.lerp(to.bent.q, share)) > allowed;
+        if depth < MAX_DEPTH && (strays(&middle, 0.5) || strays(&self.end(0.75 * from.t + 0.25 * to.t), 0.25)) {
+            return self.cut(from, &middle, depth + 1) && self.cut(&middle, to, depth + 1);
+        }
+        let to_texel = self.bend.derivative(&self.segment.at(middle.t)) * self.segment.to_texel;
+        // Below the top: the heights are a chord as the coordinates are.
+        let [a, b] = [from, to].map(|end| end.bent.height * self.stretch - 1.0);
+        let top = a / (a - b);
+        let (mut low, mut high) = (0.0, 1.0);
+        match (a <= 0.0, b <= 0.0) {
+            (true, true) => {}
+            (true, false) => high = top,
+            (false, true) => low = top,
+            (false, false) => return true,
+        }
+        let point = |share: f64| (from.t + share * (to.t - from.t), from.bent.q.lerp(to.bent.q, share));
+        let ((t0, q0), (t1, q1)) = (point(low), point(high));
+        if t0.is_nan() || t1.is_nan() || t0 >= t1 || !to_texel.is_finite() {
+            return true;
+        }
+        (self.each)(&ShellSegment { t0, t1, q0, q1, to_texel, ..*self.segment })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::shell::Foot;
+    use super::*;
+
+    fn continuous() -> Continuous {
+        Continuous {
+            seed: 3,
+            frequency: [0.7, 0.5, 0.4],
+            octaves: 2,
+            uvw_amplitude: [0.3, 0.2, 0.05],
+            height_tilt: 0.4,
+            height_scale: 0.3,
+        }
+    }
+
+    #[test]
+    fn the_vectors_of_the_specification() {
+        let text = include_str!("../../format-spec/vectors/landscape-1.txt");
+        let (mut noises, mut bends) = (0, 0);
+        for line in text.lines() {
+            let Some((given, wanted)) = line.split_once(" → ") else { continue };
+            let (kind, numbers) = given.split_once(' ').unwrap();
+            let n: Vec<f64> = numbers.split(' ').filter_map(|w| w.parse().ok()).collect();
+            let wanted: Vec<f64> = wanted.split(' ').map(|w| w.parse().unwrap()).collect();
+            match kind {
+                "noise" => {
+                    let (seed, octaves) = (n[0] as u32, n[1] as u32);
+                    let (frequency, origin) = (DVec3::ONE, DVec3::ZERO);
+                    let noise = Noise { seed, frequency, origin, period: [0; 3], octaves, turbulence: false };
+                    assert!((noise.value(DVec3::from_slice(&n[2..])) - wanted[0]).abs() < 1e-12, "{line}");
+                    noises += 1;
+                }
+                "bend" => {
+                    let continuous = Continuous {
+                        seed: n[0] as u32,
+                        octaves: n[1] as u32,
+                        frequency: [n[2], n[3], n[4]],
+                        uvw_amplitude: [n[5], n[6], n[7]],
+                        height_tilt: n[8],
+                        height_scale: n[9],
+                    };
+                    let q = DVec3::new(n[11], n[12], n[13] + n[14]);
+                    let point = ShellPoint { q, rise: n[14], height: 0.0, mask: n[10] };
+                    let found = JitterNoise::new(&continuous).at(&point).q;
+                    assert!((found - DVec3::from_slice(&wanted)).abs().max_element() < 1e-12, "{line} {found}");
+                    bends += 1;
+                }
+                _ => {}
+            }
+        }
+        assert!(noises >= 10 && bends >= 6);
+    }
+
+    #[test]
+    fn the_derivative_is_the_slope() {
+        let bend = JitterNoise::new(&continuous());
+        for i in 0..50 {
+            let q = DVec3::new(0.37, 0.71, 0.013) * f64::from(i);
+            let point = ShellPoint { q, rise: q.z, height: q.z, mask: 0.8 };
+            let slope = bend.derivative(&point);
+            for axis in 0..3 {
+                const STEP: f64 = 1e-5;
+                let mut step = DVec3::ZERO;
+                step[axis] = STEP;
+                // The base stays where w alone changes.
+                let at = |s: DVec3| bend.at(&ShellPoint { q: q + s, rise: q.z + s.z, ..point }).q;
+                let found = (at(step) - at(-step)) / (2.0 * STEP);
+                // Third derivatives of some hundreds, times STEP² / 6.
+                assert!((found - slope.col(axis)).abs().max_element() < 1e-6, "{i} {axis} {found} {slope}");
+            }
+        }
+    }
+
+    /// Chords abut, keep to the tolerance everywhere, and end where the shell does.
+    #[test]
+    fn chords_follow_the_bent_way() {
+        let (continuous, bend) = (continuous(), JitterNoise::new(&continuous()));
+        let stretch = stretch(Some(&continuous));
+        let feet = [Foot { rise: 0.1, height: 0.1 / stretch, mask: 1.0 }; 2];
+        let (q0, q1) = (DVec3::new(-3.0, 1.2, 0.1), DVec3::new(5.0, 2.9, 0.1));
+        let mut segment = ShellSegment { t0: 2.0, t1: 10.0, q0, q1, to_texel: DMat3::IDENTITY, feet };
+        for tolerance in [1e-2, 1e-3] {
+            let (mut last, mut worst, mut chords) = (2.0, 0.0f64, 0);
+            bend.for_each_chord(&segment, stretch, &|_, _| tolerance, &mut |chord| {
+                assert!(chord.t0 == last && chord.t1 > chord.t0);
+                last = chord.t1;
+                chords += 1;
+                for k in 0..=16 {
+                    let share = f64::from(k) / 16.0;
+                    let t = chord.t0 + share * (chord.t1 - chord.t0);
+                    worst = worst.max(bend.at(&segment.at(t)).q.distance(chord.q0.lerp(chord.q1, share)));
+                }
+                true
+            });
+            // Tested at two places of a chord; between them the way bends a little more.
+            assert!(last == 10.0 && worst < 1.5 * tolerance, "{worst} {chords}");
+        }
+        // A ray that rises through the top of the box: shorter or longer, it ends at height 1.
+        segment.q1 = DVec3::new(-2.9, 1.3, stretch);
+        segment.feet[1] = Foot { rise: stretch, height: 1.0, mask: 1.0 };
+        let mut end = 0.0;
+        bend.for_each_chord(&segment, stretch, &|_, _| 1e-4, &mut |chord| {
+            end = chord.t1;
+            true
+        });
+        let height = bend.at(&segment.at(end)).height * stretch;
+        assert!(end < 10.0 && (height - 1.0).abs() < 1e-3, "{end} {height}");
+    }
+
+    #[test]
+    fn endless_segments_are_left_after_a_bound() {
+        let bend = JitterNoise::new(&continuous());
+        let feet = [Foot { rise: 0.1, height: 0.1, mask: 1.0 }; 2];
+        let q1 = DVec3::new(1e12, 0.0, 0.1);
+        let segment = ShellSegment { t0: 0.0, t1: 1.0, q0: DVec3::ZERO, q1, to_texel: DMat3::IDENTITY, feet };
+        let mut n = 0;
+        bend.for_each_chord(&segment, 1.3, &|_, _| 1.0, &mut |_| {
+            n += 1;
+            true
+        });
+        // Noise strays by less than a cell: no chord is cut again.
+        assert_eq!(f64::from(n), MAX_CHORDS);
+    }
+}
