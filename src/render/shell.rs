@@ -300,7 +300,7 @@ impl TwistedBox {
         (1.0 - at.b[0] - at.b[1]) * top(a) + at.b[0] * top(b) + at.b[1] * top(c)
     }
 
-    fn foot(&self, at: Place) -> Foot {
+    fn foot(&self, at: BoxPoint) -> Foot {
         let [a, b, c] = &self.corners;
         let mix = |of: fn(&Corner) -> f64| (1.0 - at.b[0] - at.b[1]) * of(a) + at.b[0] * of(b) + at.b[1] * of(c);
         Foot { rise: at.w * mix(|k| k.dw), height: at.w, mask: mix(|k| k.jitter).clamp(0.0, 1.0) }
