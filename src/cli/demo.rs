@@ -38,11 +38,11 @@ const COMMANDS: [&str; 9] = [
     "bake @spruce.glb -r 256 -o @spruce.vtex",
     "bake @fern.glb -r 128 -o @fern.vtex",
     "bake @meadow.toml -r 128 --cyclic u,v -o @meadow.vtex",
-    "map @terrain.glb --material forest --texel @spruce.vtex --texel @tree.vtex --texel @tree.vtex -o @landscape.glb",
-    "map @landscape.glb --material meadow --texel @meadow.vtex -o @landscape.glb",
+    "map @terrain.glb --texel @meadow.vtex --scale 1,1 --displace 0 -o @landscape.glb",
+    "map @landscape.glb --material forest --add --texel @spruce.vtex --texel @tree.vtex --texel @tree.vtex -o @landscape.glb",
     "map @landscape.glb --material meadow --texel @fern.vtex --presence 0.2 --add -o @landscape.glb",
-    "render @landscape.glb --camera near --sun 13,303 --haze 7000 --exposure 1 --size # -o @near.png",
-    "render @landscape.glb --camera far --sun 22,245 --haze 14000 --exposure 0.8 --size # -o @far.png",
+    "render @landscape.glb --camera near --sun 14,303 --haze 7000 --exposure 1.2 --size # -o @near.png",
+    "render @landscape.glb --camera far --sun 24,262 --haze 14000 --exposure 1 --size # -o @far.png",
 ];
 
 /// Write the samples, run the commands one after the other, and say how long each took and where the pictures are.

@@ -326,8 +326,9 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
     let pictures = args.landscapes.iter().map(named).collect::<Result<Vec<_>>>()?;
     pictures.iter().try_for_each(|path| render::Film::check_name(path))?;
     let sky = if let Some(Sky::Picture(path)) = &args.sky { Some(path.clone()) } else { None };
-    let reads = args.landscapes.iter().map(|path| depfile::of_landscape(path).into_iter().chain(sky.clone()).collect());
-    let reads: Vec<Vec<PathBuf>> = reads.collect();
+    let files =
+        |path: &PathBuf| -> Vec<PathBuf> { depfile::of_landscape(path).into_iter().chain(sky.clone()).collect() };
+    let reads: Vec<_> = args.landscapes.iter().map(files).collect();
     outputs::check(&reads.concat(), pictures.iter().map(PathBuf::as_path).chain(args.depfile.path()))?;
     let (mut rules, mut left) = (Vec::new(), pictures.iter().zip(reads));
     let done = each(&args.landscapes, args.json, ui, |landscape| {

@@ -17,6 +17,8 @@ use crate::geom::{Aabb, DVec3};
 
 /// Edge of a cell, in widths of the cone that asks.
 const CELL: f64 = 12.0;
+/// Corners are moved by this share of a cell, or else they would lie in the ground of a scene that stands on its lowest plane.
+const SHIFT: f64 = 0.382;
 /// Finest level of the grid.
 const FINEST: f64 = 30.0;
 /// Locks that the corners are spread over, and corners that a thread remembers without them; powers of two.
@@ -66,7 +68,7 @@ type Shard = HashMap<u64, Vec<(Corner, Harmonics)>, BuildHasherDefault<AsIs>>;
 /// What was found so far.
 pub struct SkyCache {
     /// A corner of the grid, and the edge of its coarsest cell.
-    pub origin: DVec3,
+    origin: DVec3,
     extent: f64,
     shards: Vec<Mutex<Shard>>,
     counts: Mutex<Counts>,
@@ -92,6 +94,16 @@ impl SkyCache {
 
     pub fn size(&self, level: i32) -> f64 {
         self.extent * libm::exp2(f64::from(-level))
+    }
+
+    /// A place in cells of a level: whole numbers are corners.
+    pub fn place(&self, x: DVec3, level: i32) -> DVec3 {
+        (x - self.origin) / self.size(level) - SHIFT
+    }
+
+    /// Where a corner lies.
+    pub fn position(&self, corner: Corner) -> DVec3 {
+        self.origin + self.size(corner.level) * (DVec3::from_array(corner.at.map(f64::from)) + SHIFT)
     }
 
     /// What it took to find all that was found.

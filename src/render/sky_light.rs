@@ -28,8 +28,7 @@ impl Tracer<'_> {
         }
         let bias = self.options.depth_bias + self.options.shadow_bias;
         let level = world.sky_cache.level(width, dither);
-        let size = world.sky_cache.size(level);
-        let place = (x - world.sky_cache.origin) / size + LIFT * outward;
+        let place = world.sky_cache.place(x, level) + LIFT * outward;
         if place.abs().max_element() >= f64::from(i32::MAX) {
             return world.surround.light.irradiance(normals);
         }
@@ -55,7 +54,7 @@ impl Tracer<'_> {
 fn find(world: &World<'_>, corner: Corner, bias: f32) -> (Harmonics, Counts) {
     let cache = &world.sky_cache;
     let size = cache.size(corner.level);
-    let x = out_of_the_ground(world, cache.origin + size * DVec3::from_array(corner.at.map(f64::from)), size);
+    let x = out_of_the_ground(world, cache.position(corner), size);
     let mut counts = Counts::default();
     let choice = DepthChoice { bias, lod_dither: 0.5, finest: u8::MAX };
     let quality = ShadowQuality { choice, stop_below: FAINT, source_geometry: false };
