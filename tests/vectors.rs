@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use vtex::Error;
 use vtex::format::{Limits, Reader, verify};
 use vtex::geom::Vec3;
-use vtex::render::{DepthChoice, MarchStats, Stretch, transmittance};
+use vtex::render::{DepthChoice, MarchSegment, MarchStats, transmittance};
 use vtex::volume::{Octree, Volume, Voxel};
 
 fn vectors(kind: &str) -> Vec<PathBuf> {
@@ -66,9 +66,9 @@ fn rays_lose_what_the_text_says() {
             let at = |i: usize| Vec3::new(numbers[i] as f32, numbers[i + 1] as f32, numbers[i + 2] as f32);
             // A cone as wide as a voxel of the depth, which does not grow.
             let footprint = (-numbers[6]).exp2() as f32;
-            let stretch =
-                Stretch { origin: at(0), dir: at(3), length: 8.0, footprint, growth: 0.0, opacity_scale: 1.0 };
-            let found = transmittance(&tree, &stretch, DepthChoice::default(), 0.0, &mut MarchStats::default());
+            let segment =
+                MarchSegment { origin: at(0), dir: at(3), length: 8.0, footprint, growth: 0.0, opacity_scale: 1.0 };
+            let found = transmittance(&tree, &segment, DepthChoice::default(), 0.0, &mut MarchStats::default());
             assert!((f64::from(found) - numbers[7]).abs() < 1e-3, "{}: {line}: {found}", path.display());
             rays += 1;
         }

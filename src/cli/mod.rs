@@ -37,7 +37,9 @@ mod inspect;
 mod interrupt;
 #[cfg(feature = "bake")]
 mod lsystem;
+#[cfg(feature = "bake")]
 mod map;
+#[cfg(feature = "bake")]
 mod map_motion;
 #[cfg(feature = "bake")]
 mod merge;
@@ -136,13 +138,14 @@ enum Command {
     Recipe(recipe::Args),
     /// Render a landscape: one cone a pixel, the texels read only as far as they are seen
     #[cfg(feature = "render")]
-    Render(render::Args),
+    Render(Box<render::Args>),
     /// Cast rays through hostile geometry and count what goes wrong
     #[cfg(feature = "render")]
     Stress(stress::Args),
     Verify(verify::Args),
     Truncate(truncate::Args),
     /// Cover a plain glTF mesh with texels
+    #[cfg(feature = "bake")]
     Map(Box<map::Args>),
     /// Bake the built-in samples, cover the built-in valley with them, render it
     #[cfg(all(feature = "bake", feature = "render"))]
@@ -203,6 +206,7 @@ fn run(command: Command, ui: &Ui) -> crate::Result<()> {
         Command::Stress(args) => stress::run(&args, ui),
         Command::Verify(args) => verify::run(&args, ui),
         Command::Truncate(args) => truncate::run(&args, ui),
+        #[cfg(feature = "bake")]
         Command::Map(args) => map::run(&args, ui),
         #[cfg(all(feature = "bake", feature = "render"))]
         Command::Demo(args) => demo::run(&args, ui),

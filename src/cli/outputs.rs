@@ -33,6 +33,7 @@ pub fn check<'a>(reads: &[PathBuf], writes: impl IntoIterator<Item = &'a Path>) 
 }
 
 /// Whether two paths lead to one file, be it there or not.
+#[cfg(feature = "bake")]
 pub fn same(a: &Path, b: &Path) -> bool {
     let real =
         |path: &Path| real_name(path, path.parent().filter(|f| !f.as_os_str().is_empty()).unwrap_or(Path::new(".")));

@@ -42,6 +42,7 @@ pub fn extension(path: &Path) -> String {
 ///
 /// # Errors
 /// `Io` where it cannot be read.
+#[cfg_attr(not(feature = "bake"), allow(dead_code))]
 pub fn sha256(path: &Path) -> crate::Result<String> {
     let (mut from, mut digest) = (crate::format::open_file(path)?, Sha256::new());
     let mut piece = vec![0; 1 << 20];

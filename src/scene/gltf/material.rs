@@ -243,6 +243,7 @@ fn wrap(mode: &Checked<WrappingMode>) -> u8 {
 
 /// Map by which a material lays its textures on the set `set` of texture coordinates: KHR_texture_transform of the first texture that
 /// uses it, base colour before the others; identity where there is none.
+#[cfg(feature = "bake")]
 pub fn uv_transform(material: Option<&gltf::json::Material>, set: u32) -> [[f32; 3]; 2] {
     let Some(material) = material else { return IDENTITY };
     let pbr = &material.pbr_metallic_roughness;
