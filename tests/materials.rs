@@ -367,7 +367,8 @@ fn a_landscape_restyles_by_name() {
     // The picture and its reference change alike: the error of the one stays that of the other.
     let mut flips = Vec::new();
     for land in ["plain", "autumn"] {
-        let view = format!("render {land}.gltf --size 96x54");
+        let measured = "--sky 0.35,0.42,0.52 --ambient constant --sun-angle 0";
+        let view = format!("render {land}.gltf --size 96x54 {measured}");
         folder.done(&format!("{view} --near voxels --lanes 4 -o {land}.exr"));
         folder.done(&format!("{view} --reference 24 -o {land}-truth.exr"));
         let told = folder.done(&format!("compare {land}.exr {land}-truth.exr --json"));

@@ -40,7 +40,8 @@ fn landscape() -> tempfile::TempDir {
     dir
 }
 
-const NEAR: &str = "render land.gltf --eye 1.2,2.2,5.5 --look-at 0.6,0.6,0 --fov 12";
+/// Under a constant sky and a sun without a size, as all that is measured.
+const NEAR: &str = "render land.gltf --eye 1.2,2.2,5.5 --look-at 0.6,0.6,0 --fov 12 --sky 0.35,0.42,0.52 --ambient constant --sun-angle 0";
 
 #[test]
 fn near_the_camera_the_source_is_seen() {
