@@ -21,7 +21,7 @@ fn every_file_that_is_read_is_named() {
     folder.save("outer.toml", b"[[draw]]\nsource = \"inner.toml\"\n[[draw]]\nsource = \"m.obj\"\n");
     folder.save("m.obj", b"mtllib m.mtl\nusemtl a\nv 0 0 0\nv 1 0 0\nv 1 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nf 1/1 2/2 3/3\n");
     folder.save("m.mtl", b"newmtl a\nmap_Kd grass.png\n");
-    folder.save("t.json", br#"{ "opacity": [[0, 0], [1, 1]] }"#);
+    folder.save("t.json", br#"{ "iso": 100 }"#);
     let slices = folder.path("slices");
     std::fs::create_dir(&slices).unwrap();
     for i in 0..2 {
@@ -101,10 +101,9 @@ fn age(path: &Path, seconds: u64) {
 
 /// The output is made again when the file changed and when it is gone, and not otherwise.
 fn follows(tool: &str, name: &str) {
-    let folder = Folder::new();
-    let [source, out] = [format!("{name}.obj"), "o.vtex".to_owned()];
-    std::fs::rename(folder.path("quad.obj"), folder.path(&source)).unwrap();
-    folder.succeeds(&["bake", &source, "-r", "16", "-o", &out, "--depfile", "o.d"]);
+    let source = format!("{name}.obj");
+    let folder = Folder::of(&source);
+    folder.succeeds(&["bake", &source, "-r", "2", "--refine", "0", "-o", "o.vtex", "--depfile", "o.d"]);
     let make = "o.vtex:\n\techo run >> log\n\ttouch o.vtex\n-include o.d\n";
     folder.save("Makefile", make.as_bytes());
     // ninja takes the depfile away, so it is given again by the rule.
@@ -138,9 +137,9 @@ fn make_and_ninja_take_every_name() {
 #[test]
 fn targets_are_escaped() {
     for name in NAMES {
-        let folder = Folder::new();
+        let folder = Folder::of("quad.obj");
         let out = format!("{name}.vtex");
-        folder.succeeds(&["bake", "quad.obj", "-r", "16", "-o", &out, "--depfile", "o.d"]);
+        folder.succeeds(&["bake", "quad.obj", "-r", "2", "--refine", "0", "-o", &out, "--depfile", "o.d"]);
         if is_installed("make") {
             // Asked for by its own name: make knows it only from the depfile.
             age(&folder.path("quad.obj"), 4_000_000_000);
@@ -155,9 +154,8 @@ fn targets_are_escaped() {
 
 #[test]
 fn what_no_build_tool_can_be_told_is_said() {
-    let folder = Folder::new();
-    std::fs::rename(folder.path("quad.obj"), folder.path("a\nb.obj")).unwrap();
-    let (code, _, err) = folder.run(&["bake", "a\nb.obj", "-r", "16", "-o", "o.vtex", "--depfile", "o.d"]);
+    let folder = Folder::of("a\nb.obj");
+    let (code, _, err) = folder.run(&["bake", "a\nb.obj", "-r", "2", "-o", "o.vtex", "--depfile", "o.d"]);
     assert!(code == 0 && err.contains("a\\nb.obj: left out of the depfile"), "{err}");
     assert_eq!(std::fs::read_to_string(folder.path("o.d")).unwrap(), "o.vtex:\n");
 }

@@ -46,6 +46,13 @@ impl Folder {
         folder
     }
 
+    /// Nothing but a source of this name.
+    pub fn of(source: &str) -> Folder {
+        let folder = Folder(tempfile::tempdir().unwrap());
+        folder.save(source, QUAD.as_bytes());
+        folder
+    }
+
     /// Also a landscape and two pictures of it.
     pub fn with_landscape() -> Folder {
         let folder = Folder::new();
