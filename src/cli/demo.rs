@@ -5,8 +5,8 @@ use std::time::Instant;
 
 use serde_json::json;
 
-use super::Ui;
 use super::results::{print, shown};
+use super::{Ui, samples};
 use crate::format;
 use crate::{Error, Result};
 
@@ -22,15 +22,6 @@ pub struct Args {
     #[arg(long)]
     json: bool,
 }
-
-/// The built-in samples.
-pub static SAMPLES: [(&str, &[u8]); 5] = [
-    ("tree.glb", include_bytes!("../../samples/tree.glb")),
-    ("spruce.glb", include_bytes!("../../samples/spruce.glb")),
-    ("fern.glb", include_bytes!("../../samples/fern.glb")),
-    ("meadow.toml", include_bytes!("../../samples/recipes/meadow.toml")),
-    ("terrain.glb", include_bytes!("../../samples/terrain.glb")),
-];
 
 /// The commands; `@` stands for the folder, `#` for the size.
 const COMMANDS: [&str; 9] = [
@@ -50,8 +41,8 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
     let start = Instant::now();
     let folder = &args.output;
     std::fs::create_dir_all(folder).map_err(|e| Error::io(folder, e))?;
-    for (name, bytes) in SAMPLES {
-        format::save(folder.join(name), bytes)?;
+    for (name, bytes) in samples::unpack()? {
+        format::save(folder.join(name), &bytes)?;
     }
     ui.say(&format!(
         "wrote the samples to {}: a broad-leaved tree, a spruce, a fern, a meadow, a valley",

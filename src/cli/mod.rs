@@ -56,6 +56,8 @@ mod reference;
 #[cfg(feature = "render")]
 mod render;
 mod results;
+#[cfg(all(feature = "bake", feature = "render"))]
+mod samples;
 #[cfg(feature = "render")]
 mod sequence;
 #[cfg(all(feature = "bake", feature = "render", feature = "plot"))]

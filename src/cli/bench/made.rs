@@ -6,7 +6,7 @@ use super::context::{Bench, timed};
 use super::scenes::{Layout, Matter, Place};
 use super::{density, land};
 use crate::bake::REFINE;
-use crate::cli::{Ui, demo, run_words};
+use crate::cli::{Ui, run_words, samples};
 use crate::format;
 use crate::format::{Limits, Reader};
 use crate::geom::DVec3;
@@ -55,7 +55,8 @@ impl Bench<'_> {
 
     fn sample(&self, name: &str) -> Result<PathBuf> {
         let path = self.folder.join(name);
-        let bytes = demo::SAMPLES.iter().find(|s| s.0 == name).map_or(&[][..], |s| s.1);
+        let samples = samples::unpack()?;
+        let bytes = samples.iter().find(|s| s.0 == name).map_or(&[][..], |s| &s.1);
         format::save(&path, bytes)?;
         Ok(path)
     }

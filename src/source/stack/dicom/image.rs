@@ -5,7 +5,7 @@
 use std::path::{Path, PathBuf};
 
 use super::dataset::{Dataset, File};
-use super::pixels::Layout;
+use super::layout::Layout;
 use super::tables::{Palette, Table};
 use super::{attributes, dataset, tables};
 use crate::geom::DVec3;
@@ -80,8 +80,8 @@ impl Image {
             title: format!("{} {}", text(0x0008_0060), text(0x0008_103e)).trim().to_owned(),
             instance: number(0x0020_0013).unwrap_or(0.0),
             when: format!("{:020.3} {}", number(0x0018_1060).unwrap_or(0.0), text(0x0008_0032)),
-            modality: tables::modality(&file, layout.is_signed()).filter(|_| layout.channels == 1),
-            palette: Palette::read(&file, layout.is_signed()).filter(|_| layout.is_palette()),
+            modality: tables::modality(&file, layout.signed).filter(|_| layout.channels == 1),
+            palette: Palette::read(&file, layout.signed).filter(|_| layout.is_palette()),
             padding: tables::padding(&file, |bits| layout.number(bits)).filter(|_| layout.channels == 1),
             layout,
             frames,

@@ -5,6 +5,8 @@
 mod attributes;
 mod dataset;
 mod image;
+mod layout;
+mod packed;
 mod pixels;
 mod tables;
 mod volumes;
@@ -39,7 +41,7 @@ pub fn read(choice: &Choice, files: &[PathBuf], in_memory: u64) -> Result<Stack>
     choice.frame(1, &mut warnings)?;
     let (images, mut slices) = choose(choice, files, &mut warnings)?;
     let (first, first_frame) = (&images[slices[0].0], slices[0].1);
-    if let Some(what) = slices.iter().find_map(|s| images[s.0].layout.unsupported(&images[s.0].syntax)) {
+    if let Some(what) = slices.iter().find_map(|s| pixels::unsupported(&images[s.0].layout, &images[s.0].syntax)) {
         return Err(Error::unsupported(path, what));
     }
     let affine = arrange(path, &images, &mut slices, &mut warnings)?;
@@ -68,7 +70,8 @@ pub fn read(choice: &Choice, files: &[PathBuf], in_memory: u64) -> Result<Stack>
             let (i, f) = group[n];
             let image = &images[i];
             let wrong = |e: String| Error::input(&image.path, format!("frame {}", f + 1), e);
-            let bytes = image.layout.frame(&File::open(&image.path)?, f, image.frames.len()).map_err(wrong)?;
+            let bytes =
+                pixels::frame(&File::open(&image.path)?, &image.layout, f, image.frames.len()).map_err(wrong)?;
             match () {
                 () if palette => image.colours(bytes).map_err(wrong),
                 () if stored => Ok(bytes),

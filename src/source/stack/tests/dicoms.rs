@@ -2,13 +2,13 @@
 
 use super::*;
 
-type Element = (u16, u16, [u8; 2], Vec<u8>);
+pub type Element = (u16, u16, [u8; 2], Vec<u8>);
 
-fn us(group: u16, element: u16, values: &[u16]) -> Element {
+pub fn us(group: u16, element: u16, values: &[u16]) -> Element {
     (group, element, *b"US", values.iter().flat_map(|v| v.to_le_bytes()).collect())
 }
 
-fn text(group: u16, element: u16, kind: &[u8; 2], text: &str) -> Element {
+pub fn text(group: u16, element: u16, kind: &[u8; 2], text: &str) -> Element {
     (group, element, *kind, text.as_bytes().to_vec())
 }
 
@@ -26,7 +26,7 @@ fn put(out: &mut Vec<u8>, (group, element, kind, value): &Element) {
 }
 
 /// A file of 2 × 2 pixels of 16 bits with these elements in place of, or besides, the usual ones.
-fn file(syntax: &str, own: &[Element], pixels: Option<&[u8]>) -> Vec<u8> {
+pub fn file(syntax: &str, own: &[Element], pixels: Option<&[u8]>) -> Vec<u8> {
     let mut all: std::collections::BTreeMap<(u16, u16), Element> = std::collections::BTreeMap::new();
     let usual = [
         text(8, 0x60, b"CS", "MR"),
@@ -56,9 +56,9 @@ fn file(syntax: &str, own: &[Element], pixels: Option<&[u8]>) -> Vec<u8> {
     out
 }
 
-const PLAIN: &str = "1.2.840.10008.1.2.1";
+pub const PLAIN: &str = "1.2.840.10008.1.2.1";
 
-fn numbers(values: &[u16]) -> Vec<u8> {
+pub fn numbers(values: &[u16]) -> Vec<u8> {
     values.iter().flat_map(|v| v.to_le_bytes()).collect()
 }
 

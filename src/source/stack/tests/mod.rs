@@ -7,6 +7,7 @@ use super::*;
 use crate::source::traits::Source;
 
 mod choices;
+mod dicom_packed;
 mod dicoms;
 mod formats;
 mod missing;
