@@ -71,8 +71,6 @@ pub struct Args {
     #[arg(long, default_value_t = 0, hide_default_value = true, value_name = "N")]
     threads: usize,
     #[command(flatten)]
-    frames: FrameArgs,
-    #[command(flatten)]
     depfile: DepfileArgs,
     /// Write a report as JSON
     #[arg(long, value_name = "FILE")]
@@ -80,6 +78,8 @@ pub struct Args {
     /// Print a summary as JSON
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    frames: FrameArgs,
     /// Lay a colour on all of it: '#rrggbb' or r,g,b (linear), a picture, a .toml file with the keys of a recipe's albedo, or
     /// these in braces: '{ noise = { scale = 2 }, colours = ["#553311", "#998866"] }'
     #[arg(long, value_name = "COLOUR|FILE|{TABLE}", help_heading = "Sources")]

@@ -155,12 +155,13 @@ pub struct Args {
     #[arg(long, value_enum, default_value_t = Surface::Visible)]
     surface: Surface,
     #[command(flatten)]
-    motion: MotionArgs,
-    #[command(flatten)]
     depfile: DepfileArgs,
     /// Print what was covered as JSON
     #[arg(long)]
     json: bool,
+    // Last: what stands below a heading stays below it.
+    #[command(flatten)]
+    motion: MotionArgs,
 }
 
 #[derive(Clone, Copy, ValueEnum)]

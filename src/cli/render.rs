@@ -110,12 +110,13 @@ pub struct Args {
     #[arg(long)]
     stats: bool,
     #[command(flatten)]
-    motion: MotionArgs,
-    #[command(flatten)]
     depfile: DepfileArgs,
     /// Print what was made, with --stats, or what --pixel met, as JSON
     #[arg(long)]
     json: bool,
+    // Last: what stands below a heading stays below it.
+    #[command(flatten)]
+    motion: MotionArgs,
 }
 
 /// Irradiance from which on light is that of a real day, not of a display's: ten times what makes white of white.

@@ -23,6 +23,13 @@ const GROUPS: [(&str, &[&str]); 4] = [
     ("L-systems", &["iterations", "seed", "angle", "string", "max-symbols"]),
 ];
 
+/// What stands under "Motion", by command.
+const MOTION: [(&str, &[&str]); 3] = [
+    ("bake", &["time", "animation", "frames", "fps", "define", "frame-define"]),
+    ("map", &["frame-mode", "phase", "fps", "wind", "wind-direction", "gust-scale", "wind-speed"]),
+    ("render", &["time", "animation", "loop", "frames", "fps", "force"]),
+];
+
 #[test]
 fn each_argument_stands_under_a_heading_that_fits() {
     for command in commands() {
@@ -34,6 +41,8 @@ fn each_argument_stands_under_a_heading_that_fits() {
             };
             found.entry(heading).or_default().push(long);
         }
+        let motion = MOTION.iter().find(|(name, _)| *name == command.get_name()).map(|(_, names)| names.to_vec());
+        assert_eq!(found.remove("Motion"), motion, "{}", command.get_name());
         if !["bake", "error"].contains(&command.get_name()) {
             assert!(found.is_empty(), "{}: {found:?}", command.get_name());
             continue;
