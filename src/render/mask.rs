@@ -193,7 +193,7 @@ mod tests {
     /// Mean radiance in pictures of `side`² pixels of the scene that `of` makes for a camera moved aside, in the mean over all
     /// positions within a pixel; and in the limit of many point samples, of which there are 2^`log2`.
     fn means(side: u32, high: f64, log2: u32, of: impl Fn([f64; 2]) -> Scene) -> (f64, f64) {
-        let options = Options { size: [side; 2], ..Options::default() };
+        let options = Options { size: [side; 2], ..Options::measuring() };
         let step = high / f64::from(side * QUARTERS);
         let all = QUARTERS * QUARTERS;
         let found = (0..all).map(|i| {
@@ -246,7 +246,7 @@ mod tests {
                     model.parts[0].triangles = vec![[1, 3, 0], [1, 2, 3]];
                 }
             });
-            let options = Options { size: [8; 2], ..Options::default() };
+            let options = Options { size: [8; 2], ..Options::measuring() };
             let film = render_with(&scene, vec![], &options, &Quiet).unwrap().film;
             let covered: Vec<f32> = film.pixels.iter().map(|p| p[3]).filter(|a| *a > 0.0).collect();
             assert_eq!(covered.len(), 16);

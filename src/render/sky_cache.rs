@@ -16,7 +16,7 @@ use super::surround::Harmonics;
 use crate::geom::{Aabb, DVec3};
 
 /// Edge of a cell, in widths of the cone that asks.
-const CELL: f64 = 12.0;
+const CELL: f64 = 14.0;
 /// Corners are moved by this share of a cell, or else they would lie in the ground of a scene that stands on its lowest plane.
 const SHIFT: f64 = 0.382;
 /// Finest level of the grid.
