@@ -91,6 +91,7 @@ pub struct Shader<'a> {
 /// Sums over voxels, weighted by what they reflect.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct VisibleNormals {
+    /// Sum of the weights, 0 to 1.
     pub weight: f32,
     /// Of the normals, in the space of the lights.
     pub mean: Vec3,

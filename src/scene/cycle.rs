@@ -34,7 +34,9 @@ pub enum Phase {
 /// An animation at a moment.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Cycle {
+    /// Order in which the frames follow one another.
     pub mode: Mode,
+    /// Lead of a cell or copy over the others.
     pub phase: Phase,
     /// Frames since the beginning: the first that is shown, and time by frames a second.
     pub position: f64,

@@ -30,9 +30,13 @@ pub struct Temporal {
     pub error: f64,
     /// The largest of them, and which step it is.
     pub worst: f64,
+    /// Index of the step with the largest error.
     pub worst_step: usize,
+    /// Mean change per step of the pictures, and of the references.
     pub change: [f64; 2],
+    /// Mean share of pixels that pop in a step.
     pub pops: f64,
+    /// Each step in order.
     pub steps: Vec<Step>,
 }
 

@@ -2,9 +2,8 @@
 //! counted warning for what this version does not draw.
 
 use std::collections::BTreeMap;
-use std::path::PathBuf;
 
-use serde_json::{Map, Value};
+use serde_json::Value;
 
 mod object;
 
@@ -12,11 +11,9 @@ use object::{ANY, Object};
 
 use super::document::Document;
 use crate::scene::cycle::{Cycle, Mode, Phase};
-use crate::scene::files;
 pub use crate::scene::shell::EXTENSION_NAME as NAME;
 use crate::scene::shell::{
-    CellWrap, Continuous, Discrete, Environment, FrameFacts, Layer, Orientations, Pose, ShellMaterial, Sky, TexelRef,
-    Variant,
+    Continuous, Discrete, Environment, FrameFacts, Layer, Orientations, ShellMaterial, Sky, TexelRef, Variant,
 };
 use crate::scene::wind::{MOST_STRENGTH, Moment, Wind};
 use crate::volume::material::MOST_MATERIALS;

@@ -26,7 +26,9 @@ pub fn is_picture(path: &Path) -> bool {
 /// Width and height of a pixel, and the heights of black and white, metres; by default what the file says.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Scales {
+    /// Width and height of a pixel, metres.
     pub pixel: Option<f64>,
+    /// Heights of black and of white, metres.
     pub relief: Option<[f64; 2]>,
 }
 

@@ -114,7 +114,9 @@ pub enum Arrangement {
 /// A table of places.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PointsTable {
+    /// The file, of comma-, semicolon- or tab-separated values.
     pub path: PathBuf,
+    /// Axis of the table that points up.
     pub up: PointsUp,
     /// What is taken from east and north (of a survey), or from x and z: by default the origin of the ground, if it has one.
     pub origin: Option<[f64; 2]>,
