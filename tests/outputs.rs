@@ -232,6 +232,7 @@ fn signals_leave_nothing_behind() {
             u64::from_str_radix(caught.trim(), 16).unwrap() & 0b10 != 0
         };
         while !listens() {
+            assert!(child.try_wait().unwrap().is_none(), "{signal}: it ended before it was asked to");
             std::thread::sleep(std::time::Duration::from_millis(5));
         }
         std::thread::sleep(std::time::Duration::from_millis(100));
