@@ -9,11 +9,9 @@ use serde_json::Value;
 
 use super::document::Document;
 use crate::scene::cycle::{Cycle, Mode, Phase};
-use crate::scene::files;
 pub use crate::scene::shell::EXTENSION_NAME as NAME;
 use crate::scene::shell::{
-    CellWrap, Continuous, Discrete, Environment, FrameFacts, Layer, Orientations, Pose, ShellMaterial, Sky, TexelRef,
-    Variant,
+    Continuous, Discrete, Environment, FrameFacts, Layer, Orientations, Pose, ShellMaterial, Sky, TexelRef, Variant,
 };
 use crate::scene::wind::{MOST_STRENGTH, Moment, Wind};
 use crate::volume::material::MOST_MATERIALS;
