@@ -3,78 +3,12 @@
 //! Based on: F. Neyret, *Synthesizing Verdant Landscapes using Volumetric Textures*, RR-2846, 1996 (jittered copies);
 //! J. Amanatides, A. Woo, *A Fast Voxel Traversal Algorithm for Ray Tracing*, 1987.
 
-use super::jitter::{JitterNoise, stretch};
+use super::jitter::stretch;
+pub use super::layer::{TexelChoice, TexelLayer, row};
 use super::placement::PlacedCopy;
 use super::shell::{Foot, ShellSegment};
 use crate::geom::{Aabb, DMat3, DVec3, Ray, Vec3};
-use crate::scene::cycle::Cycle;
-use crate::scene::shell::{CellWrap, Layer};
-use crate::volume::Info;
-use crate::{Error, Result};
-
-/// A layer, ready for rays.
-#[derive(Debug, Clone)]
-pub struct TexelLayer {
-    pub layer: Layer,
-    /// Texels that the hash chooses from, at least one.
-    pub choices: Vec<TexelChoice>,
-    jitter: Option<JitterNoise>,
-    /// Cells that a copy reaches beyond its own, along each axis.
-    reach: [i64; 3],
-}
-
-/// A texel that a cell may hold.
-#[derive(Debug, Clone)]
-pub struct TexelChoice {
-    /// Index into the scene's texels.
-    pub texel: usize,
-    /// Frames of the texel, in a row from `texel` on, and which of them a cell shows.
-    pub frames: u32,
-    pub cycle: Option<Cycle>,
-    /// The chance of this or an earlier one, rising to 1.
-    pub cumulative: f64,
-    /// The box of its content, texel space.
-    pub content: Aabb,
-    /// Multiplies its albedo.
-    pub tint: Vec3,
-}
-
-impl TexelChoice {
-    /// The texel that `cell` shows: of one that has frames, one of them.
-    pub fn shown(&self, cell: [i64; 3]) -> usize {
-        let Some(cycle) = self.cycle.filter(|_| self.frames > 1) else { return self.texel };
-        let lot = Cycle::lot(cell);
-        let place = DVec3::new(cell[0] as f64, cell[1] as f64, cell[2] as f64);
-        self.texel + cycle.frame(self.frames, cycle.ahead(lot, place), lot) as usize
-    }
-}
-
-/// The frames of a texel together.
-pub struct Row<'a> {
-    /// What the first says.
-    pub info: &'a Info,
-    /// The box of all their contents.
-    pub content: Aabb,
-}
-
-/// The `frames` of a texel, `first` and those behind it; `None` where one of them is not open.
-///
-/// # Errors
-/// [`Error::Options`] where they do not cover one box: what stands in it would jump.
-pub fn row<'i>(first: usize, frames: u32, info: impl Fn(usize) -> Option<&'i Info>) -> Result<Option<Row<'i>>> {
-    let Some(own) = info(first) else { return Ok(None) };
-    let mut content = own.content;
-    for k in 1..frames as usize {
-        let Some(next) = info(first + k) else { return Ok(None) };
-        if next.bounds != own.bounds || next.up != own.up {
-            return Err(Error::Options(format!(
-                "frame {k} of a texel covers another box than frame 0; bake them together, with --frames"
-            )));
-        }
-        content = content.union(next.content);
-    }
-    Ok(Some(Row { info: own, content }))
-}
+use crate::scene::shell::CellWrap;
 
 /// A copy of a texel that a ray hits, and the straight segment of the ray in the copy's cell.
 #[derive(Debug, Clone, Copy)]
@@ -115,14 +49,6 @@ impl CopyHit {
 const MAX_CELLS_PER_SEGMENT: u32 = 1 << 16;
 
 impl TexelLayer {
-    /// `choices`: at least one.
-    pub fn new(layer: Layer, choices: Vec<TexelChoice>) -> TexelLayer {
-        let jitter = layer.continuous.as_ref().map(JitterNoise::new);
-        let mut made = TexelLayer { layer, choices, jitter, reach: [0; 3] };
-        made.reach = made.reach();
-        made
-    }
-
     /// A shell's segment in the layer's own texel coordinates, cut into chords where noise bends it, in order, until `each`
     /// returns false. False if stopped. `tolerance(t, to_texel)` is how far a chord may stray, in cells.
     pub fn for_each_chord(
@@ -313,7 +239,7 @@ impl Waiting {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::shell::{Discrete, Orientations};
+    use crate::scene::shell::{Discrete, Layer, Orientations};
 
     fn layer(wrap: [CellWrap; 3], discrete: Option<Discrete>) -> TexelLayer {
         let layer = Layer { wrap, discrete, ..Layer::default() };

@@ -15,6 +15,7 @@ mod faces;
 mod film;
 pub mod image_io;
 mod jitter;
+mod layer;
 mod light;
 mod lighting;
 mod mask;

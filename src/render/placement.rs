@@ -4,7 +4,7 @@
 //! Based on: F. Neyret, *Synthesizing Verdant Landscapes using Volumetric Textures*, RR-2846, 1996 (discrete jittering);
 //! M. Jarzynski, M. Olano, *Hash Functions for GPU Rendering*, JCGT 2020 (pcg4d).
 
-use super::cells::TexelLayer;
+use super::layer::TexelLayer;
 use crate::geom::{Aabb, DMat3, DVec3, Vec3};
 use crate::scene::shell::{CellWrap, Discrete, Orientations};
 
@@ -174,7 +174,7 @@ fn cube(i: usize) -> DMat3 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::render::cells::TexelChoice;
+    use crate::render::layer::TexelChoice;
     use crate::scene::shell::Layer;
 
     /// Frozen: files that vary copies by the hash must look the same for ever. Computed apart, from the text of the specification.

@@ -1,24 +1,23 @@
 //! `VTEX_volumetric_texture`: texels and environment of the root, shells of materials; every range checked, and a
 //! counted warning for what this version does not draw.
 
+mod object;
+
 use std::collections::BTreeMap;
 
 use serde_json::Value;
-
-mod object;
-
-use object::{ANY, Object};
 
 use super::document::Document;
 use crate::scene::cycle::{Cycle, Mode, Phase};
 pub use crate::scene::shell::EXTENSION_NAME as NAME;
 use crate::scene::shell::{
-    Continuous, Discrete, Environment, FrameFacts, Layer, Orientations, ShellMaterial, Sky, TexelRef, Variant,
+    Continuous, Discrete, Environment, FrameFacts, Layer, Orientations, Pose, ShellMaterial, Sky, TexelRef, Variant,
 };
 use crate::scene::wind::{MOST_STRENGTH, Moment, Wind};
 use crate::volume::material::MOST_MATERIALS;
 use crate::volume::{Palette, Style};
 use crate::{Error, Result, Warnings};
+use object::{ANY, Object};
 
 /// Extension object of the root.
 #[derive(Debug, Default)]

@@ -1,12 +1,12 @@
-//! Objects of the extension's JSON: fields by name, each checked for its kind and range.
+//! A JSON object of the extension, its properties read with their ranges checked.
 
 use std::path::PathBuf;
 
 use serde_json::{Map, Value};
 
+use super::super::document::Document;
 use crate::scene::files;
-use crate::scene::gltf::document::Document;
-use crate::scene::shell::{CellWrap, EXTENSION_NAME as NAME, Pose};
+use crate::scene::shell::{CellWrap, EXTENSION_NAME as NAME};
 use crate::{Error, Result, Warnings};
 
 /// Any finite number.
@@ -16,6 +16,7 @@ pub const ANY: std::ops::RangeInclusive<f64> = f64::MIN..=f64::MAX;
 pub struct Object<'a> {
     pub document: &'a Document,
     pub json: &'a Map<String, Value>,
+    /// Place in the file, for messages.
     pub at: String,
 }
 
