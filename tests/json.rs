@@ -32,7 +32,7 @@ const ELSEWHERE: [&str; 2] = ["bench", "demo"];
 fn every_command_prints_json() {
     let folder = Folder::with_landscape();
     folder.save("r.toml", b"[[draw]]\nsource = \"quad.obj\"\n");
-    let cases: [(&[&str], &[&str]); 19] = [
+    let cases: [(&[&str], &[&str]); 20] = [
         (
             &["bake", "quad.obj", "-r", "16", "--voxel-size", "0.1", "--line-width", "1", "--curve-colours", "linear"],
             &["input", "output", "resolution", "voxel_size", "finest_voxels", "file_bytes", "seconds", "warnings"],
@@ -57,6 +57,7 @@ fn every_command_prints_json() {
         (&["map", "ground.gltf", "--texel", "quad.vtex", "-o", "l.gltf"], &["covered"]),
         // Of several inputs.
         (&["bake", "quad.obj", "r.toml", "-r", "16"], &["output"]),
+        (&["export", "quad.vtex", "-o", "quad.html"], &["input", "output", "file_bytes"]),
         (&["inspect", "quad.vtex", "m.vtex"], &["input"]),
         (&["render", "land.gltf", "ground.gltf", "--frame", "--size", "16x9"], &["output"]),
     ];

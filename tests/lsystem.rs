@@ -161,7 +161,7 @@ fn strings_options_and_surfaces() {
     save("b.lsys", "#iterations 6\n#surface L \"my leaf.obj\"\naxiom: A\nA -> F[+(60)~L(.5)][-(60)~L(.5)]A");
     run(&["bake", "b.lsys", "-r", "64", "--depfile", "b.d"]);
     let rule = std::fs::read_to_string(dir.path().join("b.d")).unwrap();
-    assert_eq!(rule, "b.vtex: b.lsys \\\n  my\\ leaf.obj \\\n  l.mtl\n");
+    assert_eq!(rule, "b.vtex: b.lsys \\\n  my\\ leaf.obj \\\n  l.mtl\n\nb.lsys:\n\nmy\\ leaf.obj:\n\nl.mtl:\n");
     let (_, out, _) = vtex(dir.path(), &["inspect", "b.vtex", "--json"]);
     assert!(out.contains("my leaf.obj"), "{out}");
 }

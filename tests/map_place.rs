@@ -68,7 +68,9 @@ fn a_picture_of_heights_is_a_ground() {
     assert!(part.positions[0] == [-63.0, 0.0, -63.0] && x == 63.0 && z == 63.0 && (y - 63.0).abs() < 5e-4, "{y}");
     let all = copies(&scene);
     // 126 m each way, half of it steeper by √2, to a copy.
-    assert_eq!(all.len(), (0.05 * 63.0 * 126.0 * (1.0 + 2.0f64.sqrt())).round() as usize);
+    let wanted = 0.05 * 63.0 * 126.0 * (1.0 + 2.0f64.sqrt());
+    // The last copies may find no room between the others.
+    assert!(all.len() as f64 > 0.99 * wanted && all.len() as f64 <= wanted.round(), "{} {wanted}", all.len());
     // The ground rises from the pixel at −1 m, of height 0, to that at 1 m.
     for (_, at, _) in &all {
         let height = if at.x > 1.0 { at.x } else { ((at.x + 1.0) / 2.0).max(0.0) };
@@ -97,7 +99,8 @@ fn slopes_and_altitudes_are_limits() {
     // Full density between the edges: 14.8 m of height, √2 along the slope, 126 m wide; discs vary less than chance.
     let expected = 0.2 * 14.8 * 2.0f64.sqrt() * 126.0;
     assert!((inside - expected).abs() < 3.0 * expected.sqrt(), "{inside} {expected}");
-    assert_eq!(all("--slope 5..30 --altitude 1..").len(), 0);
+    // Only the strip slopes so, and it is no higher than a metre, where the altitude's soft edge ends at 10 − 2.52.
+    assert_eq!(all("--slope 5..30 --altitude 10..").len(), 0);
 }
 
 #[test]

@@ -223,8 +223,9 @@ mod tests {
                 let (found, truth) = means(side, high, 18, |aside| scene(card, high, aside, |_| ()));
                 // The truth has 16384 samples on the smallest card, of which a quarter or more pass: 1.4 % is the standard
                 // deviation of as many random ones. Boxes of texels are whole pixels, and add up to the card. A known fault:
-                // cards of an atlas of few pixels also show up to half a texel of their neighbours, at the level that is read.
-                let most = if name == "atlas" && high > 1.5 { 0.05 } else { 0.03 };
+                // cards of an atlas of few pixels also show up to half a texel of their neighbours, at the level that is read: 4 % of
+                // eight pixels, 8 % of four.
+                let most = if name == "atlas" && high > 1.5 { 0.025 * high } else { 0.03 };
                 assert!((found / truth - 1.0).abs() < most, "{name}, {high} m, {side} pixels: {found} {truth}");
             }
         }
@@ -274,9 +275,9 @@ mod tests {
                 let card = Card { alpha, ..SQUARE };
                 let (found, truth) = means(side, high, 19, |aside| scene(card, high, aside, ground));
                 let (found, truth) = (1.0 - found, 1.0 - truth);
-                // The smallest card and its shadow have some 7000 of the truth's samples: 1.2 % is the standard deviation of as many
-                // random ones.
-                assert!((found / truth - 1.0).abs() < 0.03, "{name}, {high} m, {side} pixels: {found} {truth}");
+                // The smallest card and its shadow have some 6000 of the truth's samples, 1.3 % as standard deviation, and of the
+                // picture's own 16 positions one in ten meets the card's border: another 1 %. Three deviations of both.
+                assert!((found / truth - 1.0).abs() < 0.05, "{name}, {high} m, {side} pixels: {found} {truth}");
             }
         }
     }

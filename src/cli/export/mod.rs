@@ -4,6 +4,10 @@ mod page;
 
 use std::path::{Path, PathBuf};
 
+use serde_json::json;
+
+use super::depfile::DepfileArgs;
+use super::results::{print, shown};
 use super::{Ui, outputs};
 use crate::format::{Limits, Reader, save};
 use crate::{Error, Result};
@@ -22,6 +26,11 @@ pub struct Args {
     /// Name that the page shows; by default the file's
     #[arg(long)]
     title: Option<String>,
+    #[command(flatten)]
+    depfile: DepfileArgs,
+    /// Print a summary as JSON
+    #[arg(long)]
+    json: bool,
 }
 
 pub fn run(args: &Args, ui: &Ui) -> Result<()> {
@@ -32,7 +41,8 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
             args.output.display()
         )));
     }
-    outputs::check(std::slice::from_ref(&args.file), [args.output.as_path()])?;
+    let writes = [Some(args.output.as_path()), args.depfile.path()];
+    outputs::check(std::slice::from_ref(&args.file), writes.into_iter().flatten())?;
     let reader = Reader::open(&args.file, &Limits::default())?;
     if reader.file_bytes() > MOST_BYTES {
         return Err(Error::Limit {
@@ -45,11 +55,14 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
     let own = || args.file.file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
     let page = page::of(&texel, &args.title.clone().unwrap_or_else(own));
     save(&args.output, page.as_bytes())?;
-    ui.say(&format!(
-        "{}: {} kB, of which {} kB are the texel",
-        args.output.display(),
-        page.len().div_ceil(1000),
-        texel.len().div_ceil(1000)
-    ));
-    Ok(())
+    args.depfile.write([(args.output.as_path(), vec![args.file.clone()])], ui)?;
+    let (input, output, bytes) = (shown(&args.file), shown(&args.output), page.len());
+    if !args.json {
+        ui.say(&format!(
+            "{output}: {} kB, of which {} kB are the texel",
+            bytes.div_ceil(1000),
+            texel.len().div_ceil(1000)
+        ));
+    }
+    print(json!({ "input": input, "output": output, "file_bytes": bytes }), args.json, ui)
 }

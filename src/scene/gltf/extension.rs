@@ -11,7 +11,7 @@ use super::document::Document;
 use crate::scene::cycle::{Cycle, Mode, Phase};
 pub use crate::scene::shell::EXTENSION_NAME as NAME;
 use crate::scene::shell::{
-    Continuous, Discrete, Environment, FrameFacts, Layer, Orientations, Pose, ShellMaterial, Sky, TexelRef, Variant,
+    Continuous, Discrete, Environment, FrameFacts, Layer, Orientations, ShellMaterial, Sky, TexelRef, Variant,
 };
 use crate::scene::wind::{MOST_STRENGTH, Moment, Wind};
 use crate::volume::material::MOST_MATERIALS;

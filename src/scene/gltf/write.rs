@@ -6,6 +6,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use percent_encoding::{AsciiSet, NON_ALPHANUMERIC, utf8_percent_encode};
+use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
 use super::document::{is_glb, overview, split_glb};
@@ -35,18 +36,34 @@ pub struct Saved {
     /// Files that were copied beside the output because they lie outside its folder.
     pub copied: Vec<PathBuf>,
     pub warnings: Warnings,
-    /// Name and SHA-256 of the copies that an earlier landscape of this name brought, and of those that this one has.
-    earlier: BTreeMap<String, String>,
-    copies: BTreeMap<String, String>,
+    /// By name, the copies that an earlier landscape of this name brought, and those that this one has.
+    earlier: BTreeMap<String, Copied>,
+    copies: BTreeMap<String, Copied>,
+}
+
+/// A file that was copied beside a landscape.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+struct Copied {
+    /// The original, as seen from the landscape's folder.
+    from: String,
+    sha256: String,
 }
 
 /// Where a landscape keeps what it copied: of the same file another version may be written over, of others none.
 const COPIES: &str = "/asset/extras/vtexCopies";
 
 /// What a landscape says that it copied.
-fn copies_of(json: &Value) -> impl Iterator<Item = (String, String)> {
+fn copies_of(json: &Value) -> impl Iterator<Item = (String, Copied)> {
     let all = json.pointer(COPIES).and_then(Value::as_object).into_iter().flatten();
-    all.filter_map(|(name, digest)| Some((name.clone(), digest.as_str()?.to_owned())))
+    all.filter_map(|(name, copied)| Some((name.clone(), Copied::deserialize(copied).ok()?)))
+}
+
+/// The way from one folder to a file, both without links, with `/` between its parts.
+fn way(folder: &Path, file: &Path) -> String {
+    let same = folder.components().zip(file.components()).take_while(|(a, b)| a == b).count();
+    let up = folder.components().skip(same).map(|_| "..".into());
+    let down = file.components().skip(same).map(|c| c.as_os_str().to_string_lossy());
+    up.chain(down).collect::<Vec<_>>().join("/")
 }
 
 impl Editor {
@@ -380,9 +397,10 @@ fn bring(file: &Path, folder: &Path, folder_real: &Path, saved: &mut Saved) -> R
     let name =
         name.ok_or_else(|| Error::Options(format!("{}: a file name must be UTF-8 to be copied", file.display())))?;
     let copy = folder.join(name);
+    let from = way(folder_real, &real);
     if !copy.exists() || !same_bytes(&real, &copy)? {
-        // Another version is written over if it is what an earlier run copied, byte for byte.
-        if copy.exists() && !is_own(&copy, folder, name, saved)? {
+        // Another version is written over if it is what an earlier run copied from there, byte for byte.
+        if copy.exists() && !is_own(&copy, folder, (name, &from), saved)? {
             return Err(Error::Options(format!(
                 "{} lies outside the output's folder, and a different {name} is already there; write to another folder, or remove that one",
                 file.display()
@@ -394,22 +412,23 @@ fn bring(file: &Path, folder: &Path, folder_real: &Path, saved: &mut Saved) -> R
         part.finish()?;
         saved.copied.push(copy.clone());
     }
-    saved.copies.insert(name.to_owned(), files::sha256(&copy)?);
+    saved.copies.insert(name.to_owned(), Copied { from, sha256: files::sha256(&copy)? });
     Ok(encode(name))
 }
 
-/// Whether `copy` is, byte for byte, what an earlier landscape of this name or another one in `folder` has copied there.
-fn is_own(copy: &Path, folder: &Path, name: &str, saved: &Saved) -> Result<bool> {
+/// Whether `copy` is, byte for byte, what an earlier landscape of this name or another one in `folder` has copied there from
+/// the same original.
+fn is_own(copy: &Path, folder: &Path, (name, from): (&str, &str), saved: &Saved) -> Result<bool> {
     if !copy.is_file() {
         return Ok(false);
     }
-    let digest = files::sha256(copy)?;
-    if saved.earlier.get(name) == Some(&digest) {
+    let there = Copied { from: from.to_owned(), sha256: files::sha256(copy)? };
+    if saved.earlier.get(name) == Some(&there) {
         return Ok(true);
     }
     let others = std::fs::read_dir(folder).map_err(|e| Error::io(folder, e))?.flatten().map(|entry| entry.path());
     let mut landscapes = others.filter(|path| ["gltf", "glb"].contains(&files::extension(path).as_str()));
-    Ok(landscapes.any(|path| copies_of(&overview(&path)).any(|known| known.0 == name && known.1 == digest)))
+    Ok(landscapes.any(|path| copies_of(&overview(&path)).any(|known| known.0 == name && known.1 == there)))
 }
 
 fn same_bytes(a: &Path, b: &Path) -> Result<bool> {

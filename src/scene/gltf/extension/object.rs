@@ -6,7 +6,7 @@ use serde_json::{Map, Value};
 
 use super::super::document::Document;
 use crate::scene::files;
-use crate::scene::shell::{CellWrap, EXTENSION_NAME as NAME};
+use crate::scene::shell::{CellWrap, EXTENSION_NAME as NAME, Pose};
 use crate::{Error, Result, Warnings};
 
 /// Any finite number.

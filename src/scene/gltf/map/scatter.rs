@@ -63,6 +63,12 @@ impl Target {
         Aabb::around(self.triangles.iter().flat_map(|t| t.corners))
     }
 
+    /// Whether no texture coordinate leaves the unit square, but for rounding.
+    pub fn is_in_unit_square(&self) -> bool {
+        let mut all = self.triangles.iter().flat_map(|t| t.uvs.as_flattened());
+        all.all(|c| (-1e-6..=1.0 + 1e-6).contains(c))
+    }
+
     /// Square metres.
     pub fn area(&self) -> f64 {
         self.areas.last().copied().unwrap_or(0.0)

@@ -41,6 +41,8 @@ impl Band {
 /// All that thins copies.
 pub struct Sieve<'a> {
     mask: Option<(&'a Raster, MaskOver)>,
+    /// Whether the picture is seen again beyond the unit square of texture coordinates.
+    repeats: bool,
     bounds: Aabb,
     slope: Option<Band>,
     altitude: Option<Band>,
@@ -55,6 +57,7 @@ impl<'a> Sieve<'a> {
         let open = |[low, high]: [f64; 2]| [if low <= 0.0 { f64::NEG_INFINITY } else { low }, high];
         Sieve {
             mask: options.density_map.as_ref().map(|m| (m, over)),
+            repeats: !target.is_in_unit_square(),
             bounds,
             slope: options.slope.map(|s| Band::new(open(s), SOFT_SLOPE)),
             altitude: options.altitude.map(|a| Band::new(a, SOFT_ALTITUDE * bounds.size().y)),
@@ -67,7 +70,7 @@ impl<'a> Sieve<'a> {
         let mut share = 1.0;
         if let Some((mask, over)) = self.mask {
             share *= match over {
-                MaskOver::Uv => mask.sample(point.uv[0], point.uv[1], true),
+                MaskOver::Uv => mask.sample(point.uv[0], point.uv[1], self.repeats),
                 MaskOver::Bounds => {
                     let at = (point.at - self.bounds.min) / self.bounds.size().max(DVec3::splat(f64::MIN_POSITIVE));
                     mask.sample(at.x, at.z, false)
