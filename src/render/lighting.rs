@@ -56,7 +56,7 @@ impl Tracer<'_> {
             return;
         }
         let normals = of_normal(surface.normal);
-        state.radiance += albedo * self.sky_light(surface.point, &normals, surface.normal, width, state.lod_dither);
+        state.radiance += albedo * self.sky_light(surface.point, &normals, surface.normal, width);
         for light in &world.lights {
             let Some(incident) = light.incident(surface.point) else { continue };
             let cosine = surface.normal.dot(incident.dir) as f32;
@@ -107,7 +107,7 @@ impl Tracer<'_> {
         let normals = of_means(normal, square, &space.rotation());
         let before = (state.radiance, state.faint);
         let outward = space.world(normal);
-        state.radiance += albedo * self.sky_light(middle, &normals, outward, cone.width_at(mean), state.lod_dither);
+        state.radiance += albedo * self.sky_light(middle, &normals, outward, cone.width_at(mean));
         let start = Some(SelfHit { triangle: u32::MAX, copy: Some((hit.texel, hit.cell)) });
         let facet_size = texel.map_or(0.0, |t| t.tree.info().facet_size as f32);
         for group in &groups {

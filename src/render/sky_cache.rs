@@ -86,12 +86,15 @@ impl SkyCache {
         }
     }
 
-    /// The level whose cells fit a cone `width` wide; `dither` in [0, 1) decides between two.
-    pub fn level(&self, width: f64, dither: f32) -> i32 {
-        let exact = libm::log2(self.extent / (CELL * width).max(f64::MIN_POSITIVE)) + f64::from(dither);
-        exact.floor().clamp(0.0, FINEST) as i32
+    /// The two levels between which the cells fit a cone `width` wide, with their shares, which sum to 1. Where one level were
+    /// drawn by lot, as the depths of a texel are, levels that differ would show as a grain.
+    pub fn levels(&self, width: f64) -> [(i32, f64); 2] {
+        let exact = libm::log2(self.extent / (CELL * width).max(f64::MIN_POSITIVE)).clamp(0.0, FINEST);
+        let low = exact.floor();
+        [(low as i32, 1.0 - (exact - low)), (low as i32 + 1, exact - low)]
     }
 
+    /// Edge of a cell of a level, in the renderer's unit.
     pub fn size(&self, level: i32) -> f64 {
         self.extent * libm::exp2(f64::from(-level))
     }
@@ -160,13 +163,16 @@ mod tests {
     fn levels_fit_the_cone() {
         let cache = SkyCache::new(&Aabb::new(DVec3::ZERO, DVec3::new(0.5, 0.25, 0.1)));
         for width in [1e-6, 1e-4, 3e-3] {
-            for dither in [0.0, 0.5, 0.99] {
-                let cells = cache.size(cache.level(width, dither)) / (CELL * width);
-                assert!((0.5..2.0).contains(&cells), "{width} {dither}: {cells}");
-            }
+            let levels = cache.levels(width);
+            let cells = levels.map(|(level, _)| cache.size(level) / (CELL * width));
+            assert!(
+                (1.0..2.0 + 1e-9).contains(&cells[0]) && (0.5..1.0 + 1e-9).contains(&cells[1]),
+                "{width}: {cells:?}"
+            );
+            assert!((levels[0].1 + levels[1].1 - 1.0).abs() < 1e-12 && levels.iter().all(|l| l.1 >= 0.0));
         }
-        assert_eq!(cache.level(9.0, 0.0), 0);
-        assert_eq!(cache.level(0.0, 0.0), 30);
+        assert_eq!(cache.levels(9.0)[0], (0, 1.0));
+        assert_eq!(cache.levels(0.0)[0], (30, 1.0));
         assert!(SkyCache::new(&Aabb::EMPTY).extent > 0.0);
     }
 

@@ -21,16 +21,30 @@ const LIFT: f64 = 0.5;
 impl Tracer<'_> {
     /// Irradiance / π from around, on matter at `x` with these normals. `outward`: the mean normal, at most of length 1;
     /// `width`: of the cone that sees it.
-    pub(super) fn sky_light(&mut self, x: DVec3, normals: &Moments, outward: DVec3, width: f64, dither: f32) -> Vec3 {
+    pub(super) fn sky_light(&mut self, x: DVec3, normals: &Moments, outward: DVec3, width: f64) -> Vec3 {
         let world = self.world;
         if self.options.ambient == Ambient::Constant {
             return world.surround.light.irradiance(normals);
         }
+        let mut sum = Harmonics::default();
+        for (level, share) in world.sky_cache.levels(width) {
+            if share > 0.0 {
+                let Some(light) = self.sky_at(x, outward, level) else {
+                    return world.surround.light.irradiance(normals);
+                };
+                sum = sum + light * share as f32;
+            }
+        }
+        sum.irradiance(normals)
+    }
+
+    /// What a level of the grid has at `x`, from the corners of its cell there; `None` where the grid ends.
+    fn sky_at(&mut self, x: DVec3, outward: DVec3, level: i32) -> Option<Harmonics> {
+        let world = self.world;
         let bias = self.options.depth_bias + self.options.shadow_bias;
-        let level = world.sky_cache.level(width, dither);
         let place = world.sky_cache.place(x, level) + LIFT * outward;
         if place.abs().max_element() >= f64::from(i32::MAX) {
-            return world.surround.light.irradiance(normals);
+            return None;
         }
         let low = place.floor();
         let share = place - low;
@@ -46,7 +60,7 @@ impl Tracer<'_> {
                 sum = sum + light * weight as f32;
             }
         }
-        sum.irradiance(normals)
+        Some(sum)
     }
 }
 

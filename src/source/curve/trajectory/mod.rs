@@ -83,14 +83,16 @@ fn bytes_of(path: &Path, max_bytes: u64) -> Result<Vec<u8>> {
     if !bytes.starts_with(&[0x1f, 0x8b]) {
         return Ok(bytes);
     }
-    let mut out = Vec::new();
-    let unpacked =
-        flate2::read::MultiGzDecoder::new(&bytes[..]).take(max_bytes.saturating_add(1)).read_to_end(&mut out);
-    unpacked.map_err(|e| Error::input(path, "", format!("is not whole as gzip has it ({e})")))?;
-    if out.len() as u64 > max_bytes {
+    let packed = |e: std::io::Error| Error::input(path, "", format!("is not whole as gzip has it ({e})"));
+    let unpack = || flate2::read::MultiGzDecoder::new(&bytes[..]).take(max_bytes.saturating_add(1));
+    // Counted first: a vector that grows as it is read takes three times its bytes for a while.
+    let length = std::io::copy(&mut unpack(), &mut std::io::sink()).map_err(packed)?;
+    if length > max_bytes {
         let what = format!("unpacking {}, in bytes,", path.display());
-        return Err(Error::Limit { what, needed: out.len() as u64, allowed: max_bytes });
+        return Err(Error::Limit { what, needed: length, allowed: max_bytes });
     }
+    let mut out = Vec::with_capacity(length as usize);
+    unpack().read_to_end(&mut out).map_err(packed)?;
     Ok(out)
 }
 
