@@ -6,6 +6,7 @@ mod card;
 mod dandelion;
 mod fern;
 mod glb;
+mod hill;
 mod leaf;
 mod random;
 mod shell;
@@ -23,6 +24,7 @@ fn main() -> std::io::Result<()> {
         ("spruce.glb", spruce::spruce()),
         ("fern.glb", fern::fern()),
         ("terrain.glb", terrain::valley()),
+        ("hill.obj", hill::hill()),
         ("curves/dandelion.csv", dandelion::table().into_bytes()),
     ];
     let whole = samples.map(|(name, bytes)| (name.to_owned(), bytes));

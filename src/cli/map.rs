@@ -1,4 +1,4 @@
-//! `vtex map`: cover a plain glTF mesh with texels.
+//! `vtex map`: cover a plain mesh with texels.
 
 use std::path::{Path, PathBuf};
 
@@ -18,6 +18,7 @@ use crate::scene::gltf;
 use crate::scene::gltf::map::{
     Arrangement, Cells, Chart, Covered, Heights, MapOptions, Mapped, MaskOver, PointsTable, PointsUp, Scales, map,
 };
+use crate::scene::obj;
 use crate::scene::raster::Raster;
 use crate::scene::shell::{Continuous, Orientations};
 use crate::scene::texture::srgb_to_linear;
@@ -26,7 +27,7 @@ use crate::{Error, Result};
 
 #[derive(clap::Args)]
 pub struct Args {
-    /// The mesh to cover, .gltf or .glb, or a picture of a ground's heights: .png, .tif
+    /// The mesh to cover, .gltf, .glb or .obj, or a picture of a ground's heights: .png, .tif
     input: PathBuf,
     /// A .vtex file, or a texel of frames, NAME.####.vtex; given several times, every copy is one of them
     #[arg(long = "texel", required = true, value_name = "FILE")]
@@ -154,6 +155,9 @@ pub struct Args {
     /// Whether the covered faces themselves are drawn
     #[arg(long, value_enum, default_value_t = Surface::Visible)]
     surface: Surface,
+    /// Take quads (of an .obj, or of FB_ngon_encoding) as two triangles each, and not as bilinear patches
+    #[arg(long)]
+    no_patches: bool,
     #[command(flatten)]
     depfile: DepfileArgs,
     /// Print what was covered as JSON
@@ -279,6 +283,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
         palette: args.palette.iter().cloned().collect(),
         surface_visible: args.surface == Surface::Visible,
         motion,
+        patches: !args.no_patches,
     };
     let mapped = map(&args.input, &options, &output)?;
     ui.finish();
@@ -401,6 +406,10 @@ fn check_output(args: &Args, output: &Path) -> Result<Vec<PathBuf>> {
         return Err(Error::Options(format!("{path}: a landscape is written as .gltf or .glb; name it so")));
     }
     let mut read = depfile::of_landscape(&args.input);
+    if extension(&args.input) == "obj" {
+        read = vec![args.input.clone()];
+        read.extend(obj::named_files(&args.input));
+    }
     read.extend(args.density_map.iter().chain(&args.points).cloned());
     read.extend(args.texels.iter().chain(&args.geometries).cloned());
     // The input comes first.

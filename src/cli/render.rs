@@ -454,6 +454,8 @@ fn described(stats: &Stats) -> Value {
         "voxels_decoded": stats.voxels,
         "deepest_depth": stats.deepest,
         "shell_boxes": stats.shell_boxes,
+        "patches": stats.patches,
+        "split_patches": stats.split_patches,
         "cones": c.cones,
         "boxes_entered": c.boxes,
         "copies_marched": c.march.segments,
@@ -475,6 +477,10 @@ fn print_stats(stats: &Stats) -> Result<()> {
     row("bytes read", format!("{} of {} in the texels' files ({share:.1} %)", stats.bytes_read, stats.bytes_in_files))?;
     row("bricks decoded", format!("{}, {} voxels, down to depth {}", stats.bricks, stats.voxels, stats.deepest))?;
     row("boxes entered", format!("{} of {} in the scene", c.boxes, stats.shell_boxes))?;
+    if stats.patches + stats.split_patches > 0 {
+        let split = stats.split_patches;
+        row("patches", format!("{} bilinear, and {split} collapsed or folded ones as two prisms", stats.patches))?;
+    }
     row(
         "cells marched",
         format!("{} in {} copies of texels, {} voxels met", c.march.cells, c.march.segments, c.march.voxels),

@@ -1,6 +1,6 @@
 //! From a mesh with height vectors to the boxes of its shell.
 
-use super::shell::{Corner, Prism, ShellBox};
+use super::shell::{Corner, PatchBox, PatchFault, Prism, ShellBox};
 use crate::Warnings;
 use crate::geom::{DAffine3, DVec3};
 use crate::scene::Part;
@@ -14,6 +14,14 @@ pub struct Bend {
     pub unit: f64,
 }
 
+/// Boxes of a shell.
+#[derive(Default)]
+pub struct Boxes {
+    pub list: Vec<ShellBox>,
+    /// For each bilinear patch of the part, whether a box is over it; else, collapsed or folded, it is taken as two triangles.
+    pub curved: Vec<bool>,
+}
+
 /// The boxes over the faces of a part, between `from` and `to` of the height vectors, and `stretch` times as high as that.
 /// `place` takes part space to the renderer's space.
 pub fn boxes(
@@ -22,8 +30,8 @@ pub fn boxes(
     place: DAffine3,
     bend: Option<&Bend>,
     warnings: &mut Warnings,
-) -> Vec<ShellBox> {
-    let Some(mut corners) = corners(part, material, place, warnings) else { return Vec::new() };
+) -> Boxes {
+    let Some(mut corners) = corners(part, material, place, warnings) else { return Boxes::default() };
     if let Some(Bend { wind, eye, unit }) = bend {
         corners.iter_mut().for_each(|c| c.h = wind.bend(*eye + *unit * c.p, c.h));
     }
@@ -34,18 +42,22 @@ pub fn boxes(
         corners.iter_mut().for_each(|c| (c.h, c.dw) = (stretch * c.h, stretch * c.dw));
     }
     let groups = by_position(part);
-    let faces: Vec<Option<[Corner; 3]>> = part
-        .triangles
-        .iter()
-        .map(|t| {
-            let [a, b, c] = t.map(|v| corners.get(v as usize).copied());
-            let face = [a?, b?, c?];
-            face.iter().all(|c| c.p.is_finite() && c.h.is_finite()).then_some(face)
-        })
-        .collect();
-    let (mut out, mut flat, mut folded) = (Vec::new(), 0, 0);
+    let mut faces: Vec<Option<[Corner; 3]>> = part.triangles.iter().map(|t| face(&corners, t)).collect();
+    let mut made = Boxes::default();
+    let mut whole = vec![false; faces.len()];
+    for (i, patch) in part.patches.iter().enumerate() {
+        let shell = face(&corners, patch).and_then(|quad| over_patch(&quad, &part.name, warnings));
+        made.curved.push(shell.is_some());
+        if let Some(shell) = shell {
+            made.list.push(shell);
+            for (face, whole) in faces.iter_mut().zip(&mut whole).skip(2 * i).take(2) {
+                (*face, *whole) = (None, true);
+            }
+        }
+    }
+    let (mut flat, mut folded) = (0, 0);
     let partner = partners(part, &faces, &groups);
-    for (i, face) in faces.iter().enumerate() {
+    for (i, face) in faces.iter().enumerate().filter(|(i, _)| !whole[*i]) {
         let Some(face) = face else {
             flat += 1;
             continue;
@@ -54,7 +66,7 @@ pub fn boxes(
             Partner::Second => continue,
             Partner::First(quad) => {
                 if let Some(prism) = Prism::new(quad.as_slice()) {
-                    out.push(ShellBox::Prism(Box::new(prism)));
+                    made.list.push(ShellBox::Prism(Box::new(prism)));
                     continue;
                 }
             }
@@ -65,14 +77,42 @@ pub fn boxes(
                 if let ShellBox::Twisted(t) = &b {
                     folded += u64::from(t.folded());
                 }
-                out.push(b);
+                made.list.push(b);
             }
             None => flat += 1,
         }
     }
     warnings.add_many(format!("{}: a shell's face has no volume and is left out", part.name), flat);
     warnings.add_many(format!("{}: a shell's box is folded: its height vectors cross", part.name), folded);
-    out
+    made
+}
+
+/// The corners of a face, if they are finite.
+fn face<const N: usize>(corners: &[Corner], face: &[u32; N]) -> Option<[Corner; N]> {
+    let zero = Corner { p: DVec3::NAN, h: DVec3::ZERO, q: DVec3::ZERO, dw: 1.0, jitter: 1.0 };
+    let face = face.map(|v| corners.get(v as usize).copied().unwrap_or(zero));
+    face.iter().all(|c| c.p.is_finite() && c.h.is_finite()).then_some(face)
+}
+
+/// The box over a bilinear patch: a prism, where it is a parallelogram with one affine map. `None` (counted, with a warning)
+/// where its two triangles have to stand for it.
+fn over_patch(corners: &[Corner; 4], name: &str, warnings: &mut Warnings) -> Option<ShellBox> {
+    let [a, b, c, d] = *corners;
+    // As the triangles (b, c, a) and (d, a, c) that share the diagonal.
+    if let Some(prism) = quad([b, c, a], [d, a, c]).and_then(|ring| Prism::new(&ring)) {
+        return Some(ShellBox::Prism(Box::new(prism)));
+    }
+    match PatchBox::new(corners) {
+        Ok(patch) => Some(ShellBox::Patch(Box::new(patch))),
+        Err(fault) => {
+            let why = match fault {
+                PatchFault::Collapsed => "two corners are one",
+                PatchFault::Folded => "it is concave, flat, or its height vectors cross",
+            };
+            warnings.add(format!("{name}: a bilinear patch is taken as two triangles: {why}"));
+            None
+        }
+    }
 }
 
 /// Each vertex as a corner; `None` (with a warning) where the part has no texel coordinates.
@@ -126,9 +166,19 @@ fn heights(part: &Part, material: &ShellMaterial, warnings: &mut Warnings) -> Ve
 /// Sum of the area vectors of the faces at each vertex.
 fn area_normals(part: &Part) -> Vec<DVec3> {
     let mut normals = vec![DVec3::ZERO; part.positions.len()];
-    for t in &part.triangles {
-        let [a, b, c] =
-            t.map(|v| part.positions.get(v as usize).map_or(DVec3::ZERO, |p| DVec3::from_array(p.map(f64::from))));
+    let at = |v: u32| part.positions.get(v as usize).map_or(DVec3::ZERO, |p| DVec3::from_array(p.map(f64::from)));
+    for patch in &part.patches {
+        // The mean over the patch, by its diagonals: the same at all its corners.
+        let [a, b, c, d] = patch.map(at);
+        let n = (c - a).cross(d - b);
+        for &v in patch {
+            if let Some(sum) = normals.get_mut(v as usize) {
+                *sum += n;
+            }
+        }
+    }
+    for t in part.triangles.iter().skip(2 * part.patches.len()) {
+        let [a, b, c] = t.map(at);
         let n = (b - a).cross(c - a);
         for &v in t {
             if let Some(sum) = normals.get_mut(v as usize) {
@@ -260,10 +310,10 @@ mod tests {
     #[test]
     fn flat_tiles_become_one_box_each() {
         let mut warnings = Warnings::default();
-        let made = boxes(&ground(4, 0.0), (&shell(), [0.0, 1.0], 1.0), DAffine3::IDENTITY, None, &mut warnings);
+        let made = boxes(&ground(4, 0.0), (&shell(), [0.0, 1.0], 1.0), DAffine3::IDENTITY, None, &mut warnings).list;
         assert_eq!(made.len(), 16);
         assert!(warnings.is_empty());
-        let made = boxes(&ground(4, 0.3), (&shell(), [0.0, 1.0], 1.0), DAffine3::IDENTITY, None, &mut warnings);
+        let made = boxes(&ground(4, 0.3), (&shell(), [0.0, 1.0], 1.0), DAffine3::IDENTITY, None, &mut warnings).list;
         assert_eq!(made.len(), 32);
         assert!(made.iter().all(|b| matches!(b, ShellBox::Twisted(_))));
     }
@@ -287,7 +337,7 @@ mod tests {
     fn without_coordinates_there_is_a_word() {
         let part = Part { uvs: vec![], ..ground(1, 0.0) };
         let mut warnings = Warnings::default();
-        assert!(boxes(&part, (&shell(), [0.0, 1.0], 1.0), DAffine3::IDENTITY, None, &mut warnings).is_empty());
+        assert!(boxes(&part, (&shell(), [0.0, 1.0], 1.0), DAffine3::IDENTITY, None, &mut warnings).list.is_empty());
         assert_eq!(warnings.iter().count(), 1);
     }
 }

@@ -3,7 +3,10 @@
 //! Based on: S. Woop, C. Benthin, I. Wald, *Watertight Ray/Triangle Intersection*, JCGT 2013; J. Hanika, *Hacking the
 //! Shadow Terminator*, Ray Tracing Gems II, 2021.
 
+use glam::DVec4;
+
 use super::bvh::Bvh;
+use super::curved::{self, Piece};
 use super::mask::{Lookup, Masks};
 use crate::geom::{Aabb, DMat3, DVec3, Ray, Vec3};
 use crate::scene::{Alpha, Material, Model, Part};
@@ -12,16 +15,21 @@ use crate::scene::{Alpha, Material, Model, Part};
 #[derive(Debug, Clone, Copy)]
 struct Triangle {
     vertices: [u32; 3],
-    /// Index into [`Model::instances`], and the triangle in its part.
+    /// Index into [`Model::instances`], and the triangle in its part; or, with [`CURVED`] set, the index into [`Mesh::pieces`].
     instance: u32,
     index: u32,
 }
+
+/// Marks a triangle that is a piece of a bilinear patch.
+const CURVED: u32 = 1 << 31;
 
 /// All plain triangles.
 #[derive(Default)]
 pub struct Mesh {
     vertices: Vec<DVec3>,
     triangles: Vec<Triangle>,
+    /// Of bilinear patches that are not flat.
+    pieces: Vec<Piece>,
     bvh: Bvh,
     masks: Masks,
 }
@@ -111,14 +119,43 @@ impl Shear {
 pub struct MeshBuilder {
     vertices: Vec<DVec3>,
     triangles: Vec<Triangle>,
+    pieces: Vec<Piece>,
 }
 
 impl MeshBuilder {
     /// Add a placed part, whose positions were brought into the renderer's space.
     pub fn add(&mut self, instance: usize, part: &Part, positions: &[DVec3]) {
+        self.add_curved(instance, part, positions, &[]);
+    }
+
+    /// The same; of the part's patches, those that are `curved` are drawn as bilinear patches, and not as their two triangles.
+    pub fn add_curved(&mut self, instance: usize, part: &Part, positions: &[DVec3], curved: &[bool]) {
         let base = self.vertices.len() as u32;
         self.vertices.extend_from_slice(positions);
-        for (index, t) in part.triangles.iter().enumerate() {
+        let mut cut = vec![false; part.patches.len()];
+        for (i, patch) in part.patches.iter().enumerate().filter(|(i, _)| curved.get(*i) == Some(&true)) {
+            let ring = patch.map(|v| positions.get(v as usize).copied().unwrap_or(DVec3::NAN));
+            let n = curved::pieces(ring, part.patches.len());
+            if n == 1 || !ring.iter().all(|p| p.as_vec3().is_finite()) {
+                continue;
+            }
+            cut[i] = true;
+            let first = self.vertices.len() as u32;
+            let (vertices, triangles) = curved::cut(ring, i as u32, n);
+            self.vertices.extend(vertices);
+            for (numbers, piece) in triangles {
+                let index = CURVED | self.pieces.len() as u32;
+                self.pieces.push(piece);
+                let vertices = numbers.map(|k| first + k);
+                self.triangles.push(Triangle { vertices, instance: instance as u32, index });
+            }
+        }
+        self.add_triangles(instance, part, positions, (base, &cut));
+    }
+
+    /// The part's triangles, but those of the patches that are `cut`; `base` is the number of its first vertex.
+    fn add_triangles(&mut self, instance: usize, part: &Part, positions: &[DVec3], (base, cut): (u32, &[bool])) {
+        for (index, t) in part.triangles.iter().enumerate().filter(|(i, _)| cut.get(i / 2) != Some(&true)) {
             let known = t.iter().all(|&v| positions.get(v as usize).is_some_and(|p| p.as_vec3().is_finite()));
             if known {
                 let vertices = t.map(|v| base + v);
@@ -129,10 +166,10 @@ impl MeshBuilder {
 
     /// The mesh, whose parts are of `materials`.
     pub fn build(self, materials: &[Material]) -> Mesh {
-        let MeshBuilder { vertices, triangles } = self;
+        let MeshBuilder { vertices, triangles, pieces } = self;
         let bounds = |t: &Triangle| Aabb::around(t.vertices.map(|v| vertices[v as usize]));
         let bvh = Bvh::new(&triangles.iter().map(bounds).collect::<Vec<_>>());
-        Mesh { vertices, triangles, bvh, masks: Masks::new(materials) }
+        Mesh { vertices, triangles, pieces, bvh, masks: Masks::new(materials) }
     }
 }
 
@@ -147,6 +184,15 @@ impl Mesh {
 
     fn corners(&self, t: &Triangle) -> [DVec3; 3] {
         t.vertices.map(|v| self.vertices[v as usize])
+    }
+
+    /// What the part's vertices have, at the corners of a triangle; `None` where it has none.
+    fn at_corners(&self, part: &Part, triangle: &Triangle, of: impl Fn(u32) -> DVec4) -> Option<[DVec4; 3]> {
+        if triangle.index & CURVED == 0 {
+            return part.triangles.get(triangle.index as usize).map(|t| t.map(of));
+        }
+        let piece = self.pieces.get((triangle.index & !CURVED) as usize)?;
+        part.patches.get(piece.patch as usize).map(|ring| piece.mix(ring.map(of)))
     }
 
     /// The nearest contact in (0, t1) that lets nothing through; those before it that let light through are appended to
@@ -244,13 +290,15 @@ impl Mesh {
         let reference = material.texture.as_ref()?;
         let texture = &*reference.texture;
         let uvs = part.uvs.get(reference.tex_coord)?;
-        let indices = part.triangles.get(triangle.index as usize)?;
-        let corners = indices.map(|i| reference.map(uvs.get(i as usize).copied().unwrap_or_default()));
+        let uv = |i: u32| uvs.get(i as usize).copied().unwrap_or_default().map(f64::from);
+        let corners = self.at_corners(part, triangle, |i| DVec4::new(uv(i)[0], uv(i)[1], 0.0, 0.0))?;
+        let corners = corners.map(|c| reference.map([c.x as f32, c.y as f32]));
         let [a, b, c] = corners;
         let weights = at.weights();
         let uv = [0, 1].map(|k| weights[0] * a[k] + weights[1] * b[k] + weights[2] * c[k]);
         let colors = part.colors.as_ref();
-        let corner_alphas = indices.map(|i| colors.and_then(|c| c.get(i as usize)).map_or(1.0, |c| c[3]));
+        let alpha = |i: u32| f64::from(colors.and_then(|c| c.get(i as usize)).map_or(1.0, |c| c[3]));
+        let corner_alphas = self.at_corners(part, triangle, |i| DVec4::splat(alpha(i)))?.map(|c| c.x as f32);
         let own_alpha = weights.iter().zip(corner_alphas).map(|(w, alpha)| w * alpha).sum();
         // Texels across the width, by how fast u and v change on the surface: the gradient of a linear function whose differences
         // along the edges e and f are d has the square (d₀² f·f − 2 d₀ d₁ e·f + d₁² e·e) / |e × f|².
@@ -267,13 +315,13 @@ impl Mesh {
 
     /// Linear RGBA at a contact, over `width` of the surface.
     fn color(&self, part: &Part, material: &Material, triangle: &Triangle, at: &Contact, width: f64) -> [f32; 4] {
-        let Some(corners) = part.triangles.get(triangle.index as usize) else { return [0.0; 4] };
         let weights = at.weights();
         let mut rgba = material.base_color;
         if let Some(colors) = &part.colors {
+            let color = |i: u32| colors.get(i as usize).map_or(DVec4::ONE, |c| DVec4::from_array(c.map(f64::from)));
+            let Some(corners) = self.at_corners(part, triangle, color) else { return [0.0; 4] };
             for k in 0..4 {
-                let mixed: f32 =
-                    (0..3).map(|i| weights[i] * colors.get(corners[i] as usize).map_or(1.0, |c| c[k])).sum();
+                let mixed: f32 = (0..3).map(|i| weights[i] * corners[i][k] as f32).sum();
                 rgba[k] *= mixed;
             }
         }
@@ -295,13 +343,13 @@ impl Mesh {
         let point = (0..3).map(|i| weights[i] * corners[i]).sum::<DVec3>();
         let flat = (corners[1] - corners[0]).cross(corners[2] - corners[0]).normalize_or(-ray.dir);
         let (mut normal, mut lifted) = (flat, point);
-        let indices = part.triangles.get(triangle.index as usize);
-        if let (Some(normals), Some(indices)) = (&part.normals, indices) {
+        let given = part.normals.as_ref().and_then(|normals| {
+            let of = |i: u32| normals.get(i as usize).map_or(DVec3::ZERO, |n| DVec3::from_array(n.map(f64::from)));
+            self.at_corners(part, triangle, |i| of(i).extend(0.0))
+        });
+        if let Some(given) = given {
             let turn = cofactor(instance.transform.matrix3);
-            let at = indices.map(|i| {
-                let n = normals.get(i as usize).map_or(DVec3::ZERO, |n| DVec3::from_array(n.map(f64::from)));
-                (turn * n).try_normalize().unwrap_or(flat)
-            });
+            let at = given.map(|n| (turn * n.truncate()).try_normalize().unwrap_or(flat));
             normal = (0..3).map(|i| weights[i] * at[i]).sum::<DVec3>().try_normalize().unwrap_or(flat);
             let side = if normal.dot(ray.dir) > 0.0 { -1.0 } else { 1.0 };
             let lift = |i: usize| {

@@ -8,6 +8,7 @@ mod bvh;
 mod camera;
 mod cells;
 mod copies;
+mod curved;
 mod environment;
 pub mod error;
 mod events;
@@ -109,6 +110,8 @@ pub fn render_with(
         let mut stats = Stats {
             counts,
             shell_boxes: (world.boxes.len() + world.copies.len()) as u64,
+            patches: world.patches(),
+            split_patches: world.split_patches,
             times: vec![("prepare", prepared - start), ("trace", prepared.elapsed())],
             peak_bytes: peak_memory(),
             ..Stats::default()

@@ -53,6 +53,8 @@ pub struct World<'a> {
     pub unit: f64,
     pub mesh: Mesh,
     pub boxes: Vec<ShellBox>,
+    /// Bilinear patches that two prisms stand for.
+    pub split_patches: u64,
     pub copies: Copies<'a>,
     /// For each box, its index into `layers`.
     pub box_layers: Vec<u32>,
@@ -139,6 +141,7 @@ impl<'a> World<'a> {
             unit,
             mesh: Mesh::default(),
             boxes: Vec::new(),
+            split_patches: 0,
             copies,
             box_layers: Vec::new(),
             shells: Bvh::default(),
@@ -169,6 +172,7 @@ impl<'a> World<'a> {
             let Some(part) = model.parts.get(instance.part) else { continue };
             let placed = relative(instance.transform, self.view.eye, self.unit);
             let shell = shell_of(self.scene, instance.part).map(|s| s.1);
+            let mut curved = Vec::new();
             if let Some(shell) = shell {
                 let wind = model.materials.get(part.material).and_then(|m| m.wind);
                 let bend = wind.map(|wind| Bend { wind, eye: self.view.eye, unit: self.unit });
@@ -189,14 +193,20 @@ impl<'a> World<'a> {
                     // What is wrong with a shell is said once, not for each of its ranges.
                     let mut again = Warnings::default();
                     let warnings = if group == first { &mut *warnings } else { &mut again };
-                    self.boxes.extend(faces::boxes(part, (shell, range.0, range.1), placed, bend.as_ref(), warnings));
+                    let made = faces::boxes(part, (shell, range.0, range.1), placed, bend.as_ref(), warnings);
+                    if group == first {
+                        let folded = made.curved.iter().filter(|c| !**c).count() as u64;
+                        self.split_patches += folded + part.collapsed_patches;
+                        curved = made.curved;
+                    }
+                    self.boxes.extend(made.list);
                     self.box_layers.resize(self.boxes.len(), group);
                 }
                 lost += self.boxes[before..].iter().filter(|b| !finite(&b.bounds())).count();
             }
             if shell.is_none_or(|s| s.surface_visible) && !part.triangles.is_empty() {
                 let at = |p: &[f32; 3]| placed.transform_point3(DVec3::from_array(p.map(f64::from)));
-                mesh.add(index, part, &part.positions.iter().map(at).collect::<Vec<_>>());
+                mesh.add_curved(index, part, &part.positions.iter().map(at).collect::<Vec<_>>(), &curved);
             }
         }
         if lost > 0 {
@@ -209,6 +219,11 @@ impl<'a> World<'a> {
         }
         self.shells = Bvh::new(&bounds);
         Ok(())
+    }
+
+    /// Number of boxes over bilinear patches; where all of a patch is affine, its box is a prism.
+    pub fn patches(&self) -> u64 {
+        self.boxes.iter().filter(|b| matches!(b, ShellBox::Patch(_))).count() as u64
     }
 
     /// The copy that is item `index` of `shells`; `None` where that is a box, or the copy is flat.

@@ -6,7 +6,7 @@
 
 use super::cells::{CopyHit, TexelLayer};
 use super::prepare::World;
-use super::shell::ShellSegment;
+use super::shell::{ShellBox, ShellSegment};
 use crate::geom::{DMat3, DVec3, Ray, Vec3};
 use crate::march::transmittance::MarchSegment;
 
@@ -34,7 +34,7 @@ pub struct CopySegment {
 
 /// Distance by which a chord may stray from the ray's path, in widths of the cone.
 const MAX_STRAY: f64 = 0.25;
-/// And where noise bends the way: a tenth of the voxel that is read, which is about as wide as the cone.
+/// And in bilinear patches, and where noise bends the way: a tenth of the voxel that is read, which is about as wide as the cone.
 const MAX_BENT_STRAY: f64 = 0.1;
 /// The stray that is always allowed, in cells: finer than a voxel of depth 10.
 const FREE_STRAY: f64 = 1.0 / 4096.0;
@@ -57,7 +57,8 @@ pub fn for_each_segment(
     };
     let layers = world.layers_of(index);
     let layers = layer.map_or(layers, |layer| layers.get(layer as usize).map_or(&[], std::slice::from_ref));
-    let tolerance = |t: f64, m: &DMat3| (MAX_STRAY * width_at(t) * scale_across(m, ray.dir)).max(FREE_STRAY);
+    let stray = if matches!(shell, ShellBox::Patch(_)) { MAX_BENT_STRAY } else { MAX_STRAY };
+    let tolerance = |t: f64, m: &DMat3| (stray * width_at(t) * scale_across(m, ray.dir)).max(FREE_STRAY);
     let bent = |t: f64, m: &DMat3| (MAX_BENT_STRAY * width_at(t) * scale_across(m, ray.dir)).max(FREE_STRAY);
     shell.for_each_segment(ray, t0, t1, &tolerance, &mut |segment| {
         layers.iter().all(|layer| {

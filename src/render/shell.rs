@@ -4,72 +4,21 @@
 //! Based on: S. Porumbescu, B. Budge, L. Feng, K. Joy, *Shell Maps*, SIGGRAPH 2005 (a shell over a surface as texture space);
 //! F. Neyret, *Synthesizing Verdant Landscapes using Volumetric Textures*, RR-2846, 1996 (boxes on faces);
 //! S. Ogaki, *Nonlinear Ray Tracing for Displacement and Shell Mapping*, SIGGRAPH Asia 2023 (height along the ray is the
-//! root of a cubic); A. Reshetov, *Cool Patches*, Ray Tracing Gems, 2019 (walls are bilinear patches).
+//! root of a cubic).
 //!
 //! Watertight: a wall is stored with its ends in a fixed order, so both its boxes compute the very same crossings; a
 //! crossing is never computed again from a moved origin; and which segments between crossings are inside is decided at
 //! their middles, so that a crossing found twice or on a rim does no harm.
 
+mod corner;
+mod patch;
+mod trilinear;
+mod wall;
+
 use crate::geom::{Aabb, DMat3, DVec3, Ray};
-
-/// A corner of a face: base position, height vector, texel coordinate at the base, and how much w grows to the top.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Corner {
-    pub p: DVec3,
-    pub h: DVec3,
-    pub q: DVec3,
-    pub dw: f64,
-    /// Strength of continuous jitter there, in [0, 1].
-    pub jitter: f64,
-}
-
-/// A stretch of a ray on which texel coordinates are (nearly) linear in t: from `q0` at `t0` to `q1` at `t1`.
-#[derive(Debug, Clone, Copy)]
-pub struct ShellSegment {
-    pub t0: f64,
-    pub t1: f64,
-    pub q0: DVec3,
-    pub q1: DVec3,
-    /// World → texel, the linear part.
-    pub to_texel: DMat3,
-    /// Where the ends stand in the shell.
-    pub feet: [Foot; 2],
-}
-
-/// How a point of a shell stands over the base.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Foot {
-    /// How far w has risen since the base.
-    pub rise: f64,
-    /// Share of the height vector, in [0, 1].
-    pub height: f64,
-    /// Strength of continuous jitter, in [0, 1].
-    pub mask: f64,
-}
-
-/// A point of a shell: its texel coordinates and its [`Foot`].
-#[derive(Debug, Clone, Copy)]
-pub struct ShellPoint {
-    pub q: DVec3,
-    pub rise: f64,
-    pub height: f64,
-    pub mask: f64,
-}
-
-impl ShellSegment {
-    /// The point at t, between the ends.
-    pub fn at(&self, t: f64) -> ShellPoint {
-        let share = (t - self.t0) / (self.t1 - self.t0);
-        let [a, b] = &self.feet;
-        let mix = |a: f64, b: f64| a + share * (b - a);
-        ShellPoint {
-            q: self.q0.lerp(self.q1, share),
-            rise: mix(a.rise, b.rise),
-            height: mix(a.height, b.height),
-            mask: mix(a.mask, b.mask),
-        }
-    }
-}
+pub use corner::{Corner, Foot, ShellPoint, ShellSegment};
+pub use patch::{PatchBox, PatchFault};
+use wall::{Crossings, RIM, Wall, quadratic, wall_plane};
 
 /// The half-space n · x ≤ c.
 #[derive(Debug, Clone, Copy)]
@@ -78,18 +27,6 @@ struct Plane {
     c: f64,
     /// Turned against the stored order of the edge: then its points do not belong to the box (they do to the neighbour).
     turned: bool,
-}
-
-/// `a` before `b` in a fixed order of positions.
-fn ordered(a: &Corner, b: &Corner) -> bool {
-    a.p.to_array().partial_cmp(&b.p.to_array()) != Some(std::cmp::Ordering::Greater)
-}
-
-/// The plane of a wall whose ends have the same height vector, in the fixed order of its ends.
-fn wall_plane(a: &Corner, b: &Corner) -> (DVec3, f64) {
-    let (a, b) = if ordered(a, b) { (a, b) } else { (b, a) };
-    let n = (b.p - a.p).cross(a.h);
-    (n, n.dot(a.p))
 }
 
 /// A box whose height vectors agree and whose dw is constant: a prism, on which texel coordinates are affine.
@@ -170,81 +107,6 @@ impl Prism {
     fn foot(&self, x: DVec3) -> Foot {
         let height = self.up.dot(x) + self.floor;
         Foot { rise: height * self.dw, height, mask: (self.mask.dot(x) + self.mask_offset).clamp(0.0, 1.0) }
-    }
-}
-
-/// A wall between two corners.
-#[derive(Debug, Clone, Copy)]
-enum Wall {
-    Plane {
-        n: DVec3,
-        c: f64,
-    },
-    /// a + s e + W (h + s g).
-    Patch {
-        a: DVec3,
-        e: DVec3,
-        h: DVec3,
-        g: DVec3,
-    },
-}
-
-impl Wall {
-    fn new(a: &Corner, b: &Corner) -> Wall {
-        if a.h == b.h {
-            let (n, c) = wall_plane(a, b);
-            return Wall::Plane { n, c };
-        }
-        let (a, b) = if ordered(a, b) { (a, b) } else { (b, a) };
-        Wall::Patch { a: a.p, e: b.p - a.p, h: a.h, g: b.h - a.h }
-    }
-
-    fn crossings(&self, ray: &Ray, found: &mut Crossings) {
-        match *self {
-            Wall::Plane { n, c } => found.push((c - n.dot(ray.origin)) / n.dot(ray.dir)),
-            Wall::Patch { a, e, h, g } => {
-                let (a, d) = (a - ray.origin, ray.dir);
-                let c0 = d.dot(a.cross(h));
-                let c1 = d.dot(a.cross(g) + e.cross(h));
-                let c2 = d.dot(e.cross(g));
-                for s in quadratic(c0, c1, c2) {
-                    // The ruling at s, and where on it the ray passes.
-                    let (foot, rise) = (a + s * e, h + s * g);
-                    let across = rise.cross(d);
-                    let w = -foot.cross(d).dot(across) / across.length_squared();
-                    if (-RIM..=1.0 + RIM).contains(&s) && (-RIM..=1.0 + RIM).contains(&w) {
-                        found.push((foot + w * rise).dot(d) / d.length_squared());
-                    }
-                }
-            }
-        }
-    }
-}
-
-/// Distance beyond its rim at which a wall still gives a crossing (a share of its size); an extra crossing is harmless.
-const RIM: f64 = 1e-6;
-
-/// Roots of c0 + c1 x + c2 x², without cancellation; NaN or infinite where there is none.
-fn quadratic(c0: f64, c1: f64, c2: f64) -> [f64; 2] {
-    let disc = c1 * c1 - 4.0 * c0 * c2;
-    // A negative discriminant by rounding alone, at a ray that touches the patch, is a double root.
-    let root = if disc < 0.0 && disc > -1e-13 * c1 * c1 { 0.0 } else { disc.sqrt() };
-    let s = -0.5 * (c1 + root.copysign(c1));
-    [s / c2, c0 / s]
-}
-
-/// Parameters at which a ray crosses a box's surface.
-struct Crossings {
-    t: [f64; 12],
-    n: usize,
-}
-
-impl Crossings {
-    fn push(&mut self, t: f64) {
-        if t.is_finite() && self.n < self.t.len() {
-            self.t[self.n] = t;
-            self.n += 1;
-        }
     }
 }
 
@@ -334,39 +196,16 @@ impl TwistedBox {
         best
     }
 
-    fn spans(&self, ray: &Ray, t0: f64, t1: f64, mut each: impl FnMut(f64, f64)) {
-        let mut found = Crossings { t: [0.0; 12], n: 0 };
+    fn spans(&self, ray: &Ray, t0: f64, t1: f64, each: impl FnMut(f64, f64)) {
+        let mut found = Crossings::new();
         let [a, b, c] = &self.corners;
         for (p, q, r) in [(a.p, b.p, c.p), (a.p + a.h, b.p + b.h, c.p + c.h)] {
             let n = (q - p).cross(r - p);
             found.push(n.dot(p - ray.origin) / n.dot(ray.dir));
         }
         self.walls.iter().for_each(|w| w.crossings(ray, &mut found));
-        found.push(t0);
-        found.push(t1);
-        let all = &mut found.t[..found.n];
-        all.sort_unstable_by(f64::total_cmp);
-        let mut open: Option<f64> = None;
-        let mut last = t0;
-        for pair in all.windows(2) {
-            let (from, to) = (pair[0].max(t0), pair[1].min(t1));
-            if from >= to {
-                continue;
-            }
-            let inside = self.locate(ray.at(0.5 * (from + to))).is_some_and(|p| p.outside <= 1e-9);
-            match (inside, open) {
-                (true, None) => open = Some(from),
-                (false, Some(start)) => {
-                    each(start, from);
-                    open = None;
-                }
-                _ => {}
-            }
-            last = to;
-        }
-        if let Some(start) = open {
-            each(start, last);
-        }
+        let inside = |t: f64| self.locate(ray.at(t)).is_some_and(|p| p.outside <= 1e-9);
+        found.spans(t0, t1, inside, each);
     }
 
     /// Texel coordinate at t; `None` where the box is degenerate.
@@ -458,11 +297,12 @@ fn cubic_in_unit(k: [f64; 4]) -> [Option<f64>; 3] {
     roots
 }
 
-/// A box of either kind.
+/// A box of any kind.
 #[derive(Debug, Clone)]
 pub enum ShellBox {
     Prism(Box<Prism>),
     Twisted(Box<TwistedBox>),
+    Patch(Box<PatchBox>),
 }
 
 impl ShellBox {
@@ -478,6 +318,7 @@ impl ShellBox {
         match self {
             ShellBox::Prism(b) => b.bounds,
             ShellBox::Twisted(b) => b.bounds,
+            ShellBox::Patch(b) => b.bounds(),
         }
     }
 
@@ -490,6 +331,7 @@ impl ShellBox {
                 b.planes[..b.count].iter().map(room).fold(f64::INFINITY, f64::min)
             }
             ShellBox::Twisted(b) => b.locate(x).map_or(f64::NEG_INFINITY, |p| -p.outside),
+            ShellBox::Patch(b) => b.depth_inside(x),
         }
     }
 
@@ -502,6 +344,7 @@ impl ShellBox {
                 }
             }
             ShellBox::Twisted(b) => b.spans(ray, t0, t1, each),
+            ShellBox::Patch(b) => b.spans(ray, t0, t1, each),
         }
     }
 
@@ -522,6 +365,7 @@ impl ShellBox {
                 each(&ShellSegment { t0, t1, q0: b.texel(from), q1: b.texel(to), to_texel: b.to_texel, feet })
             }
             ShellBox::Twisted(b) => b.for_each_segment(ray, t0, t1, tolerance, each),
+            ShellBox::Patch(b) => b.for_each_segment(ray, t0, t1, tolerance, each),
         }
     }
 }

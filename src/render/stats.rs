@@ -40,6 +40,10 @@ pub struct Stats {
     pub counts: Counts,
     /// Boxes in the scene, triangles apart.
     pub shell_boxes: u64,
+    /// Those of them that are over bilinear patches.
+    pub patches: u64,
+    /// Bilinear patches that are collapsed or folded: two prisms each stand for them.
+    pub split_patches: u64,
     /// Bytes of the `.vtex` files that were read, of those that they have.
     pub bytes_read: u64,
     /// Size of the `.vtex` files, in bytes.

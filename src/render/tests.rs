@@ -411,3 +411,5 @@ fn a_wall_hides_its_form_factor() {
     // Of 41 rays that reach above the ground, up to seven run along an edge of the wall: a few hundredths of the light.
     assert!((square / count).sqrt() < 0.05 && worst < 0.1, "{} {worst}", (square / count).sqrt());
 }
+
+mod patches;

@@ -64,6 +64,8 @@ pub struct ReadOptions {
     pub max_instances: usize,
     /// Whether the files that it names must lie in its folder or below it, as those of a landscape must.
     pub contained: bool,
+    /// Whether four-cornered faces of an OBJ file are bilinear patches, besides their triangles.
+    pub patches: bool,
     /// Whether images are decoded; without them a texture is left out, the factor colour stays.
     pub textures: bool,
 }
@@ -81,6 +83,7 @@ impl Default for ReadOptions {
             max_pixels: 1 << 27,
             max_instances: 1 << 26,
             contained: false,
+            patches: false,
             textures: true,
         }
     }

@@ -41,6 +41,11 @@ pub struct Part {
     pub colors: Option<Vec<[f32; 4]>>,
     /// Indices below `positions.len()`; strips, fans and loops are already taken apart.
     pub triangles: Vec<[u32; 3]>,
+    /// Bilinear patches, as indices of their corners at (U, V) = (0, 0), (1, 0), (1, 1), (0, 1). Patch i is also two triangles,
+    /// 2i and 2i + 1, over its corners 0, 1, 2 and 0, 2, 3; those of all patches come first.
+    pub patches: Vec<[u32; 4]>,
+    /// Patches of the file that are collapsed to triangles, and no longer among `patches`.
+    pub collapsed_patches: u64,
     /// Pairs of indices below `positions.len()`.
     pub lines: Vec<[u32; 2]>,
     /// Indices below `positions.len()`.

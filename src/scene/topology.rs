@@ -44,6 +44,7 @@ pub fn clean(part: &mut Part, strip: bool, warnings: &mut Warnings) {
     for p in part.positions.iter_mut().filter(|p| !p.iter().all(|c| c.is_finite())) {
         *p = [0.0; 3];
     }
+    demote_patches(part, &bad, warnings);
     let mut outside = 0;
     let mut valid = |corners: &[u32]| {
         let inside = corners.iter().all(|&i| (i as usize) < n);
@@ -68,6 +69,32 @@ pub fn clean(part: &mut Part, strip: bool, warnings: &mut Warnings) {
         unit_normals(part, warnings);
     }
     compact(part);
+}
+
+/// Leave patches of which a triangle cannot be drawn to their triangles, which come after those of the others.
+fn demote_patches(part: &mut Part, bad: &[bool], warnings: &mut Warnings) {
+    if part.patches.is_empty() {
+        return;
+    }
+    let positions = &part.positions;
+    let sound =
+        |t: &[u32; 3]| t.iter().all(|&i| bad.get(i as usize) == Some(&false)) && cross(positions, t) != DVec3::ZERO;
+    let of_patches = part.triangles.len().min(2 * part.patches.len());
+    let (pairs, rest) = part.triangles.split_at(of_patches);
+    let (mut patches, mut whole, mut loose) = (Vec::new(), Vec::new(), Vec::new());
+    for (patch, pair) in part.patches.iter().zip(pairs.chunks(2)) {
+        if pair.len() == 2 && pair.iter().all(sound) {
+            patches.push(*patch);
+            whole.extend(pair);
+        } else {
+            loose.extend(pair);
+        }
+    }
+    part.collapsed_patches = (part.patches.len() - patches.len()) as u64;
+    warnings.add_many("a bilinear patch that is collapsed is taken as triangles", part.collapsed_patches);
+    whole.append(&mut loose);
+    whole.extend(rest);
+    (part.patches, part.triangles) = (patches, whole);
 }
 
 fn repeats([a, b, c]: &[u32; 3]) -> bool {
@@ -117,7 +144,7 @@ fn compact(part: &mut Part) {
         new[from] = to as u32;
     }
     let corners = part.triangles.iter_mut().flatten().chain(part.lines.iter_mut().flatten()).chain(&mut part.points);
-    for i in corners {
+    for i in corners.chain(part.patches.iter_mut().flatten()) {
         *i = new[*i as usize];
     }
     fn keep<T: Copy>(values: &mut Vec<T>, used: &[usize]) {
@@ -148,6 +175,22 @@ mod tests {
             let few: Vec<u32> = (0..n).collect();
             assert!(triangle_strip(&few).is_empty() && triangle_fan(&few).is_empty() && triangles(&few).is_empty());
         }
+    }
+
+    #[test]
+    fn collapsed_patches_become_triangles() {
+        let mut part = Part {
+            positions: [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0], [2.0, 0.0]].map(|[x, y]| [x, y, 0.0]).to_vec(),
+            patches: vec![[1, 4, 4, 2], [0, 1, 2, 3]],
+            triangles: vec![[1, 4, 4], [1, 4, 2], [0, 1, 2], [0, 2, 3], [4, 2, 1]],
+            ..Part::default()
+        };
+        let mut warnings = Warnings::default();
+        clean(&mut part, false, &mut warnings);
+        assert_eq!(part.patches, [[0, 1, 2, 3]]);
+        assert_eq!(part.triangles, [[0, 1, 2], [0, 2, 3], [1, 4, 2], [4, 2, 1]]);
+        assert_eq!(part.collapsed_patches, 1);
+        assert!(warnings.iter().any(|(text, n)| text.contains("collapsed") && n == 1));
     }
 
     #[test]

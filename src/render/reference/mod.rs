@@ -96,6 +96,8 @@ pub fn reference_with(
         let stats = Stats {
             counts,
             shell_boxes: (world.boxes.len() + world.copies.len()) as u64,
+            patches: world.patches(),
+            split_patches: world.split_patches,
             times: vec![("prepare", prepared - start), ("trace", prepared.elapsed())],
             peak_bytes: peak_memory(),
             ..Stats::default()

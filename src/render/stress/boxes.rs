@@ -5,10 +5,10 @@ use crate::geom::{Aabb, DAffine3, DMat3, DVec3, Ray};
 use crate::render::shell::{Corner, Prism, ShellBox, ShellSegment};
 
 /// How far two numbers along a ray may be apart that ought to be one, in units in which the scene is about 1 across.
-const APART: f64 = 1e-9;
+pub const APART: f64 = 1e-9;
 
 /// Spans of all boxes along a ray, by where they begin, with the box.
-fn spans(boxes: &[ShellBox], ray: &Ray, tally: &mut Tally) -> Vec<(f64, f64, usize)> {
+pub fn spans(boxes: &[ShellBox], ray: &Ray, tally: &mut Tally) -> Vec<(f64, f64, usize)> {
     let inverse = ray.dir.recip();
     let mut all = Vec::new();
     for (i, b) in boxes.iter().enumerate() {
@@ -30,16 +30,16 @@ fn spans(boxes: &[ShellBox], ray: &Ray, tally: &mut Tally) -> Vec<(f64, f64, usi
 }
 
 /// What spans are together.
-struct Joined {
+pub struct Joined {
     /// Length of their union.
-    length: f64,
+    pub length: f64,
     /// The longest stretch in a box that no span has, and the longest that is in two boxes.
-    missing: f64,
-    twice: f64,
+    pub missing: f64,
+    pub twice: f64,
 }
 
 /// Stretches within rounding of a wall do not count: a ray that runs in a wall has two right answers.
-fn joined(boxes: &[ShellBox], ray: &Ray, spans: &[(f64, f64, usize)]) -> Joined {
+pub fn joined(boxes: &[ShellBox], ray: &Ray, spans: &[(f64, f64, usize)]) -> Joined {
     let inside = |from: f64, to: f64| {
         let middle = ray.at(0.5 * (from + to));
         boxes.iter().filter(|b| b.depth_inside(middle) > 1e-6).count()
@@ -63,7 +63,7 @@ fn joined(boxes: &[ShellBox], ray: &Ray, spans: &[(f64, f64, usize)]) -> Joined 
 
 /// The place of everything: a shape in the unit cube brought to where it is to be, then as the renderer has it, relative to
 /// the eye and in units of the scene's size.
-struct Placing {
+pub struct Placing {
     map: DMat3,
     scale: f64,
     shift: DVec3,
@@ -72,7 +72,7 @@ struct Placing {
 }
 
 impl Placing {
-    fn new(random: &mut Random) -> Placing {
+    pub fn new(random: &mut Random) -> Placing {
         let (scale, shift) = match random.below(4) {
             0 => (1.0, 1e7 * random.direction()),
             // Smaller than a centimetre and so far away, there are not digits enough in an f64 for a shape.
@@ -99,16 +99,16 @@ impl Placing {
     }
 
     /// World positions are sums in f64, of which a scene far away keeps as many digits as it does.
-    fn at(&self, p: DVec3) -> DVec3 {
+    pub fn at(&self, p: DVec3) -> DVec3 {
         (self.scale * (self.map * p) + self.shift - self.eye) / self.unit
     }
 
-    fn along(&self, v: DVec3) -> DVec3 {
+    pub fn along(&self, v: DVec3) -> DVec3 {
         self.scale * (self.map * v) / self.unit
     }
 
     /// How far rounding of world positions may move a point, in the renderer's units.
-    fn rounding(&self) -> f64 {
+    pub fn rounding(&self) -> f64 {
         APART + 8.0 * f64::EPSILON * (self.shift.length() + self.scale) / self.unit
     }
 }

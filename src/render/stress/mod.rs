@@ -10,6 +10,7 @@
 
 mod boxes;
 mod normals;
+mod patches;
 mod random;
 mod scenes;
 mod trees;
@@ -87,7 +88,7 @@ pub struct Suite {
 }
 
 /// All suites, in the order in which they run.
-pub const SUITES: [Suite; 10] = [
+pub const SUITES: [Suite; 12] = [
     Suite {
         name: "law",
         about: "the law of opacity: rates 1e-12 to 1e12, any correlation; against f64, cut in two",
@@ -105,7 +106,7 @@ pub const SUITES: [Suite; 10] = [
     Suite {
         name: "trees",
         about: "random octrees of up to 32^3, rates 1e-12 to 1e12; rays along axes, faces, edges, vertices, grazing",
-        share: 25,
+        share: 20,
         batch: 256,
         run: trees::random_trees,
     },
@@ -119,7 +120,7 @@ pub const SUITES: [Suite; 10] = [
     Suite {
         name: "walls",
         about: "opaque walls of voxels in any direction, through lattice edges and vertices: nothing comes through, once",
-        share: 15,
+        share: 12,
         batch: 512,
         run: trees::walls,
     },
@@ -150,6 +151,20 @@ pub const SUITES: [Suite; 10] = [
         share: 5,
         batch: 32,
         run: boxes::broken,
+    },
+    Suite {
+        name: "patches",
+        about: "closed shells of bilinear patches and triangles, placed as `shells`; and upright ones in closed form",
+        share: 5,
+        batch: 128,
+        run: patches::patches,
+    },
+    Suite {
+        name: "folds",
+        about: "patches that are collapsed, concave, twisted beyond measure or folded, or the prisms in their place",
+        share: 3,
+        batch: 32,
+        run: patches::folds,
     },
     Suite {
         name: "scenes",

@@ -65,6 +65,10 @@ fn landscape(random: &mut Random, place: DAffine3) -> Scene {
         [short(random.between(-0.3, 0.3)), short(random.between(0.5, 1.5)), short(random.between(-0.3, 0.3))]
     };
     bulging.heights = Some((0..4).map(&mut height).collect());
+    if random.once_in(2) {
+        bulging.patches = vec![[3, 2, 1, 0]];
+        bulging.triangles.reverse();
+    }
     let shell = ShellMaterial {
         tex_coord: 0,
         w: 0.0,

@@ -1,9 +1,10 @@
 //! One mesh primitive being read: its attributes, morphed by their weights, and its topology.
 
-use gltf::json::mesh::{Mode, Primitive, Semantic};
+use gltf::json::mesh::{self, Mode, Semantic};
 use gltf::json::validation::Checked;
 
 use super::document::{Document, Target, index};
+use super::patches::{self, Primitive};
 use crate::scene::model::Part;
 use crate::scene::topology;
 use crate::{Result, Warnings};
@@ -16,7 +17,7 @@ pub struct Reader<'a> {
     /// File that holds the primitive.
     pub document: &'a Document,
     /// The primitive as the JSON has it.
-    pub primitive: &'a Primitive,
+    pub primitive: &'a mesh::Primitive,
     /// Morph targets.
     pub targets: &'a [Target],
     /// Weights of the morph targets.
@@ -82,11 +83,11 @@ impl Reader<'_> {
             }
         };
         self.document.charge(12 * indices.len() as u64, &self.at)?;
-        let own = self.primitive.extensions.as_ref().and_then(|e| e.others.get(super::extension::NAME));
-        if own.is_some_and(|e| e.get("patches").is_some()) {
-            warnings.add("a primitive's patches are read as triangles");
-        } else if self.document.root.extensions_used.iter().any(|n| n == "FB_ngon_encoding") {
-            warnings.add("polygons of FB_ngon_encoding are read as triangles");
+        let extension = self.primitive.extensions.as_ref().and_then(|e| e.others.get(super::extension::NAME));
+        if extension.is_some_and(|e| e.get("patches").is_some())
+            && self.primitive.mode != Checked::Valid(Mode::Triangles)
+        {
+            return Err(self.document.error(&*self.at, "has patches, and is no list of triangles (mode 4)"));
         }
         match &self.primitive.mode {
             Checked::Valid(Mode::Points) => part.points = indices,
@@ -95,6 +96,10 @@ impl Reader<'_> {
             Checked::Valid(Mode::LineLoop) => part.lines = topology::line_strip(&indices, true),
             Checked::Valid(Mode::Triangles) => {
                 part.triangles = topology::triangles(&indices);
+                let material = index(self.primitive.material);
+                let (document, at) = (self.document, &*self.at);
+                let primitive = Primitive { document, extension, material, at, vertices: n };
+                part.patches = patches::read(&primitive, &mut part.triangles)?;
                 warnings.add_many("indices left over after the last whole triangle", (indices.len() % 3) as u64);
             }
             Checked::Valid(Mode::TriangleStrip) => part.triangles = topology::triangle_strip(&indices),

@@ -14,6 +14,7 @@ pub mod map;
 mod material;
 mod meshopt;
 mod nodes;
+mod patches;
 mod primitive;
 mod skin;
 mod support;

@@ -132,6 +132,14 @@ impl Editor {
         self.push("accessors", accessor)
     }
 
+    /// Add an accessor of 32-bit indices, `N` for each element of a mesh; its index.
+    pub fn add_long_indices<const N: usize>(&mut self, values: &[[u32; N]]) -> Result<usize> {
+        let bytes: Vec<u8> = values.iter().flatten().flat_map(|x| x.to_le_bytes()).collect();
+        let view = self.add_view(&bytes, Some(34963))?;
+        let count = N * values.len();
+        self.push("accessors", json!({"bufferView": view, "componentType": 5125, "count": count, "type": "SCALAR"}))
+    }
+
     fn add_view(&mut self, bytes: &[u8], target: Option<u32>) -> Result<usize> {
         let mut view = json!({"buffer": 0, "byteOffset": self.added.len(), "byteLength": bytes.len()});
         if let Some(target) = target {

@@ -44,7 +44,7 @@ pub fn read(path: &Path, options: &ReadOptions) -> Result<Model> {
     // Names of objects and materials are not handed on, so that all geometry is one mesh.
     let mesh = models.into_iter().next().map(|m| m.mesh).unwrap_or_default();
     let geometry = Geometry::new(&mesh, statements.decimals);
-    let built = geometry.parts(&statements);
+    let built = geometry.parts(&statements, options.patches);
     let mut model = Model::default();
     let mut textures = mtl::Textures::new(options.max_bytes.saturating_sub(bytes.len() as u64));
     let mut places: BTreeMap<Option<usize>, usize> = BTreeMap::new();
@@ -110,8 +110,9 @@ impl<'a> Geometry<'a> {
         Geometry { mesh, offset, decimals }
     }
 
-    /// The parts of all runs of elements, in the order of [`Statements::parts`].
-    fn parts(&self, statements: &Statements) -> Vec<Part> {
+    /// The parts of all runs of elements, in the order of [`Statements::parts`]; with `patches`, convex faces of four corners are
+    /// bilinear patches.
+    fn parts(&self, statements: &Statements, patches: bool) -> Vec<Part> {
         let mut parts: Vec<Building> = statements.parts.iter().map(|_| Building::default()).collect();
         let mut cutter = Cutter::new();
         let mut indices = &self.mesh.indices[..];
@@ -133,7 +134,14 @@ impl<'a> Geometry<'a> {
                     Kind::Face => {
                         let wide = |&i: &u32| DVec3::from(part.positions[i as usize].map(f64::from));
                         let polygon: Vec<DVec3> = ids.iter().map(wide).collect();
+                        let first = part.triangles.len();
                         cutter.cut(&polygon, |t| part.triangles.push(t.map(|i| ids[i])));
+                        if let ([a, b, c, d], true) = (&ids[..], patches)
+                            && part.triangles[first..] == [[*a, *b, *c], [*a, *c, *d]]
+                        {
+                            part.patches.push([*a, *b, *c, *d]);
+                            building.of_patches.extend(part.triangles.drain(first..));
+                        }
                     }
                 }
             }
@@ -146,6 +154,8 @@ impl<'a> Geometry<'a> {
 #[derive(Default)]
 struct Building {
     part: Part,
+    /// The triangles of its patches, which come before the others.
+    of_patches: Vec<[u32; 3]>,
     /// Vertex of the mesh → vertex of the part.
     vertices: HashMap<u32, u32>,
     has_uvs: bool,
@@ -186,6 +196,7 @@ impl Building {
 
     fn finish(self) -> Part {
         let mut part = self.part;
+        part.triangles.splice(0..0, self.of_patches);
         if !self.has_uvs {
             part.uvs.clear();
         }
@@ -221,6 +232,18 @@ mod tests {
         assert_eq!(part.uvs[0][1], [1.0, 0.75]);
         assert_eq!(part.normals.as_ref().unwrap()[3], [0.0, 0.0, 1.0]);
         assert!(m.warnings.is_empty() && part.colors.is_none() && m.materials[0].double_sided);
+    }
+
+    #[test]
+    fn quads_are_patches_where_they_are_asked_for() {
+        let text = format!("{SQUARE}v .2 .2 0\nf 1 2 3\nf 1 2 3 4\nf 1 2 5 4\n");
+        let options = ReadOptions { patches: true, ..ReadOptions::default() };
+        let part = model_with(&text, &options).unwrap().parts.remove(0);
+        // The last one is concave.
+        assert_eq!(part.patches, [[0, 1, 2, 3]]);
+        assert_eq!((part.triangles[..2].to_vec(), part.triangles.len()), (vec![[0, 1, 2], [0, 2, 3]], 5));
+        let plain = model(&text).unwrap().parts.remove(0);
+        assert!(plain.patches.is_empty() && plain.triangles[0] == [0, 1, 2] && plain.triangles.len() == 5);
     }
 
     #[test]

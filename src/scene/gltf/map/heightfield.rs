@@ -1,9 +1,11 @@
 //! A picture of heights (PNG, TIFF, GeoTIFF) as a ground to be mapped: one vertex per pixel, in a .glb of its own.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use serde_json::json;
 
+use super::made;
+use super::made::Made;
 use super::surface::WRITTEN;
 use crate::geom::DVec3;
 use crate::scene::raster::Raster;
@@ -11,12 +13,6 @@ use crate::{Error, Result};
 
 /// Pixels of a ground.
 const MOST_VERTICES: u64 = 1 << 24;
-
-/// The file, which is deleted with this.
-pub struct Heightfield {
-    pub path: PathBuf,
-    _folder: tempfile::TempDir,
-}
 
 /// Whether the name is that of a picture.
 pub fn is_picture(path: &Path) -> bool {
@@ -36,7 +32,7 @@ pub struct Scales {
 ///
 /// # Errors
 /// As [`Raster::open`]; `Options` where the file does not say how large it is, and nobody else does.
-pub fn make(path: &Path, scales: Scales, notes: &mut Vec<String>) -> Result<Heightfield> {
+pub fn make(path: &Path, scales: Scales, notes: &mut Vec<String>) -> Result<Made> {
     let raster = Raster::open(path)?;
     let (columns, rows) = (raster.width, raster.height);
     let needed = columns as u64 * rows as u64;
@@ -142,7 +138,7 @@ fn write(
     (vertices, size): (&[DVec3], [usize; 2]),
     triangles: &[[u32; 3]],
     origin: Option<[f64; 2]>,
-) -> Result<Heightfield> {
+) -> Result<Made> {
     let mut bin: Vec<u8> = Vec::with_capacity(vertices.len() * 32 + triangles.len() * 12);
     let mut put = |v: f64| bin.extend((v as f32).to_le_bytes());
     // A hole's vertex is in no triangle; it still needs a number.
@@ -178,21 +174,5 @@ fn write(
             {"bufferView": 2, "componentType": 5126, "count": n, "type": "VEC2"},
             {"bufferView": 3, "componentType": 5125, "count": 3 * triangles.len(), "type": "SCALAR"}],
     });
-    let mut text = json.to_string().into_bytes();
-    text.resize(text.len().next_multiple_of(4), b' ');
-    let length = 28 + text.len() + bin.len();
-    let folder = tempfile::tempdir().map_err(|e| Error::io(std::env::temp_dir(), e))?;
-    let stem = path.file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_else(|| "ground".into());
-    let file = folder.path().join(format!("{stem}.glb"));
-    let too_long = |_| Error::Limit { what: "a ground".into(), needed: length as u64, allowed: u32::MAX.into() };
-    let mut head = b"glTF\x02\0\0\0".to_vec();
-    head.extend(u32::try_from(length).map_err(too_long)?.to_le_bytes());
-    head.extend((text.len() as u32).to_le_bytes());
-    head.extend(b"JSON");
-    head.extend(text);
-    head.extend((bin.len() as u32).to_le_bytes());
-    head.extend(b"BIN\0");
-    head.extend(bin);
-    std::fs::write(&file, head).map_err(|e| Error::io(&file, e))?;
-    Ok(Heightfield { path: file, _folder: folder })
+    made::save(path, &json, &bin)
 }

@@ -2,11 +2,14 @@
 
 mod copies;
 mod heightfield;
+mod made;
 mod motion;
+mod objmesh;
 mod options;
 mod place;
 mod plan;
 mod points;
+mod quads;
 mod scatter;
 mod shell;
 mod sieve;
@@ -32,8 +35,8 @@ use crate::{Error, Result, Warnings};
 use plan::{Plan, SurfacePlan};
 use surface::{Surface, surfaces};
 
-/// Cover `input` and write the landscape to `output` (`.gltf`, or `.glb` by its name). Everything else in the file stays. A
-/// picture of heights (`.png`, `.tif`, `.tiff`) is a ground, too.
+/// Cover `input` and write the landscape to `output` (`.gltf`, or `.glb` by its name). Everything else in the file stays. An
+/// `.obj` and a picture of heights (`.png`, `.tif`, `.tiff`) are grounds, too.
 ///
 /// # Errors
 /// Where a file cannot be read or written, where a material is not there, where nothing can be covered, and where
@@ -48,6 +51,12 @@ pub fn map(input: &Path, options: &MapOptions, output: &Path) -> Result<Mapped> 
     }
     if options.ground != Scales::default() {
         return Err(Error::Options("--pixel and --relief are for a ground that is a picture of heights".into()));
+    }
+    if crate::scene::files::extension(input) == "obj" {
+        let (made, warnings) = objmesh::make(input, options.patches)?;
+        let mut mapped = map_mesh(&made.path, options, output)?;
+        mapped.saved.warnings.merge(warnings);
+        return Ok(mapped);
     }
     map_mesh(input, options, output)
 }
@@ -157,9 +166,13 @@ fn map_mesh(input: &Path, options: &MapOptions, output: &Path) -> Result<Mapped>
         for (k, &i) in of_material[&index].iter().enumerate().filter(|_| fresh) {
             let mesh = homes.get(i).copied().unwrap_or(members[k].0.mesh);
             shell::attributes(options, &plan, &own, members[k], (mesh, index), &mut editor)?;
+            quads::write(options.patches, members[k].0, mesh, &mut editor)?;
         }
     }
     editor.use_extension(extension::NAME)?;
+    if !options.patches {
+        quads::forget_polygons(&mut editor);
+    }
     motion::write(&mut editor.json, &options.motion, &texels);
     editor.save(output, &saved)?;
     saved.warnings.merge(warnings);

@@ -90,6 +90,8 @@ pub struct MapOptions {
     pub surface_visible: bool,
     /// Frames of texels, and wind.
     pub motion: Motion,
+    /// Take quads, of an OBJ or of FB_ngon_encoding, as bilinear patches; else as two triangles each.
+    pub patches: bool,
 }
 
 /// What a picture of densities lies on.
@@ -220,6 +222,7 @@ impl Default for MapOptions {
             palette: BTreeMap::new(),
             surface_visible: true,
             motion: Motion::default(),
+            patches: true,
         }
     }
 }

@@ -10,6 +10,7 @@ use serde_json::Value;
 use super::super::document::Document;
 use super::super::material::uv_transform;
 use super::super::nodes::{self, Placed};
+use super::super::patches;
 use crate::geom::{Aabb, DAffine3, DMat3, DVec3};
 use crate::scene::topology;
 use crate::{Result, Warnings};
@@ -25,6 +26,8 @@ pub struct Geometry {
     /// KHR_texture_transform of the texture that the coordinates belong to: uv' = rows · (u, v, 1).
     pub uv_rows: [[f32; 3]; 2],
     pub triangles: Vec<[u32; 3]>,
+    /// Whether triangles that begin at the same vertex are polygons.
+    pub polygons: bool,
     /// `_VTEX_UVW` and `_VTEX_HEIGHT` of the file.
     pub uvw: Option<Vec<[f32; 3]>>,
     pub heights: Option<Vec<[f32; 3]>>,
@@ -72,7 +75,11 @@ impl Geometry {
             .retain(|t| t.iter().all(|&i| (i as usize) < n && positions[i as usize].iter().all(|x| x.is_finite())));
         let material = source.material.and_then(|m| document.root.materials.get(m.value()));
         let uv_rows = uv_transform(material, set as u32);
-        Ok(Some(Geometry { positions, normals, uvs, uv_rows, triangles, uvw, heights, written }))
+        let polygons = patches::uses_polygons(document)
+            && source.mode == Checked::Valid(Mode::Triangles)
+            // What was left out may have stood between two polygons.
+            && 3 * triangles.len() == indices.len();
+        Ok(Some(Geometry { polygons, positions, normals, uvs, uv_rows, triangles, uvw, heights, written }))
     }
 
     fn point(&self, i: u32) -> DVec3 {
