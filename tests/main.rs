@@ -32,6 +32,7 @@ mod materials;
 mod medium;
 mod near;
 mod outputs;
+mod patch_twins;
 mod patches;
 mod readable;
 mod reference;
