@@ -14,6 +14,7 @@ mod curves;
 mod demo;
 mod depfile;
 mod error;
+mod expand;
 mod export;
 mod files;
 mod golden;

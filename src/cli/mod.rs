@@ -30,6 +30,8 @@ mod demo;
 mod depfile;
 #[cfg(all(feature = "bake", feature = "render", feature = "plot"))]
 mod error;
+#[cfg(all(feature = "bake", feature = "render"))]
+mod expand;
 mod export;
 #[cfg_attr(not(feature = "bake"), allow(dead_code))]
 mod frames;
@@ -129,6 +131,8 @@ enum Command {
     /// Measure how far a texel is from its source: opacity, normals, colour, shadows, by depth
     #[cfg(all(feature = "bake", feature = "render", feature = "plot"))]
     Error(Box<error::Args>),
+    #[cfg(all(feature = "bake", feature = "render"))]
+    Expand(Box<expand::Args>),
     Export(export::Args),
     Inspect(inspect::Args),
     #[cfg(feature = "bake")]
@@ -194,6 +198,8 @@ fn run(command: Command, ui: &Ui) -> crate::Result<()> {
         Command::Compare(args) => compare::run(&args, ui),
         #[cfg(all(feature = "bake", feature = "render", feature = "plot"))]
         Command::Error(args) => error::run(&args, ui),
+        #[cfg(all(feature = "bake", feature = "render"))]
+        Command::Expand(args) => expand::run(&args, ui),
         Command::Export(args) => export::run(&args, ui),
         Command::Inspect(args) => inspect::run(&args, ui),
         #[cfg(feature = "bake")]

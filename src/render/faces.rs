@@ -31,16 +31,9 @@ pub fn boxes(
     bend: Option<&Bend>,
     warnings: &mut Warnings,
 ) -> Boxes {
-    let Some(mut corners) = corners(part, material, place, warnings) else { return Boxes::default() };
-    if let Some(Bend { wind, eye, unit }) = bend {
-        corners.iter_mut().for_each(|c| c.h = wind.bend(*eye + *unit * c.p, c.h));
-    }
-    if [from, to] != [0.0, 1.0] {
-        corners.iter_mut().for_each(|c| (c.p, c.h) = (c.p + from * c.h, (to - from) * c.h));
-    }
-    if stretch != 1.0 {
-        corners.iter_mut().for_each(|c| (c.h, c.dw) = (stretch * c.h, stretch * c.dw));
-    }
+    let Some(corners) = moved(part, (material, [from, to], stretch), place, bend, warnings) else {
+        return Boxes::default();
+    };
     let groups = by_position(part);
     let mut faces: Vec<Option<[Corner; 3]>> = part.triangles.iter().map(|t| face(&corners, t)).collect();
     let mut made = Boxes::default();
@@ -113,6 +106,56 @@ fn over_patch(corners: &[Corner; 4], name: &str, warnings: &mut Warnings) -> Opt
             None
         }
     }
+}
+
+/// A face of a shell: a triangle, or a bilinear patch whose corners stand in a ring.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Face {
+    Triangle([Corner; 3]),
+    Patch([Corner; 4]),
+}
+
+/// The faces over which [`boxes`] has boxes; what is a parallelogram comes as two triangles.
+pub fn faces(
+    part: &Part,
+    range: (&ShellMaterial, [f64; 2], f64),
+    place: DAffine3,
+    bend: Option<&Bend>,
+    warnings: &mut Warnings,
+) -> Vec<Face> {
+    let Some(corners) = moved(part, range, place, bend, warnings) else { return Vec::new() };
+    let mut triangles: Vec<Option<[Corner; 3]>> = part.triangles.iter().map(|t| face(&corners, t)).collect();
+    let mut found = Vec::with_capacity(triangles.len());
+    for (i, patch) in part.patches.iter().enumerate() {
+        let Some(quad) = face(&corners, patch) else { continue };
+        if let Some(ShellBox::Patch(_)) = over_patch(&quad, &part.name, warnings) {
+            found.push(Face::Patch(quad));
+            triangles.iter_mut().skip(2 * i).take(2).for_each(|triangle| *triangle = None);
+        }
+    }
+    found.extend(triangles.into_iter().flatten().map(Face::Triangle));
+    found
+}
+
+/// Each vertex as a corner of boxes between `from` and `to` of the height vectors, bent by the wind, and `stretch` times as high.
+fn moved(
+    part: &Part,
+    (material, [from, to], stretch): (&ShellMaterial, [f64; 2], f64),
+    place: DAffine3,
+    bend: Option<&Bend>,
+    warnings: &mut Warnings,
+) -> Option<Vec<Corner>> {
+    let mut corners = corners(part, material, place, warnings)?;
+    if let Some(Bend { wind, eye, unit }) = bend {
+        corners.iter_mut().for_each(|c| c.h = wind.bend(*eye + *unit * c.p, c.h));
+    }
+    if [from, to] != [0.0, 1.0] {
+        corners.iter_mut().for_each(|c| (c.p, c.h) = (c.p + from * c.h, (to - from) * c.h));
+    }
+    if stretch != 1.0 {
+        corners.iter_mut().for_each(|c| (c.h, c.dw) = (stretch * c.h, stretch * c.dw));
+    }
+    Some(corners)
 }
 
 /// Each vertex as a corner; `None` (with a warning) where the part has no texel coordinates.

@@ -69,6 +69,12 @@ impl JitterNoise {
         if strength == 0.0 { 0.0 } else { self.noises[k].value(base) }
     }
 
+    /// Where a point, in the layer's texel coordinates, is bent to, and its height in the shell as a share of the height vector.
+    pub fn bend(&self, p: &ShellPoint) -> (DVec3, f64) {
+        let bent = self.at(p);
+        (bent.q, bent.height)
+    }
+
     fn at(&self, p: &ShellPoint) -> Bent {
         let base = DVec3::new(p.q.x, p.q.y, p.q.z - p.rise);
         let n: [f64; 6] = std::array::from_fn(|k| p.mask * self.noise(k, base));

@@ -374,7 +374,7 @@ fn facing(corners: &[DVec3; 3], dir: DVec3) -> f64 {
 }
 
 /// Matrix by which normals transform: the cofactors, for outward normals of mirrored parts too.
-fn cofactor(m: DMat3) -> DMat3 {
+pub fn cofactor(m: DMat3) -> DMat3 {
     let c = DMat3::from_cols(m.y_axis.cross(m.z_axis), m.z_axis.cross(m.x_axis), m.x_axis.cross(m.y_axis));
     if m.determinant() < 0.0 { c * -1.0 } else { c }
 }

@@ -12,6 +12,8 @@ mod curved;
 mod environment;
 pub mod error;
 mod events;
+#[cfg(feature = "bake")]
+pub mod expand;
 mod faces;
 mod film;
 pub mod image_io;

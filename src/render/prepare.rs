@@ -23,7 +23,7 @@ use super::surround::Surround;
 use crate::geom::{Aabb, DAffine3, DVec3, Ray, Vec3};
 use crate::scene::shell::{Layer, ShellMaterial, Variant};
 use crate::scene::{Camera, Part, Projection, Scene};
-use crate::volume::Octree;
+use crate::volume::{Info, Octree};
 use crate::{Error, Result, Warnings};
 
 /// A texel with what the scene says of it.
@@ -96,7 +96,7 @@ fn use_frames(scene: &Scene, texel: usize, used: &mut [bool]) {
     used.iter_mut().skip(texel).take(1 + following).for_each(|slot| *slot = true);
 }
 
-fn shell_of(scene: &Scene, part: usize) -> Option<(&Part, &ShellMaterial)> {
+pub fn shell_of(scene: &Scene, part: usize) -> Option<(&Part, &ShellMaterial)> {
     let part = scene.model.parts.get(part)?;
     let material = scene.model.materials.get(part.material)?;
     material.shell.as_deref().map(|s| (part, s))
@@ -181,8 +181,9 @@ impl<'a> World<'a> {
                     Some(first) => first,
                     None => {
                         let first = self.layers.len() as u32;
+                        let info = |i: usize| Some(self.texels.get(i)?.as_ref()?.tree.info());
                         for &range in &ranges {
-                            self.layers.push(layers_in(self.scene, shell, range, &self.texels)?);
+                            self.layers.push(layers_in(self.scene, shell, range, &info)?);
                         }
                         first_layers[part.material] = Some(first);
                         first
@@ -250,7 +251,7 @@ impl<'a> World<'a> {
     }
 }
 
-fn finite(b: &Aabb) -> bool {
+pub fn finite(b: &Aabb) -> bool {
     b.min.as_vec3().is_finite() && b.max.as_vec3().is_finite()
 }
 
@@ -260,7 +261,7 @@ fn relative(transform: DAffine3, eye: DVec3, unit: f64) -> DAffine3 {
 }
 
 /// The box of all that may be seen, world space.
-fn bounds(scene: &Scene) -> Aabb {
+pub fn bounds(scene: &Scene) -> Aabb {
     let mut bounds = Aabb::EMPTY;
     for instance in &scene.model.instances {
         let Some(part) = scene.model.parts.get(instance.part) else { continue };
@@ -319,7 +320,7 @@ pub fn picture_size(scene: &Scene, choice: &CameraChoice) -> Result<[u32; 2]> {
     Ok(if aspect < 1.0 { [short, long] } else { [long, short] })
 }
 
-fn view(scene: &Scene, bounds: &Aabb, options: &Options, notes: &mut Vec<String>) -> Result<View> {
+pub fn view(scene: &Scene, bounds: &Aabb, options: &Options, notes: &mut Vec<String>) -> Result<View> {
     let size = options.size;
     let cameras = &scene.model.cameras;
     let framed = || {
@@ -354,7 +355,7 @@ fn range_of(layer: &Layer) -> ([f64; 2], f64) {
 }
 
 /// The ranges of a shell's layers, each once.
-fn layer_ranges(shell: &ShellMaterial) -> Vec<([f64; 2], f64)> {
+pub fn layer_ranges(shell: &ShellMaterial) -> Vec<([f64; 2], f64)> {
     let mut ranges = Vec::new();
     for range in shell.layers.iter().map(range_of) {
         if !ranges.contains(&range) {
@@ -364,14 +365,13 @@ fn layer_ranges(shell: &ShellMaterial) -> Vec<([f64; 2], f64)> {
     ranges
 }
 
-/// The layers of `shell` that fill `range`.
-fn layers_in(
+/// The layers of `shell` that fill `range`; `info(i)`: what the file of the scene's texel i says, if it is open.
+pub fn layers_in<'i>(
     scene: &Scene,
     shell: &ShellMaterial,
     range: ([f64; 2], f64),
-    texels: &[Option<Texel>],
+    info: &dyn Fn(usize) -> Option<&'i Info>,
 ) -> Result<Vec<TexelLayer>> {
-    let info = |i: usize| Some(texels.get(i)?.as_ref()?.tree.info());
     shell
         .layers
         .iter()

@@ -16,6 +16,8 @@ mod meshopt;
 mod nodes;
 mod patches;
 mod primitive;
+#[cfg(feature = "bake")]
+pub mod save;
 mod skin;
 mod support;
 #[cfg(test)]

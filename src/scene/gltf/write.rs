@@ -84,6 +84,14 @@ impl Editor {
         Ok(Editor { path: path.to_path_buf(), json, bin, added: Vec::new(), views: Vec::new(), limit })
     }
 
+    /// A file that holds nothing yet, and will be `path`.
+    pub fn new(path: &Path) -> Self {
+        let json = json!({"asset": {"version": "2.0", "generator": concat!("vtex ", env!("CARGO_PKG_VERSION"))},
+            "buffers": [{"byteLength": 0}]});
+        let (bin, limit) = (Some(Vec::new()), u64::MAX);
+        Editor { path: path.to_path_buf(), json, bin, added: Vec::new(), views: Vec::new(), limit }
+    }
+
     /// The object under `key` of `parent`, made where it is absent; an error where something else is there.
     pub fn object<'a>(path: &Path, parent: &'a mut Value, key: &str) -> Result<&'a mut Value> {
         let wrong = || Error::input(path, key, "is not an object");
@@ -138,6 +146,17 @@ impl Editor {
         let view = self.add_view(&bytes, Some(34963))?;
         let count = N * values.len();
         self.push("accessors", json!({"bufferView": view, "componentType": 5125, "count": count, "type": "SCALAR"}))
+    }
+
+    /// Add an encoded image; its index.
+    pub fn add_image(&mut self, bytes: &[u8], mime: &str, name: &str) -> Result<usize> {
+        let view = self.add_view(bytes, None)?;
+        self.added.resize(self.added.len().next_multiple_of(4), 0);
+        let mut image = json!({"bufferView": view, "mimeType": mime});
+        if !name.is_empty() {
+            image["name"] = json!(name);
+        }
+        self.push("images", image)
     }
 
     fn add_view(&mut self, bytes: &[u8], target: Option<u32>) -> Result<usize> {
