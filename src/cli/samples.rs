@@ -8,17 +8,32 @@ const SAMPLES: [(&str, usize); 4] =
 /// The samples one after the other, of each every fourth byte from the first on, then from the second on, and so on: their
 /// floats and indices pack better so. One frame of zstd, which makes 2.8 MB of 6.7.
 static PACKED: &[u8] = include_bytes!("samples.zst");
-/// What is text, as it is.
-const RECIPES: [(&str, &[u8]); 1] = [("meadow.toml", include_bytes!("../../samples/recipes/meadow.toml"))];
+/// What is small, as it is: by its path below `samples/`.
+const SMALL: [(&str, &[u8]); 1] = [("recipes/meadow.toml", include_bytes!("../../samples/recipes/meadow.toml"))];
 
-/// Name and bytes of each sample.
+/// Path below `samples/` and bytes of those that `paths` names.
+///
+/// # Errors
+/// `Options` where one is not there; as [`unpack`].
+pub fn find<'p>(paths: &[&'p str]) -> Result<Vec<(&'p str, Vec<u8>)>> {
+    let packed = if paths.iter().any(|path| SAMPLES.iter().any(|s| s.0 == *path)) { unpack()? } else { Vec::new() };
+    let small = SMALL.iter().map(|&(path, bytes)| (path, bytes.to_vec()));
+    let all: std::collections::BTreeMap<&str, Vec<u8>> = packed.into_iter().chain(small).collect();
+    let one = |path: &&'p str| {
+        let bytes = all.get(path).cloned();
+        bytes.map(|bytes| (*path, bytes)).ok_or_else(|| Error::Options(format!("there is no built-in sample {path:?}")))
+    };
+    paths.iter().map(one).collect()
+}
+
+/// Name and bytes of each of [`SAMPLES`].
 ///
 /// # Errors
 /// [`Error::Io`] where they cannot be unpacked, which only a damaged program can bring about.
 pub fn unpack() -> Result<Vec<(&'static str, Vec<u8>)>> {
     let all = zstd::decode_all(PACKED).map_err(|e| Error::io("the built-in samples", e))?;
     let mut rest = &all[..];
-    let mut samples: Vec<_> = RECIPES.iter().map(|&(name, bytes)| (name, bytes.to_vec())).collect();
+    let mut samples = Vec::new();
     for (name, length) in SAMPLES {
         let Some((planes, after)) = rest.split_at_checked(length) else {
             return Err(Error::io("the built-in samples", std::io::ErrorKind::UnexpectedEof.into()));

@@ -55,9 +55,8 @@ impl Bench<'_> {
 
     fn sample(&self, name: &str) -> Result<PathBuf> {
         let path = self.folder.join(name);
-        let samples = samples::unpack()?;
-        let bytes = samples.iter().find(|s| s.0 == name).map_or(&[][..], |s| &s.1);
-        format::save(&path, bytes)?;
+        let found = samples::find(&[name])?;
+        format::save(&path, found.first().map_or(&[][..], |s| &s.1))?;
         Ok(path)
     }
 
