@@ -177,16 +177,16 @@ fn shells_and_wraps() {
     let texels = || plants.texels([false; 3]);
     let with = |wrap: [CellWrap; 3]| Layer { wrap, ..Layer::default() };
     use CellWrap::{Empty, Mirror, Repeat};
-    agree("flat", &scene(ground(0.0), vec![Layer::default()], texels()), 1e-4, &bare());
+    agree("flat", &scene(ground(0.0), vec![Layer::default()], texels()), 2e-4, &bare());
     let hills = scene(ground(0.35), vec![Layer::default()], texels());
-    agree("hills", &hills, 1e-4, &scene(ground(0.0), vec![Layer::default()], texels()));
+    agree("hills", &hills, 2e-4, &scene(ground(0.0), vec![Layer::default()], texels()));
     let mirrored = scene(ground(0.2), vec![with([Mirror, Mirror, Empty])], texels());
-    agree("mirror", &mirrored, 1e-4, &scene(ground(0.2), vec![Layer::default()], texels()));
+    agree("mirror", &mirrored, 2e-4, &scene(ground(0.2), vec![Layer::default()], texels()));
     let one = scene(ground(0.2), vec![with([Empty, Repeat, Empty])], texels());
-    agree("empty", &one, 1e-4, &mirrored);
+    agree("empty", &one, 2e-4, &mirrored);
     // Two texels a height, turned, and two layers of which each has a part of the height.
     let high = Layer { scale: [1.0, 1.0, 2.0], offset: [0.3, 0.1, 0.5], wrap: [Repeat; 3], ..Layer::default() };
-    agree("offset", &scene(ground(0.2), vec![high], texels()), 1e-4, &mirrored);
+    agree("offset", &scene(ground(0.2), vec![high], texels()), 2e-4, &mirrored);
     let low = Layer { skin_range: [0.0, 0.4], ..Layer::default() };
     let top = Layer { texel: 1, skin_range: [0.5, 1.0], scale: [2.0, 2.0, 1.0], ..Layer::default() };
     agree(
@@ -219,7 +219,7 @@ fn discrete_jitter() {
             variants: vec![variant(0, [1.0, 0.8, 0.5]), variant(1, [0.4, 1.0, 1.0])],
             tint: vec![],
         };
-        agree(&format!("{orientations:?}"), &with(jitter(5)), 1e-4, &with(jitter(6)));
+        agree(&format!("{orientations:?}"), &with(jitter(5)), 2e-4, &with(jitter(6)));
     }
 }
 
@@ -240,7 +240,7 @@ fn continuous_jitter() {
         let layer = Layer { continuous: Some(continuous), ..Layer::default() };
         scene(land.clone(), vec![layer], plants.texels([true, true, false]))
     };
-    agree("continuous", &with(3), 1e-3, &with(4));
+    agree("continuous", &with(3), 3e-4, &with(4));
 }
 
 #[test]
@@ -252,7 +252,7 @@ fn wind_bends_shells() {
         made.model.materials[0].wind = Some(wind.at(time));
         made
     };
-    agree("wind", &at(1.5), 1e-4, &at(0.0));
+    agree("wind", &at(1.5), 2e-4, &at(0.0));
 }
 
 /// Copies of all kinds: turned, mirrored, of three scales, below a node that shears them, tinted, leaning.
@@ -344,8 +344,8 @@ fn a_camera_keeps_what_it_sees() {
     let mut made = copies(&plants, false);
     let shells = scene(ground(0.2), vec![Layer { texel: 1, ..Layer::default() }], plants.texels([false; 3]));
     made.model = shells.model;
-    let (eye, target) = (DVec3::new(1.0, 3.0, 9.0), DVec3::new(1.5, 0.5, 4.0));
-    let camera = CameraChoice::LookAt { eye, target, yfov: 0.35 };
+    let (eye, target) = (DVec3::new(0.9, 3.0, 9.0), DVec3::new(1.0, 0.5, 4.0));
+    let camera = CameraChoice::LookAt { eye, target, yfov: 0.2 };
     let options = Options { camera: camera.clone(), ..options() };
     let cut = |margin: f64| {
         let options = ExpandOptions { view: Some((camera.clone(), [96, 64])), margin, ..ExpandOptions::default() };
@@ -353,7 +353,7 @@ fn a_camera_keeps_what_it_sees() {
     };
     let (whole, seen) = (expanded(&made, 1e-3), cut(0.0));
     assert!(seen.amount.copies < whole.amount.copies && seen.amount.faces < whole.amount.faces);
-    assert!(3 * seen.amount.bent_triangles < 2 * whole.amount.bent_triangles, "{:?} {:?}", seen.amount, whole.amount);
+    assert!(seen.amount.bent_triangles < whole.amount.bent_triangles, "{:?} {:?}", seen.amount, whole.amount);
     assert_eq!(cut(100.0).amount, whole.amount);
     // Shadows come from what is not seen, too.
     let options = Options { shadows: false, ambient: Ambient::Constant, ..options };

@@ -36,7 +36,13 @@ pub struct Args {
 const DEFAULT: &str = "valley";
 
 /// The landscapes, the first by default.
-const SCRIPTS: [(&str, &str); 1] = [(DEFAULT, include_str!("../../samples/landscapes/valley.sh"))];
+const SCRIPTS: [(&str, &str); 5] = [
+    (DEFAULT, include_str!("../../samples/landscapes/valley.sh")),
+    ("lawn", include_str!("../../samples/landscapes/lawn.sh")),
+    ("trees", include_str!("../../samples/landscapes/trees.sh")),
+    ("teddy", include_str!("../../samples/landscapes/teddy.sh")),
+    ("wind", include_str!("../../samples/landscapes/wind.sh")),
+];
 
 /// Where scripts find the samples.
 const SAMPLES: &str = "$S/";
@@ -161,7 +167,8 @@ mod tests {
             .filter_map(|name| name.strip_suffix(".sh").map(str::to_owned))
             .collect();
         let mut known = SCRIPTS.map(|s| s.0.to_owned()).to_vec();
-        (scripts.sort(), known.sort());
+        scripts.sort();
+        known.sort();
         assert_eq!(scripts, known, "samples/landscapes and SCRIPTS");
         for (name, script) in SCRIPTS {
             assert!(title(script).len() > 10, "{name}: a title in its second line");

@@ -9,7 +9,16 @@ const SAMPLES: [(&str, usize); 4] =
 /// floats and indices pack better so. One frame of zstd, which makes 2.8 MB of 6.7.
 static PACKED: &[u8] = include_bytes!("samples.zst");
 /// What is small, as it is: by its path below `samples/`.
-const SMALL: [(&str, &[u8]); 1] = [("recipes/meadow.toml", include_bytes!("../../samples/recipes/meadow.toml"))];
+const SMALL: [(&str, &[u8]); 8] = [
+    ("landscapes/lawn.glb", include_bytes!("../../samples/landscapes/lawn.glb")),
+    ("landscapes/teddy.glb", include_bytes!("../../samples/landscapes/teddy.glb")),
+    ("landscapes/trees.glb", include_bytes!("../../samples/landscapes/trees.glb")),
+    ("landscapes/wind.glb", include_bytes!("../../samples/landscapes/wind.glb")),
+    ("recipes/fur.toml", include_bytes!("../../samples/recipes/fur.toml")),
+    ("recipes/lawn.toml", include_bytes!("../../samples/recipes/lawn.toml")),
+    ("recipes/lawn-grass.toml", include_bytes!("../../samples/recipes/lawn-grass.toml")),
+    ("recipes/meadow.toml", include_bytes!("../../samples/recipes/meadow.toml")),
+];
 
 /// Path below `samples/` and bytes of those that `paths` names.
 ///

@@ -24,7 +24,8 @@ const GROUPS: [(&str, &[&str]); 4] = [
 ];
 
 /// What stands under "Motion", by command.
-const MOTION: [(&str, &[&str]); 3] = [
+const MOTION: [(&str, &[&str]); 4] = [
+    ("expand", &["time", "animation", "loop"]),
     ("bake", &["time", "animation", "frames", "fps", "define", "frame-define"]),
     ("map", &["frame-mode", "phase", "fps", "wind", "wind-direction", "gust-scale", "wind-speed"]),
     ("render", &["time", "animation", "loop", "frames", "fps", "force"]),

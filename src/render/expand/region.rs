@@ -83,23 +83,24 @@ impl Prism<'_> {
     fn cuts(&self, tolerance: f64) -> [usize; 2] {
         let mut cuts = [1; 2];
         loop {
-            let bends = self.bends(cuts);
-            let mut changed = false;
-            for k in 0..2 {
-                if bends[k] > tolerance && cuts[k] < MOST_CUTS[k] {
-                    cuts[k] *= 2;
-                    changed = true;
-                }
+            let [flat, high, both] = self.bends(cuts);
+            let room = [0, 1].map(|k| cuts[k] < MOST_CUTS[k]);
+            let mut more = [flat > tolerance && room[0], high > tolerance && room[1]];
+            if more == [false; 2] && both > tolerance {
+                // A twist, which either mends by half: the coarser of both is cut.
+                let up = room[1] && (cuts[1] < cuts[0] || !room[0]);
+                more = [!up && room[0], up];
             }
-            if !changed {
+            if more == [false; 2] {
                 return cuts;
             }
+            (0..2).filter(|k| more[*k]).for_each(|k| cuts[k] *= 2);
         }
     }
 
-    /// How far, in cells, the middles of the grid's edges and diagonals are from where its corners put them: what more cuts
-    /// across, and more cuts upward, would mend. Looked for at some of them.
-    fn bends(&self, [across, up]: [usize; 2]) -> [f64; 2] {
+    /// How far, in cells, the middles of the grid's edges across, upward, and of its diagonals are from where their ends put
+    /// them. Looked for at some of them.
+    fn bends(&self, [across, up]: [usize; 2]) -> [f64; 3] {
         const LOOKS: usize = 3;
         let (n, m) = (across as f64, up as f64);
         let bend = |b: [f64; 2], w: f64, db: [f64; 2], dw: f64| {
@@ -109,25 +110,23 @@ impl Prism<'_> {
             let size = (a.q.distance(c.q) / a.x.distance(c.x).max(f64::MIN_POSITIVE)).min(1e12);
             middle.q.distance(0.5 * (a.q + c.q)).max(size * middle.x.distance(0.5 * (a.x + c.x)))
         };
-        let (mut flat, mut high) = (0.0f64, 0.0f64);
-        for i in 0..=LOOKS {
-            for j in 0..=LOOKS - i {
-                for k in 0..=LOOKS {
-                    let step = |v: usize, parts: f64| ((v as f64 / LOOKS as f64) * (parts - 1.0)).round() / parts;
-                    let (b, w) = ([step(i, n), step(j, n)], step(k, m));
-                    for db in [[1.0 / n, 0.0], [0.0, 1.0 / n], [1.0 / n, -1.0 / n]] {
-                        let from = if db[1] < 0.0 { [b[0], b[1] + 1.0 / n] } else { b };
-                        if from[0] + from[1] <= 1.0 + 1e-9 {
-                            flat = flat.max(bend(from, w, db, 0.0)).max(bend(from, w + 1.0 / m, db, 0.0));
-                            // A diagonal is of both: the larger part of it is taken for that of its flat side.
-                            flat = flat.max(bend(from, w, db, 1.0 / m) - bend(from, w, [0.0; 2], 1.0 / m));
-                        }
-                    }
-                    high = high.max(bend(b, w, [0.0; 2], 1.0 / m));
+        let (mut flat, mut high, mut both) = (0.0f64, 0.0f64, 0.0f64);
+        let step = |v: usize, parts: f64| ((v as f64 / LOOKS as f64) * (parts - 1.0)).round() / parts;
+        let looks = (0..=LOOKS).flat_map(|i| (0..=LOOKS - i).flat_map(move |j| (0..=LOOKS).map(move |k| [i, j, k])));
+        for [i, j, k] in looks {
+            let (b, w) = ([step(i, n), step(j, n)], step(k, m));
+            high = high.max(bend(b, w, [0.0; 2], 1.0 / m));
+            for db in [[1.0 / n, 0.0], [0.0, 1.0 / n], [1.0 / n, -1.0 / n]] {
+                let from = if db[1] < 0.0 { [b[0], b[1] + 1.0 / n] } else { b };
+                if from[0] + from[1] + db[0].max(0.0) + db[1].max(0.0) <= 1.0 + 1e-9
+                    || (db[1] < 0.0 && from[0] + from[1] <= 1.0 + 1e-9)
+                {
+                    flat = flat.max(bend(from, w, db, 0.0)).max(bend(from, w + 1.0 / m, db, 0.0));
+                    both = both.max(bend(from, w, db, 1.0 / m));
                 }
             }
         }
-        [flat, high]
+        [flat, high, both]
     }
 }
 

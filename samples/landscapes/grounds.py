@@ -1,0 +1,255 @@
+#!/usr/bin/env python3
+"""Make the grounds of the landscapes beside this file: meshes of some thousand triangles with cameras and a sun.
+
+The same bytes on every machine with IEEE doubles, but for the last digits of sin and cos."""
+import json
+import math
+import struct
+import sys
+from pathlib import Path
+
+
+def lattice(seed, i, j):
+    h = (i * 0x8DA6B343 ^ j * 0xD8163841 ^ seed * 0x9E3779B9) & 0xFFFFFFFF
+    h = ((h ^ h >> 16) * 0x7FEB352D) & 0xFFFFFFFF
+    h = ((h ^ h >> 15) * 0x846CA68B) & 0xFFFFFFFF
+    return ((h ^ h >> 16) & 0xFFFF) / 65535
+
+
+def noise(seed, x, y):
+    """Value noise in [0, 1]."""
+    i, j = math.floor(x), math.floor(y)
+    u, v = x - i, y - j
+    u, v = u * u * u * (u * (6 * u - 15) + 10), v * v * v * (v * (6 * v - 15) + 10)
+    top = lattice(seed, i, j) * (1 - u) + lattice(seed, i + 1, j) * u
+    low = lattice(seed, i, j + 1) * (1 - u) + lattice(seed, i + 1, j + 1) * u
+    return top * (1 - v) + low * v
+
+
+def fractal(seed, x, y, octaves, ridged=False):
+    """Sum of octaves in [0, 1]; ridged: sharp crests."""
+    total, weight, share = 0.0, 0.0, 1.0
+    for k in range(octaves):
+        n = noise(seed + k, x * 2 ** k, y * 2 ** k)
+        total += share * ((1 - abs(2 * n - 1)) ** 2 if ridged else n)
+        weight += share
+        share *= 0.5
+    return total / weight
+
+
+def sub(a, b):
+    return [x - y for x, y in zip(a, b)]
+
+
+def cross(a, b):
+    return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+
+
+def unit(a):
+    n = math.sqrt(sum(x * x for x in a)) or 1.0
+    return [x / n for x in a]
+
+
+def turn(back, up=(0, 1, 0)):
+    """The quaternion of what looks along -back."""
+    z = unit(back)
+    x = unit(cross(up, z))
+    y = cross(z, x)
+    m = [x, y, z]
+    trace = m[0][0] + m[1][1] + m[2][2]
+    if trace > 0:
+        s = 2 * math.sqrt(trace + 1)
+        q = [(m[1][2] - m[2][1]) / s, (m[2][0] - m[0][2]) / s, (m[0][1] - m[1][0]) / s, s / 4]
+    else:
+        i = max(range(3), key=lambda k: m[k][k])
+        j, k = (i + 1) % 3, (i + 2) % 3
+        s = 2 * math.sqrt(1 + m[i][i] - m[j][j] - m[k][k])
+        q = [0, 0, 0, (m[j][k] - m[k][j]) / s]
+        q[i], q[j], q[k] = s / 4, (m[j][i] + m[i][j]) / s, (m[k][i] + m[i][k]) / s
+    return [round(v, 9) for v in q]
+
+
+class File:
+    """A .glb under construction."""
+
+    def __init__(self):
+        self.bin = bytearray()
+        self.json = {"asset": {"version": "2.0", "generator": "grounds.py"}, "scene": 0, "scenes": [{"nodes": []}],
+                     "nodes": [], "meshes": [], "materials": [], "accessors": [], "bufferViews": []}
+
+    def push(self, key, value):
+        self.json.setdefault(key, []).append(value)
+        return len(self.json[key]) - 1
+
+    def array(self, rows, kind, code, target, bounds=False):
+        data = b"".join(struct.pack("<%d%s" % (len(r), code), *r) for r in rows)
+        view = self.push("bufferViews", {"buffer": 0, "byteOffset": len(self.bin), "byteLength": len(data), "target": target})
+        self.bin += data + b"\0" * (-len(data) % 4)
+        said = {"bufferView": view, "componentType": {"f": 5126, "H": 5123}[code], "count": len(rows), "type": kind}
+        if bounds:
+            single = [struct.unpack("<3f", struct.pack("<3f", *r)) for r in rows]
+            said["min"] = [min(r[k] for r in single) for k in range(3)]
+            said["max"] = [max(r[k] for r in single) for k in range(3)]
+        return self.push("accessors", said)
+
+    def show(self, node):
+        self.json["scenes"][0]["nodes"].append(self.push("nodes", node))
+
+    def material(self, name, color):
+        return self.push("materials", {"name": name, "doubleSided": True, "pbrMetallicRoughness": {
+            "baseColorFactor": [*color, 1], "metallicFactor": 0, "roughnessFactor": 1}})
+
+    def mesh(self, name, parts):
+        """parts: (positions, normals, uvs or None, triangles, material, and height vectors if there are some)."""
+        primitives = []
+        for positions, normals, uvs, triangles, material, *heights in parts:
+            attributes = {"POSITION": self.array(positions, "VEC3", "f", 34962, True),
+                          "NORMAL": self.array([unit(n) for n in normals], "VEC3", "f", 34962)}
+            if uvs:
+                attributes["TEXCOORD_0"] = self.array(uvs, "VEC2", "f", 34962)
+            if heights:
+                attributes["_VTEX_HEIGHT"] = self.array(heights[0], "VEC3", "f", 34962)
+            indices = self.array([[i] for t in triangles for i in t], "SCALAR", "H", 34963)
+            primitives.append({"attributes": attributes, "indices": indices, "material": material})
+        self.show({"name": name, "mesh": self.push("meshes", {"name": name, "primitives": primitives})})
+
+    def camera(self, name, eye, target, yfov, aspect=16 / 9):
+        index = self.push("cameras", {"type": "perspective", "perspective": {
+            "yfov": math.radians(yfov), "znear": 0.01, "aspectRatio": aspect}})
+        self.show({"name": name, "camera": index, "translation": list(eye), "rotation": turn(sub(eye, target))})
+
+    def sun(self, towards, color=(1, 0.95, 0.88), intensity=3.0):
+        self.json["extensionsUsed"] = ["KHR_lights_punctual"]
+        self.json["extensions"] = {"KHR_lights_punctual": {"lights": [
+            {"type": "directional", "name": "sun", "color": list(color), "intensity": intensity}]}}
+        self.show({"name": "sun", "rotation": turn(towards), "extensions": {"KHR_lights_punctual": {"light": 0}}})
+
+    def save(self, path):
+        self.json["buffers"] = [{"byteLength": len(self.bin)}]
+        text = json.dumps(self.json, separators=(",", ":")).encode()
+        text += b" " * (-len(text) % 4)
+        body = struct.pack("<II", len(text), 0x4E4F534A) + text + struct.pack("<II", len(self.bin), 0x004E4942) + self.bin
+        path.write_bytes(b"glTF" + struct.pack("<II", 2, 12 + len(body)) + body)
+        print(path.name, 12 + len(body), "bytes")
+
+
+def grid(columns, rows, size, height, material, keep=lambda x, z: True):
+    """columns × rows quads over size metres around the origin, each with a texture tile of its own."""
+    width, depth = size
+    at = lambda i, j: ((i / columns - 0.5) * width, (j / rows - 0.5) * depth)
+    positions, normals, uvs, triangles = [], [], [], []
+    ex, ez = width / columns / 4, depth / rows / 4
+    for j in range(rows + 1):
+        for i in range(columns + 1):
+            x, z = at(i, j)
+            positions.append([x, height(x, z), z])
+            normals.append([height(x - ex, z) - height(x + ex, z), 2 * ex, (height(x, z - ez) - height(x, z + ez)) * ex / ez])
+            uvs.append([i, rows - j])
+            if i < columns and j < rows and keep(*at(i + 0.5, j + 0.5)):
+                k = j * (columns + 1) + i
+                triangles += [[k, k + columns + 1, k + 1], [k + 1, k + columns + 1, k + columns + 2]]
+    return positions, normals, uvs, triangles, material
+
+
+def lawn(folder):
+    """1 406 quads of 10 cm: a knoll, so that its own crest is the horizon."""
+    f = File()
+    soil = f.material("lawn", [0.035, 0.05, 0.015])
+    top = lambda x, z: 0.75 * math.exp(-((x - 0.4) ** 2 + (z + 0.55) ** 2) / 1.6) + 0.12 * math.sin(1.7 * x + 0.6) * math.cos(1.3 * z)
+    f.mesh("lawn", [grid(38, 37, (3.8, 3.7), top, soil)])
+    f.camera("lawn", [-0.75, 0.47, 1.62], [0.16, 0.52, -0.4], 38)
+    f.sun([-0.62, 0.34, -0.55])
+    f.save(folder / "lawn.glb")
+
+
+def orchard(folder):
+    """1 024 quads of 9 m, rolling."""
+    f = File()
+    grass = f.material("grass", [0.13, 0.17, 0.05])
+    top = lambda x, z: 9 * fractal(5, x / 120 + 7, z / 120 + 3, 3) + 0.00025 * max(0, -z) ** 2
+    f.mesh("ground", [grid(32, 32, (288, 288), top, grass)])
+    eye = [4, top(4, 128) + 2.2, 128]
+    f.camera("close", eye, [-18, eye[1] + 3.2, 60], 46)
+    f.camera("above", [-120, 75, 190], [0, 10, 0], 40)
+    f.sun([-0.7, 0.42, 0.1])
+    f.save(folder / "trees.glb")
+
+
+def meadow(folder):
+    """A hillside of 48 m for wind to blow over: 1 600 quads."""
+    f = File()
+    soil = f.material("meadow", [0.09, 0.1, 0.035])
+    top = lambda x, z: 2.2 * fractal(71, x / 16 + 1.5, z / 16 + 9.5, 2) + 0.012 * max(0, 8 - z) ** 1.5
+    f.mesh("meadow", [grid(40, 40, (48, 48), top, soil)])
+    eye = [1.5, top(1.5, 17) + 1.15, 17]
+    f.camera("meadow", eye, [-2, eye[1] + 0.35, 0], 40)
+    f.sun([-0.8, 0.3, -0.25])
+    f.save(folder / "wind.glb")
+
+
+def sphere(cells, place):
+    """The six sides of a cube blown up, each with texture coordinates of its own that count cells."""
+    for axis in range(3):
+        for sign in (1, -1):
+            positions, normals, uvs, triangles = [], [], [], []
+            for j in range(cells + 1):
+                for i in range(cells + 1):
+                    a, b = (math.tan(math.pi / 4 * (2 * k / cells - 1)) for k in (i, j))
+                    d = [0.0] * 3
+                    d[axis], d[(axis + 1) % 3], d[(axis + 2) % 3] = sign, a, b * sign
+                    p, n = place(unit(d))
+                    positions.append(p)
+                    normals.append(n)
+                    uvs.append([i + 40 * axis, j + 20 * sign])
+                    if i < cells and j < cells:
+                        k = j * (cells + 1) + i
+                        triangles += [[k, k + 1, k + cells + 1], [k + 1, k + cells + 2, k + cells + 1]]
+            yield positions, normals, uvs, triangles
+
+
+def ellipsoid(centre, radii, cells, tilt=0.0):
+    c, s = math.cos(tilt), math.sin(tilt)
+    def place(d):
+        p = [d[k] * radii[k] for k in range(3)]
+        n = [d[k] / radii[k] for k in range(3)]
+        spin = lambda v: [c * v[0] - s * v[1], s * v[0] + c * v[1], v[2]]
+        return [a + b for a, b in zip(spin(p), centre)], unit(spin(n))
+    return sphere(cells, place)
+
+
+def teddy(folder):
+    """A bear of ellipsoids, 40 cm high: fur, and bare eyes and nose, on a floor."""
+    f = File()
+    fur, pale = f.material("fur", [0.16, 0.075, 0.025]), f.material("muzzle", [0.3, 0.18, 0.09])
+    dark, floor = f.material("eyes", [0.012, 0.01, 0.01]), f.material("floor", [0.42, 0.36, 0.3])
+    limbs = [((0, 0.135, 0), (0.105, 0.125, 0.09), 8, 0), ((0, 0.315, 0.01), (0.085, 0.078, 0.075), 6, 0),
+             ((-0.075, 0.385, 0), (0.034, 0.034, 0.018), 3, 0.4), ((0.075, 0.385, 0), (0.034, 0.034, 0.018), 3, -0.4),
+             ((-0.125, 0.175, 0.035), (0.038, 0.078, 0.038), 4, -0.55), ((0.125, 0.175, 0.035), (0.038, 0.078, 0.038), 4, 0.55),
+             ((-0.085, 0.045, 0.105), (0.043, 0.043, 0.09), 4, 0), ((0.085, 0.045, 0.105), (0.043, 0.043, 0.09), 4, 0)]
+    parts = [(*side, fur) for limb in limbs for side in ellipsoid(*limb)]
+    parts += [(*side, pale) for side in ellipsoid((0, 0.292, 0.075), (0.04, 0.033, 0.03), 3)]
+    for centre, radius in [((-0.034, 0.335, 0.082), 0.0105), ((0.034, 0.335, 0.082), 0.0105), ((0, 0.308, 0.113), 0.013)]:
+        parts += [(*side, dark) for side in ellipsoid(centre, (radius, 0.8 * radius, radius), 4)]
+    joined = {}
+    for positions, normals, uvs, triangles, material in parts:
+        p, n, t, k, _ = joined.setdefault(material, ([], [], [], [], material))
+        first = len(p)
+        p += positions
+        n += normals
+        t += uvs
+        k += [[i + first for i in face] for face in triangles]
+    # Fur is 15 mm long and lies downward; eyes and nose have none.
+    combed = lambda n: [0.015 * v for v in unit([n[0], n[1] - 0.55, n[2]])]
+    f.mesh("bear", [(*part, [combed(unit(n)) for n in part[1]]) if part[4] in (fur, pale) else part
+                    for part in joined.values()])
+    sweep = lambda x, z: 0.55 * max(0, -0.35 - z) ** 2
+    f.mesh("floor", [grid(24, 24, (8, 8), sweep, floor)])
+    f.camera("bear", [0.5, 0.36, 0.95], [0, 0.195, 0.02], 27, 4 / 3)
+    f.sun([-0.6, 0.62, 0.5], (1, 0.9, 0.78), 3.4)
+    f.save(folder / "teddy.glb")
+
+
+if __name__ == "__main__":
+    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent
+    for make in (lawn, orchard, meadow, teddy):
+        make(folder)
