@@ -197,6 +197,32 @@ fn shells_and_wraps() {
     );
 }
 
+/// Tiles that are no planes, as bilinear patches.
+#[test]
+fn bilinear_patches() {
+    let plants = Plants::new();
+    let with = |patches: bool| {
+        let mut land = ground(0.35);
+        land.triangles.clear();
+        for z in 0..3 {
+            for x in 0..3 {
+                let at = |x: u32, z: u32| z * 4 + x;
+                let ring = [at(x, z + 1), at(x + 1, z + 1), at(x + 1, z), at(x, z)];
+                land.triangles.extend([[ring[0], ring[1], ring[2]], [ring[0], ring[2], ring[3]]]);
+                if patches {
+                    land.patches.push(ring);
+                }
+            }
+        }
+        let mut made = scene(land, vec![Layer::default()], plants.texels([false; 3]));
+        // The ground itself would be seen as two triangles a patch.
+        let shell = made.model.materials[0].shell.as_mut().unwrap();
+        Arc::get_mut(shell).unwrap().surface_visible = false;
+        made
+    };
+    agree("patches", &with(true), 2e-4, &bare());
+}
+
 #[test]
 fn discrete_jitter() {
     let plants = Plants::new();

@@ -7,8 +7,8 @@ use super::region::{Prism, Region};
 use super::source::{Seen, SourceTriangle, SourceTriangles};
 use crate::geom::{Aabb, DAffine3, DMat3, DVec3, Vec3};
 use crate::render::cells::TexelLayer;
+use crate::render::faces::Face;
 use crate::render::mesh::cofactor;
-use crate::render::shell::Corner;
 use crate::scene::Part;
 use crate::scene::shell::CellWrap;
 
@@ -102,10 +102,10 @@ impl<'a> Cutter<'a> {
 
     /// Add what a layer has in the shell over one face, to within `tolerance` cells; no more than `most` triangles beyond what
     /// there is, and false where there are more.
-    pub fn face(&mut self, corners: &[Corner; 3], layer: &TexelLayer, tolerance: f64, most: u64) -> bool {
+    pub fn face(&mut self, face: &Face, layer: &TexelLayer, tolerance: f64, most: u64) -> bool {
         let end = self.out.len().saturating_add(most);
         let mut room_left = true;
-        Prism { corners, layer }.regions(tolerance, &mut |region| {
+        Prism { face, layer }.regions(tolerance, &mut |region| {
             if room_left {
                 self.region(region, layer);
                 room_left = self.out.len() <= end;

@@ -17,7 +17,7 @@ use self::bent::{Cutter, Key, Pieces, tint_bits};
 use self::source::SourceTriangles;
 use self::view::Frustum;
 use super::copies::Copies;
-use super::faces::{Bend, triangles};
+use super::faces::{Bend, Face, faces};
 use super::layer::TexelLayer;
 use super::options::CameraChoice;
 use super::prepare;
@@ -102,7 +102,7 @@ type PlacedParts = Vec<(usize, DAffine3)>;
 /// The faces of one shell that are to be filled, with the layers that fill them.
 struct ShellFaces {
     layers: Vec<TexelLayer>,
-    faces: Vec<[Corner; 3]>,
+    faces: Vec<Face>,
 }
 
 /// An expansion, found out but not made.
@@ -243,6 +243,8 @@ impl<'a> Plan<'a> {
         let keep: Vec<bool> = model.instances.iter().map(|i| !hidden(i)).collect();
         let mut keep = keep.into_iter();
         model.instances.retain(|_| keep.next().unwrap_or(true));
+        // Patches are of shells.
+        model.parts.iter_mut().for_each(|part| part.patches.clear());
         for material in &mut model.materials {
             (material.shell, material.wind) = (None, None);
         }
@@ -473,9 +475,9 @@ fn shells(
             // What is wrong with a shell is said once, not for each of its ranges.
             let mut again = Warnings::default();
             let warnings = if nth == 0 { &mut *warnings } else { &mut again };
-            let faces = triangles(part, (shell, range.0, range.1), instance.transform, bend.as_ref(), warnings);
-            let reach = |face: &[Corner; 3]| Aabb::around(face.iter().flat_map(|c| [c.p, c.p + c.h]));
-            let faces: Vec<_> = faces.into_iter().flatten().filter(|face| sees(&reach(face))).collect();
+            let all = faces(part, (shell, range.0, range.1), instance.transform, bend.as_ref(), warnings);
+            let reach = |face: &Face| Aabb::around(corners(face).iter().flat_map(|c| [c.p, c.p + c.h]));
+            let faces: Vec<_> = all.into_iter().filter(|face| sees(&reach(face))).collect();
             if !faces.is_empty() {
                 found.push(ShellFaces { layers: prepare::layers_in(scene, shell, range, &info)?, faces });
             }
@@ -484,11 +486,23 @@ fn shells(
     Ok(found)
 }
 
+fn corners(face: &Face) -> &[Corner] {
+    match face {
+        Face::Triangle(corners) => corners,
+        Face::Patch(corners) => corners,
+    }
+}
+
 /// About how many cells of a layer lie over a face.
-fn cells_over([a, b, c]: &[Corner; 3], layer: &TexelLayer) -> f64 {
-    let (e, f) = (b.q - a.q, c.q - a.q);
+fn cells_over(face: &Face, layer: &TexelLayer) -> f64 {
+    let ring = corners(face);
     let [u, v, w] = layer.layer.scale;
-    let area = 0.5 * (e.x * f.y - e.y * f.x).abs() * (u * v).abs();
-    let up = if layer.layer.wrap[2] == CellWrap::Empty { 1.0 } else { (a.dw * w).abs() };
-    area * up
+    let Some(first) = ring.first() else { return 0.0 };
+    let cross = |pair: &[Corner]| {
+        let (e, f) = (pair[0].q - first.q, pair[1].q - first.q);
+        0.5 * (e.x * f.y - e.y * f.x)
+    };
+    let area: f64 = ring.windows(2).map(cross).sum();
+    let up = if layer.layer.wrap[2] == CellWrap::Empty { 1.0 } else { (first.dw * w).abs() };
+    area.abs() * (u * v).abs() * up
 }

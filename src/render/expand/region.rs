@@ -7,6 +7,7 @@
 use super::clip::HalfSpace;
 use crate::geom::{Aabb, DAffine3, DMat3, DVec3};
 use crate::render::cells::TexelLayer;
+use crate::render::faces::Face;
 use crate::render::jitter::stretch;
 use crate::render::shell::{Corner, ShellPoint};
 
@@ -32,17 +33,27 @@ struct Sample {
 
 /// A face of a shell with a layer in it.
 pub struct Prism<'a> {
-    pub corners: &'a [Corner; 3],
+    pub face: &'a Face,
     pub layer: &'a TexelLayer,
 }
 
 impl Prism<'_> {
-    /// The point with the weights `b` of corners 1 and 2, at the share `w` of the height vectors.
+    /// The corners with their shares of the point `b`: of a triangle the weights of corners 1 and 2, of a patch its two
+    /// parameters.
+    fn corners(&self, [s, t]: [f64; 2]) -> [(&Corner, f64); 4] {
+        match self.face {
+            Face::Triangle([a, b, c]) => [(a, 1.0 - s - t), (b, s), (c, t), (c, 0.0)],
+            Face::Patch([a, b, c, d]) => {
+                [(a, (1.0 - s) * (1.0 - t)), (b, s * (1.0 - t)), (c, s * t), (d, (1.0 - s) * t)]
+            }
+        }
+    }
+
+    /// The point over `b`, at the share `w` of the height vectors.
     fn at(&self, b: [f64; 2], w: f64) -> Sample {
-        let [p, q, r] = self.corners;
-        let weights = [1.0 - b[0] - b[1], b[0], b[1]];
-        let mix = |of: fn(&Corner) -> DVec3| weights[0] * of(p) + weights[1] * of(q) + weights[2] * of(r);
-        let number = |of: fn(&Corner) -> f64| weights[0] * of(p) + weights[1] * of(q) + weights[2] * of(r);
+        let corners = self.corners(b);
+        let mix = |of: fn(&Corner) -> DVec3| corners.iter().map(|(c, share)| *share * of(c)).sum::<DVec3>();
+        let number = |of: fn(&Corner) -> f64| corners.iter().map(|(c, share)| share * of(c)).sum::<f64>();
         let said = &self.layer.layer;
         let (scale, offset) = (DVec3::from_array(said.scale), DVec3::from_array(said.offset));
         let rise = w * number(|c| c.dw);
@@ -56,8 +67,13 @@ impl Prism<'_> {
 
     /// Whether texel coordinates are an affine function of the world.
     fn is_affine(&self) -> bool {
-        let [a, b, c] = self.corners;
+        let Face::Triangle([a, b, c]) = self.face else { return false };
         self.layer.jitter.is_none() && a.h == b.h && a.h == c.h && a.dw == b.dw && a.dw == c.dw
+    }
+
+    /// Whether both parameters of the face run over all of [0, 1], and not over half of their square.
+    fn is_square(&self) -> bool {
+        matches!(self.face, Face::Patch(_))
     }
 
     /// The regions, which stray by no more than `tolerance` cells from the shell's own map. Those without a volume are left out.
@@ -112,15 +128,17 @@ impl Prism<'_> {
         };
         let (mut flat, mut high, mut both) = (0.0f64, 0.0f64, 0.0f64);
         let step = |v: usize, parts: f64| ((v as f64 / LOOKS as f64) * (parts - 1.0)).round() / parts;
-        let looks = (0..=LOOKS).flat_map(|i| (0..=LOOKS - i).flat_map(move |j| (0..=LOOKS).map(move |k| [i, j, k])));
+        let whole = self.is_square();
+        let last = |i: usize| if whole { LOOKS } else { LOOKS - i };
+        let looks = (0..=LOOKS).flat_map(|i| (0..=last(i)).flat_map(move |j| (0..=LOOKS).map(move |k| [i, j, k])));
         for [i, j, k] in looks {
             let (b, w) = ([step(i, n), step(j, n)], step(k, m));
             high = high.max(bend(b, w, [0.0; 2], 1.0 / m));
             for db in [[1.0 / n, 0.0], [0.0, 1.0 / n], [1.0 / n, -1.0 / n]] {
                 let from = if db[1] < 0.0 { [b[0], b[1] + 1.0 / n] } else { b };
-                if from[0] + from[1] + db[0].max(0.0) + db[1].max(0.0) <= 1.0 + 1e-9
-                    || (db[1] < 0.0 && from[0] + from[1] <= 1.0 + 1e-9)
-                {
+                let ends = [from, [from[0] + db[0], from[1] + db[1]]];
+                let most = |end: [f64; 2]| if whole { end[0].max(end[1]) } else { end[0] + end[1] };
+                if ends.into_iter().all(|end| most(end) <= 1.0 + 1e-9) {
                     flat = flat.max(bend(from, w, db, 0.0)).max(bend(from, w + 1.0 / m, db, 0.0));
                     both = both.max(bend(from, w, db, 1.0 / m));
                 }
@@ -134,25 +152,30 @@ impl Prism<'_> {
 struct Grid {
     across: usize,
     up: usize,
+    square: bool,
     samples: Vec<Sample>,
 }
 
 impl Grid {
     fn new(face: &Prism<'_>, across: usize, up: usize) -> Grid {
-        let mut samples = Vec::with_capacity((across + 1) * (across + 2) / 2 * (up + 1));
+        let square = face.is_square();
+        let mut samples = Vec::new();
         for k in 0..=up {
             for i in 0..=across {
-                for j in 0..=across - i {
+                for j in 0..=if square { across } else { across - i } {
                     let b = [i as f64 / across as f64, j as f64 / across as f64];
                     samples.push(face.at(b, k as f64 / up as f64));
                 }
             }
         }
-        Grid { across, up, samples }
+        Grid { across, up, square, samples }
     }
 
     fn index(&self, i: usize, j: usize, k: usize) -> usize {
         let n = self.across + 1;
+        if self.square {
+            return (k * n + i) * n + j;
+        }
         // Rows get shorter by one each.
         k * (n * (n + 1) / 2) + i * n - i * i.saturating_sub(1) / 2 + j
     }
@@ -161,9 +184,9 @@ impl Grid {
     fn tetrahedra(&self, each: &mut dyn FnMut([Sample; 4])) {
         for k in 0..self.up {
             for i in 0..self.across {
-                for j in 0..self.across - i {
+                for j in 0..if self.square { self.across } else { self.across - i } {
                     self.small_prism([[i, j], [i + 1, j], [i, j + 1]], k, each);
-                    if i + j + 1 < self.across {
+                    if self.square || i + j + 1 < self.across {
                         self.small_prism([[i + 1, j], [i + 1, j + 1], [i, j + 1]], k, each);
                     }
                 }

@@ -158,12 +158,11 @@ fn primitive(part: &Part, materials: &mut Materials<'_>, file: &mut Editor, warn
         let within: Vec<[f32; 4]> = colors.iter().map(|c| c.map(|v| v.clamp(0.0, 1.0))).collect();
         attributes["COLOR_0"] = json!(file.add_floats(&within, true)?);
     }
-    let corners = part.triangles.iter().flatten().copied();
     // The greatest index of 16 bits ends a strip in some interfaces.
     let indices = if n < 65_535 {
-        file.add_indices(&corners.map(|v| v as u16).collect::<Vec<_>>())?
+        file.add_indices(&part.triangles.iter().flatten().map(|v| *v as u16).collect::<Vec<_>>())?
     } else {
-        file.add_long_indices(corners)?
+        file.add_long_indices(&part.triangles)?
     };
     let material = materials.index(part.material, uvs.is_some(), file, warnings)?;
     Ok(json!({"attributes": attributes, "indices": indices, "material": material}))
