@@ -32,6 +32,21 @@ pub const fn decode(code: u64) -> [u32; 3] {
     [gather(code), gather(code >> 1), gather(code >> 2)]
 }
 
+/// The parents of ascending `codes`, in the same order, and a mask for each of which of its eight children are there.
+pub fn parents(codes: &[u64]) -> (Vec<u64>, Vec<u8>) {
+    let (mut up, mut masks): (Vec<u64>, Vec<u8>) = (Vec::new(), Vec::new());
+    for code in codes {
+        if up.last() != Some(&(code >> 3)) {
+            up.push(code >> 3);
+            masks.push(0);
+        }
+        if let Some(mask) = masks.last_mut() {
+            *mask |= 1 << (code & 7);
+        }
+    }
+    (up, masks)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -45,5 +60,11 @@ mod tests {
         assert_eq!(encode([0, 1, 0]), 2);
         assert_eq!(encode([0, 0, 1]), 4);
         assert_eq!(encode([3, 3, 3]), 63);
+    }
+
+    #[test]
+    fn parents_know_their_children() {
+        assert_eq!(parents(&[0, 3, 7, 8, 63]), (vec![0, 1, 7], vec![0b1000_1001, 1, 0b1000_0000]));
+        assert_eq!(parents(&[]), (vec![], vec![]));
     }
 }

@@ -28,19 +28,11 @@ fn texel(finest: usize, voxel: impl Fn(u64) -> Option<Voxel>) -> Octree {
         if codes == [0] {
             break;
         }
-        let (mut up, mut first): (Vec<(u64, u8)>, Vec<Voxel>) = (Vec::new(), Vec::new());
-        for (c, v) in codes.iter().zip(&voxels) {
-            match up.last_mut() {
-                Some(last) if last.0 == c >> 3 => last.1 |= 1 << (c & 7),
-                _ => {
-                    up.push((c >> 3, 1 << (c & 7)));
-                    first.push(Voxel { rate: v.rate.saturating_add(16), ..*v });
-                }
-            }
-        }
-        codes = up.iter().map(|u| u.0).collect();
-        masks = up.iter().map(|u| u.1).collect();
-        voxels = first;
+        // A parent is as its first child.
+        let firsts =
+            codes.chunk_by(|a, b| a >> 3 == b >> 3).scan(0, |at, run| Some(std::mem::replace(at, *at + run.len())));
+        voxels = firsts.map(|i| Voxel { rate: voxels[i].rate.saturating_add(16), ..voxels[i] }).collect();
+        (codes, masks) = vtex::morton::parents(&codes);
     }
     depths.reverse();
     let info = Info { facet_size: 0.02, channels: Channels { albedo: true, ..Channels::default() }, ..Info::default() };

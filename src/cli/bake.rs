@@ -20,7 +20,7 @@ use crate::format;
 use crate::format::{Quality, WriteOptions};
 use crate::geom::{Aabb, DVec3};
 use crate::progress::Progress;
-use crate::scene::files::sha256;
+use crate::scene::files::{hex, sha256};
 use crate::source;
 use crate::source::OpenOptions;
 use crate::source::recipe::Laid;
@@ -387,10 +387,6 @@ fn sources(input: &Path, files: &[PathBuf]) -> Result<Value> {
     Ok(source_list(&list))
 }
 
-fn hex(digest: Sha256) -> String {
-    digest.finalize().iter().map(|byte| format!("{byte:02x}")).collect()
-}
-
 /// Names and digests as META keeps them. Where they take too much room, the first alone, and of the others their number and the
 /// digest of the list that `sha256sum` would print of them.
 fn source_list(files: &[(String, String)]) -> Value {
@@ -402,7 +398,7 @@ fn source_list(files: &[(String, String)]) -> Value {
     for (uri, sha256) in rest {
         digest.update(format!("{sha256}  {uri}\n"));
     }
-    json!([entry(first), { "files": rest.len(), "sha256": hex(digest) }])
+    json!([entry(first), { "files": rest.len(), "sha256": hex(digest.finalize()) }])
 }
 
 #[cfg(test)]
@@ -416,7 +412,7 @@ mod tests {
         let many = source_list(&files(3000));
         assert_eq!(many[0], json!({ "uri": "slice0.png", "sha256": format!("{:064x}", 0) }));
         let text: String = (1..3000).map(|i| format!("{i:064x}  slice{i}.png\n")).collect();
-        let all = hex(Sha256::new_with_prefix(text));
+        let all = hex(Sha256::digest(text));
         assert_eq!(many[1], json!({ "files": 2999, "sha256": all }));
         assert_eq!(many.as_array().unwrap().len(), 2);
     }

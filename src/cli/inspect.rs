@@ -1,6 +1,5 @@
 //! `vtex inspect`: what a file holds, depth by depth and channel by channel; reads the head alone, but for a preview.
 
-use std::fmt::Write as _;
 use std::path::PathBuf;
 
 use serde_json::{Value, json};
@@ -13,6 +12,7 @@ use super::text::one_line;
 use super::ui::Ui;
 use crate::Result;
 use crate::format::{Channel, Head, Limits, Reader, StreamEntry};
+use crate::scene::files::hex;
 use crate::volume::material::WHOLE;
 use crate::volume::octree::Pages;
 
@@ -71,13 +71,6 @@ fn finest(head: &Head) -> u64 {
     head.depths.last().map_or(0, |d| d.nodes)
 }
 
-fn hex(bytes: &[u8]) -> String {
-    bytes.iter().fold(String::new(), |mut out, b| {
-        let _ = write!(out, "{b:02x}");
-        out
-    })
-}
-
 /// Share of the cells of depth `d` that `nodes` are.
 fn occupancy(d: usize, nodes: u64) -> f64 {
     nodes as f64 / libm::exp2(3.0 * d as f64)
@@ -132,7 +125,7 @@ fn describe(reader: &Reader) -> Value {
         "up": up,
         "cyclic": info.cyclic,
         "facet_size": info.facet_size,
-        "content_id": hex(&head.content_id()),
+        "content_id": hex(head.content_id()),
         "depths": depths.collect::<Vec<_>>(),
         "channels": channels,
         "materials": info.materials,
@@ -159,7 +152,7 @@ fn tables(reader: &Reader) -> String {
     let axes: String = "uvw".chars().zip(info.cyclic).filter(|(_, c)| *c).map(|(a, _)| a).collect();
     line(format!("  cyclic      {}", if axes.is_empty() { "no" } else { &axes }));
     line(format!("  facet size  {}", number(info.facet_size)));
-    line(format!("  content id  {}", hex(&head.content_id())));
+    line(format!("  content id  {}", hex(head.content_id())));
     for (key, value) in info.meta.iter().filter(|(key, _)| *key != "error") {
         line(format!("  {:<11} {}", one_line(key), brief(value)));
     }

@@ -10,7 +10,7 @@ use crate::render::metrics::flip::DEFAULT_PPD;
 use crate::render::reference::{Reference, reference};
 use crate::render::{Film, Options, SourceLod, Tone};
 use crate::scene::Scene;
-use crate::scene::files::extension;
+use crate::scene::files::{extension, hex};
 use crate::{Error, Result};
 
 /// Samples between two times that the picture is stored.
@@ -97,6 +97,6 @@ impl Job<'_> {
         };
         let choices = format!("{:?} {} {options:?}", self.scene_name, self.moment);
         let digest = Sha256::new().chain_update(bytes).chain_update(choices).finalize();
-        Ok(digest.iter().map(|byte| format!("{byte:02x}")).collect())
+        Ok(hex(digest))
     }
 }

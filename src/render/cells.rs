@@ -45,6 +45,24 @@ impl CopyHit {
     }
 }
 
+/// Interval of [0, end] in which the ray is inside of the cube [0,1]^3, longer than 0.
+pub fn span_in_unit_cube(ray: &Ray, end: f64) -> Option<(f64, f64)> {
+    let Ray { origin, dir } = *ray;
+    let (mut near, mut far) = (0.0_f64, end);
+    for k in 0..3 {
+        if dir[k] == 0.0 {
+            if !(0.0..1.0).contains(&origin[k]) {
+                return None;
+            }
+            continue;
+        }
+        let (a, b) = (-origin[k] / dir[k], (1.0 - origin[k]) / dir[k]);
+        near = near.max(a.min(b));
+        far = far.min(a.max(b));
+    }
+    (near < far).then_some((near, far))
+}
+
 /// At most so many cells along one straight segment are looked into.
 const MAX_CELLS_PER_SEGMENT: u32 = 1 << 16;
 
@@ -197,22 +215,10 @@ impl TexelLayer {
         let linear = copy.linear * DMat3::from_diagonal(sign);
         let p = (q - whole(cell) - 0.5) * sign + 0.5;
         let (origin, dir) = (copy.linear * p + copy.offset, linear * dir);
-        let (mut near, mut far) = (0.0_f64, t1 - t0);
-        for k in 0..3 {
-            if dir[k] == 0.0 {
-                if !(0.0..1.0).contains(&origin[k]) {
-                    return None;
-                }
-                continue;
-            }
-            let (a, b) = (-origin[k] / dir[k], (1.0 - origin[k]) / dir[k]);
-            near = near.max(a.min(b));
-            far = far.min(a.max(b));
-        }
+        let (near, far) = span_in_unit_cube(&Ray { origin, dir }, t1 - t0)?;
         let origin = (origin + near * dir).clamp(DVec3::ZERO, DVec3::ONE);
         let PlacedCopy { texel, tint, zoom, .. } = copy;
-        let hit = CopyHit { texel, tint, cell, t0: t0 + near, t1: t0 + far, origin, dir, linear, zoom };
-        (near < far).then_some(hit)
+        Some(CopyHit { texel, tint, cell, t0: t0 + near, t1: t0 + far, origin, dir, linear, zoom })
     }
 }
 
@@ -252,8 +258,7 @@ mod tests {
     fn layer(wrap: [CellWrap; 3], discrete: Option<Discrete>) -> TexelLayer {
         let layer = Layer { wrap, discrete, ..Layer::default() };
         let content = Aabb::new(DVec3::new(0.3, 0.2, 0.0), DVec3::new(0.6, 0.9, 0.8));
-        let choice = TexelChoice { texel: 0, frames: 1, cycle: None, cumulative: 1.0, content, tint: Vec3::ONE };
-        TexelLayer::new(layer, vec![choice])
+        TexelLayer::new(layer, vec![TexelChoice::plain(content)])
     }
 
     fn segment(q0: DVec3, q1: DVec3) -> ShellSegment {

@@ -145,19 +145,7 @@ impl RigidCopy {
     /// Interval of the ray inside of the cube, within [0, t1].
     pub fn span(&self, ray: &Ray, t1: f64) -> Option<(f64, f64)> {
         let (origin, dir) = (self.to_texel.transform_point3(ray.origin), self.to_texel.matrix3 * ray.dir);
-        let (mut near, mut far) = (0.0_f64, t1);
-        for k in 0..3 {
-            if dir[k] == 0.0 {
-                if !(0.0..1.0).contains(&origin[k]) {
-                    return None;
-                }
-                continue;
-            }
-            let (a, b) = (-origin[k] / dir[k], (1.0 - origin[k]) / dir[k]);
-            near = near.max(a.min(b));
-            far = far.min(a.max(b));
-        }
-        (near < far).then_some((near, far))
+        cells::span_in_unit_cube(&Ray { origin, dir }, t1)
     }
 
     /// The segment of the ray from t0 to t1, which lies in [`RigidCopy::span`].

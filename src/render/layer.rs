@@ -36,6 +36,12 @@ pub struct TexelChoice {
 }
 
 impl TexelChoice {
+    /// The scene's first texel, still and in its own colours, whose content fills `content`.
+    #[cfg(test)]
+    pub fn plain(content: Aabb) -> TexelChoice {
+        TexelChoice { texel: 0, frames: 1, cycle: None, cumulative: 1.0, content, tint: Vec3::ONE }
+    }
+
     /// The texel that `cell` shows: of one that has frames, one of them.
     pub fn shown(&self, cell: [i64; 3]) -> usize {
         let Some(cycle) = self.cycle.filter(|_| self.frames > 1) else { return self.texel };

@@ -218,15 +218,7 @@ mod tests {
                         ..Discrete::default()
                     };
                     let layer = Layer { wrap: [CellWrap::Repeat; 3], discrete: Some(discrete), ..Layer::default() };
-                    let choice = TexelChoice {
-                        texel: 0,
-                        frames: 1,
-                        cycle: None,
-                        cumulative: 1.0,
-                        content: Aabb::UNIT,
-                        tint: Vec3::ONE,
-                    };
-                    let layer = TexelLayer::new(layer, vec![choice]);
+                    let layer = TexelLayer::new(layer, vec![TexelChoice::plain(Aabb::UNIT)]);
                     let copy = layer.place([whole(9), whole(10), whole(11)]).unwrap();
                     let y = DVec3::from_slice(&wanted);
                     let x = DVec3::new(number(12), number(13), number(14));
@@ -256,14 +248,7 @@ mod tests {
     fn ramps_run_from_the_first_to_the_last_colour() {
         let tint = vec![[0.0, 1.0, 0.5], [1.0, 1.0, 0.5], [1.0, 3.0, 0.5]];
         let discrete = Discrete { seed: 9, tint, ..Discrete::default() };
-        let choice = TexelChoice {
-            texel: 0,
-            frames: 1,
-            cycle: None,
-            cumulative: 1.0,
-            content: Aabb::UNIT,
-            tint: Vec3::splat(2.0),
-        };
+        let choice = TexelChoice { tint: Vec3::splat(2.0), ..TexelChoice::plain(Aabb::UNIT) };
         let layer = TexelLayer::new(Layer { discrete: Some(discrete), ..Layer::default() }, vec![choice]);
         let tints: Vec<Vec3> = (0..1000).map(|i| layer.place([i, 3, 0]).unwrap().tint).collect();
         let first = tints.iter().filter(|t| t.y == 2.0).count();

@@ -22,15 +22,7 @@ fn texel(finest: usize, proto: Voxel, fill: impl Fn(DVec3) -> bool) -> Octree {
             depths[d].masks = vec![0; codes.len()];
         }
         if d > 0 {
-            let mut masks: Vec<(u64, u8)> = Vec::new();
-            for c in &codes {
-                match masks.last_mut() {
-                    Some(last) if last.0 == c >> 3 => last.1 |= 1 << (c & 7),
-                    _ => masks.push((c >> 3, 1 << (c & 7))),
-                }
-            }
-            codes = masks.iter().map(|m| m.0).collect();
-            depths[d - 1].masks = masks.iter().map(|m| m.1).collect();
+            (codes, depths[d - 1].masks) = crate::morton::parents(&codes);
         }
     }
     let info = Info::default();

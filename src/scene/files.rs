@@ -53,7 +53,16 @@ pub fn sha256(path: &Path) -> crate::Result<String> {
         }
         digest.update(&piece[..n]);
     }
-    Ok(digest.finalize().iter().map(|byte| format!("{byte:02x}")).collect())
+    Ok(hex(digest.finalize()))
+}
+
+/// Bytes, such as a digest, as hexadecimal digits.
+pub fn hex(bytes: impl AsRef<[u8]>) -> String {
+    use std::fmt::Write as _;
+    bytes.as_ref().iter().fold(String::new(), |mut out, byte| {
+        let _ = write!(out, "{byte:02x}");
+        out
+    })
 }
 
 /// The scheme of a URI; one letter is the drive of a path, not a scheme.

@@ -3,7 +3,6 @@
 use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
-use sha2::{Digest, Sha256};
 
 use super::plot;
 use super::plot::{Axis, Chart, Scale, Series};
@@ -11,9 +10,10 @@ use super::quantity::bytes;
 use super::results::print;
 use super::source::SourceArgs;
 use super::{Ui, outputs};
-use crate::format::{Limits, Reader, read_file};
+use crate::format::{Limits, Reader};
 use crate::geom::{Aabb, DVec3};
 use crate::render::error::{Areas, DepthError, Facet, Opacity, Options, Soft, Spread, Truth, measure};
+use crate::scene::files::sha256;
 use crate::source;
 use crate::source::Placement;
 use crate::volume::Octree;
@@ -136,13 +136,11 @@ pub fn against(
 fn differences(args: &Args, reader: &Reader) -> Result<Warnings> {
     let mut warnings = Warnings::default();
     let meta = &reader.head().info.meta;
-    if let Some(known) = meta.get("sources").and_then(|s| s[0]["sha256"].as_str()) {
-        let data = read_file(&args.source, u64::MAX)?;
-        let digest: String = Sha256::digest(&data).iter().map(|b| format!("{b:02x}")).collect();
-        if digest != known {
-            let (source, texel) = (args.source.display(), args.texel.display());
-            warnings.add(format!("{source} is not the file, or not the version of it, that {texel} was baked from"));
-        }
+    if let Some(known) = meta.get("sources").and_then(|s| s[0]["sha256"].as_str())
+        && sha256(&args.source)? != known
+    {
+        let (source, texel) = (args.source.display(), args.texel.display());
+        warnings.add(format!("{source} is not the file, or not the version of it, that {texel} was baked from"));
     }
     let Some(Value::Object(known)) = meta.get("options") else { return Ok(warnings) };
     let mut mine = json!({});

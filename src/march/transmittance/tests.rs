@@ -16,16 +16,9 @@ pub fn sparse(depth: usize, codes: &[u64], voxels: &[Voxel], coarse: Voxel) -> V
     let mut depths = vec![Depth { masks: vec![0; codes.len()], voxels: voxels.to_vec(), mixes: Vec::new() }];
     let mut codes = codes.to_vec();
     for _ in 0..depth {
-        let mut parents: Vec<(u64, u8)> = Vec::new();
-        for c in codes {
-            match parents.last_mut() {
-                Some((p, mask)) if *p == c >> 3 => *mask |= 1 << (c & 7),
-                _ => parents.push((c >> 3, 1 << (c & 7))),
-            }
-        }
-        let masks = parents.iter().map(|p| p.1).collect();
-        depths.push(Depth { masks, voxels: vec![coarse; parents.len()], mixes: Vec::new() });
-        codes = parents.into_iter().map(|p| p.0).collect();
+        let masks;
+        (codes, masks) = crate::morton::parents(&codes);
+        depths.push(Depth { masks, voxels: vec![coarse; codes.len()], mixes: Vec::new() });
     }
     depths.reverse();
     Volume { info: info(Model::Coverage), depths }

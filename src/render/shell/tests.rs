@@ -1,6 +1,7 @@
 //! Boxes against oracles: dense inversion, closed shells, degenerate faces.
 
 use super::*;
+use crate::render::stress::octasphere;
 
 /// A small deterministic source of numbers in [0, 1).
 struct Noise(u64);
@@ -123,23 +124,8 @@ fn newton(b: &TwistedBox, x: DVec3) -> Option<DVec3> {
 
 /// A closed shell: an octahedron cut finer, with heights that differ at every corner or agree on some faces.
 fn ball(cuts: u32, noise: &mut Noise, rough: f64) -> Vec<[Corner; 3]> {
-    let mut faces: Vec<[DVec3; 3]> = Vec::new();
-    for s in 0..8 {
-        let sign = |k: u32| if s >> k & 1 == 0 { 1.0 } else { -1.0 };
-        let f = [DVec3::X * sign(0), DVec3::Y * sign(1), DVec3::Z * sign(2)];
-        faces.push(if sign(0) * sign(1) * sign(2) > 0.0 { f } else { [f[0], f[2], f[1]] });
-    }
-    for _ in 0..cuts {
-        faces = faces
-            .iter()
-            .flat_map(|&[a, b, c]| {
-                let (ab, bc, ca) = ((a + b).normalize(), (b + c).normalize(), (c + a).normalize());
-                [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]
-            })
-            .collect();
-    }
     let mut heights: Vec<(DVec3, DVec3)> = Vec::new();
-    faces
+    octasphere(cuts)
         .iter()
         .map(|f| {
             f.map(|p| {

@@ -113,8 +113,8 @@ impl Placing {
     }
 }
 
-/// An octahedron, its faces cut in four `cuts` times, with rough heights that are one per vertex.
-fn ball(cuts: u32, random: &mut Random, rough: f64, place: &Placing) -> Vec<[Corner; 3]> {
+/// Faces of an octahedron in the unit sphere, each cut in four `cuts` times, with every corner on the sphere.
+pub fn octasphere(cuts: u32) -> Vec<[DVec3; 3]> {
     let mut faces: Vec<[DVec3; 3]> = Vec::new();
     for s in 0..8 {
         let sign = |k: u32| if s >> k & 1 == 0 { 1.0 } else { -1.0 };
@@ -130,6 +130,11 @@ fn ball(cuts: u32, random: &mut Random, rough: f64, place: &Placing) -> Vec<[Cor
             })
             .collect();
     }
+    faces
+}
+
+/// An [`octasphere`] with rough heights that are one per vertex.
+fn ball(cuts: u32, random: &mut Random, rough: f64, place: &Placing) -> Vec<[Corner; 3]> {
     let mut heights: Vec<(DVec3, DVec3)> = Vec::new();
     let mut corner = |p: DVec3| {
         let known = heights.iter().find(|k| k.0 == p).map(|k| k.1);
@@ -140,7 +145,7 @@ fn ball(cuts: u32, random: &mut Random, rough: f64, place: &Placing) -> Vec<[Cor
         });
         Corner { p: place.at(p), h: place.along(h), q: p, dw: 1.0, jitter: 1.0 }
     };
-    faces.iter().map(|f| f.map(&mut corner)).collect()
+    octasphere(cuts).iter().map(|f| f.map(&mut corner)).collect()
 }
 
 pub fn shells(random: &mut Random, rays: u64) -> Tally {

@@ -9,6 +9,8 @@
 //! outside of it is an event.
 
 mod boxes;
+#[cfg(test)]
+pub(crate) use boxes::octasphere;
 mod normals;
 mod patches;
 mod random;

@@ -32,15 +32,7 @@ fn ball(depth: usize, seed: u64) -> Option<Octree> {
             v
         };
         depths.push(Depth { masks, voxels: codes.iter().map(voxel).collect(), mixes: Vec::new() });
-        let mut up: Vec<(u64, u8)> = Vec::new();
-        for c in &codes {
-            match up.last_mut() {
-                Some(last) if last.0 == c >> 3 => last.1 |= 1 << (c & 7),
-                _ => up.push((c >> 3, 1 << (c & 7))),
-            }
-        }
-        codes = up.iter().map(|u| u.0).collect();
-        masks = up.iter().map(|u| u.1).collect();
+        (codes, masks) = morton::parents(&codes);
     }
     depths.reverse();
     let info = Info { facet_size: 0.02, channels: Channels { albedo: true, ..Channels::default() }, ..Info::default() };

@@ -28,19 +28,8 @@ impl Cells {
         let mut depths = vec![Depth { masks: vec![0; codes.len()], voxels: voxels.clone(), mixes: Vec::new() }];
         let mut level = codes.clone();
         for _ in 0..depth {
-            let mut up = Depth::default();
-            let mut parents: Vec<u64> = Vec::new();
-            for c in level {
-                if parents.last() != Some(&(c >> 3)) {
-                    parents.push(c >> 3);
-                    up.masks.push(0);
-                    up.voxels.push(Voxel::default());
-                }
-                if let Some(mask) = up.masks.last_mut() {
-                    *mask |= 1 << (c & 7);
-                }
-            }
-            depths.push(up);
+            let (parents, masks) = morton::parents(&level);
+            depths.push(Depth { masks, voxels: vec![Voxel::default(); parents.len()], mixes: Vec::new() });
             level = parents;
         }
         depths.reverse();

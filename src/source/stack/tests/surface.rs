@@ -103,14 +103,17 @@ fn what_reaches_the_border_is_closed_there() {
     assert!((area - 52.0).abs() < 1e-6 && (volume - 24.0).abs() < 1e-6 && sum.length() < 1e-9, "{area} {volume} {sum}");
 }
 
+/// A NRRD header of n³ bytes at distances of 1.
+fn header_of_cube(n: usize) -> Vec<u8> {
+    format!("NRRD0004\ntype: uchar\ndimension: 3\nsizes: {n} {n} {n}\nspacings: 1 1 1\nencoding: raw\n\n").into_bytes()
+}
+
 #[test]
 fn regions_are_made_where_there_is_matter_and_nowhere_else() {
     // Two balls of radius 5 in opposite corners of 64³ samples.
     let dir = Dir::new();
     let n = 64usize;
-    let mut bytes =
-        format!("NRRD0004\ntype: uchar\ndimension: 3\nsizes: {n} {n} {n}\nspacings: 1 1 1\nencoding: raw\n\n")
-            .into_bytes();
+    let mut bytes = header_of_cube(n);
     bytes.extend((0..n * n * n).map(|i| {
         let p = DVec3::new((i % n) as f64, (i / n % n) as f64, (i / n / n) as f64);
         let away = (p - 6.0).length().min((p - 57.0).length());
@@ -137,9 +140,7 @@ fn opacity_follows_value_and_gradient() {
     // 32³ samples: 50 in one half, and from there on a ramp of 4 a sample along x.
     let dir = Dir::new();
     let n = 32usize;
-    let mut bytes =
-        format!("NRRD0004\ntype: uchar\ndimension: 3\nsizes: {n} {n} {n}\nspacings: 1 1 1\nencoding: raw\n\n")
-            .into_bytes();
+    let mut bytes = header_of_cube(n);
     bytes.extend((0..n * n * n).map(|i| 50 + 4 * (i % n).saturating_sub(15) as u8));
     let path = dir.save("ramp.nrrd", &bytes);
     // Opacity .1 a sample, all of it where values change by 4, none where they do not.
