@@ -5,7 +5,8 @@ use std::path::{Path, PathBuf};
 
 /// Every way in which a call into this library fails.
 ///
-/// `Display` gives one line that says what, where, and what to do; the CLI prints it as it is.
+/// `Display` gives one line that says what, where, and what to do. It names an option by the field that sets it, as
+/// "option `look_at`", and so do warnings and notes; the CLI prints the line with its flags in their place.
 #[non_exhaustive]
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
@@ -58,7 +59,7 @@ pub enum Error {
         allowed: u64,
     },
     /// So many warnings were given where none was allowed.
-    #[error("{0} warnings were given and --strict allows none")]
+    #[error("{0} warnings were given and option `strict` allows none")]
     Warned(u64),
     /// A check that was asked for found what must not be.
     #[error("{0}")]

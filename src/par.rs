@@ -145,7 +145,7 @@ pub fn with_threads<T: Send>(threads: usize, f: impl FnOnce() -> T + Send) -> cr
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(threads.min(MAX_THREADS))
         .build()
-        .map_err(|e| crate::Error::Options(format!("--threads {threads}: cannot start the threads: {e}")))?;
+        .map_err(|e| crate::Error::Options(format!("option `threads` = {threads}: cannot start the threads: {e}")))?;
     Ok(pool.install(f))
 }
 

@@ -33,6 +33,7 @@ mod error;
 #[cfg(all(feature = "bake", feature = "render"))]
 mod expand;
 mod export;
+mod flags;
 #[cfg_attr(not(feature = "bake"), allow(dead_code))]
 mod frames;
 mod inspect;

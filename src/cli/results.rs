@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use serde_json::{Value, json};
 
 use super::Ui;
+use super::flags::named;
 use super::ui::{message, put_json};
 use crate::{Error, Result};
 
@@ -27,7 +28,7 @@ pub fn each(inputs: &[PathBuf], json: bool, ui: &Ui, mut one: impl FnMut(&Path) 
         let value = done.unwrap_or_else(|e| {
             failed += 1;
             message("error: ", &e.to_string());
-            json!({ "input": shown(input), "error": e.to_string() })
+            json!({ "input": shown(input), "error": named(&e.to_string()) })
         });
         all.push(with_warnings(value, ui));
     }
@@ -52,7 +53,7 @@ pub fn shown(path: &Path) -> String {
 fn with_warnings(mut value: Value, ui: &Ui) -> Value {
     let warned = ui.take_warnings();
     if let Some(map) = value.as_object_mut() {
-        let list = warned.iter().map(|(text, n)| json!({ "message": text, "count": n })).collect();
+        let list = warned.iter().map(|(text, n)| json!({ "message": named(text), "count": n })).collect();
         map.insert("warnings".into(), list);
     }
     value

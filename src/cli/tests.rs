@@ -58,6 +58,40 @@ fn each_argument_stands_under_a_heading_that_fits() {
     }
 }
 
+/// The library names options by their fields, and each of these is a flag of some command.
+#[test]
+fn messages_of_the_library_name_options_that_are_flags() {
+    let all = commands();
+    let known = |flag: &str| all.iter().flat_map(|c| c.get_arguments()).any(|arg| arg.get_long() == Some(flag));
+    let mut folders = vec![PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("src")];
+    let mut checked = 0;
+    while let Some(folder) = folders.pop() {
+        for entry in std::fs::read_dir(folder).unwrap() {
+            let path = entry.unwrap().path();
+            if path.is_dir() && !path.ends_with("src/cli") {
+                folders.push(path);
+            } else if path.extension().is_some_and(|e| e == "rs") {
+                let text = std::fs::read_to_string(&path).unwrap();
+                for line in text.lines().filter(|line| !line.trim_start().starts_with("//")) {
+                    let (named, at) = (super::flags::named(line), path.display());
+                    // The flags of a whole command line are the program's own.
+                    let by_flag = line.contains(" --") && line.contains('"') && !line.contains("vtex ");
+                    assert!(!by_flag || line.contains("truncate --depth"), "{at}: a flag in the library: {line}");
+                    if !line.contains("option `") {
+                        continue;
+                    }
+                    let flags = named.split("--").skip(1).map(|rest| {
+                        rest.split(|c: char| !(c.is_ascii_lowercase() || c == '-')).next().unwrap_or_default()
+                    });
+                    flags.for_each(|flag| assert!(known(flag), "{at}: --{flag}: {line}"));
+                    checked += 1;
+                }
+            }
+        }
+    }
+    assert!(checked > 50, "{checked}");
+}
+
 /// Whether `arg` takes text that is no number: nothing is to be refused there.
 fn is_text(arg: &Arg) -> bool {
     let texts = [TypeId::of::<String>(), TypeId::of::<PathBuf>()];

@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::progress_log::ProgressLog;
-use super::text;
+use super::{flags, text};
 use crate::Warnings;
 use crate::progress::Progress;
 
@@ -90,10 +90,10 @@ fn watch(log: &Arc<ProgressLog>) {
     });
 }
 
-/// Write one line to stderr: `kind`, and `line` with nothing in it that could look like another line. Where stderr is
-/// closed there is nobody to be told.
+/// Write one line to stderr: `kind`, and `line` with flags for options and nothing in it that could look like another line.
+/// Where stderr is closed there is nobody to be told.
 pub fn message(kind: &str, line: &str) {
-    let _ = writeln!(std::io::stderr(), "{kind}{}", text::one_line(line));
+    let _ = writeln!(std::io::stderr(), "{kind}{}", text::one_line(&flags::named(line)));
 }
 
 /// Write JSON to stdout; else as [`put`].

@@ -44,7 +44,7 @@ pub fn environment(
     let pictured = matches!(sky, Some(Sky::Picture(_)));
     if scene.model.lights.is_empty() && !pictured {
         if options.sun.is_none() {
-            notes.push("no light in the file: a sun from the upper left was added (--sun)".into());
+            notes.push("no light in the file: a sun from the upper left was added (option `sun` sets it)".into());
         }
         lights.extend(PunctualLight::new(&default_sun(), 1.0, eye, unit).map(place));
     }
@@ -56,7 +56,7 @@ pub fn environment(
     let surround = match (sky, &sun) {
         (Some(Sky::Constant(radiance)), _) => Surround::constant(DVec3::from_array(*radiance)),
         (Some(Sky::Clear(_)), None) => {
-            let what = "a clear sky needs a sun, and the file has no directional light (--sun ELEVATION,AZIMUTH)";
+            let what = "a clear sky needs a sun, and the file has no directional light (option `sun` sets one)";
             return Err(Error::Options(what.into()));
         }
         (Some(Sky::Clear(_)), Some(sun)) => Surround::clear(sun, turbidity),
@@ -69,11 +69,11 @@ pub fn environment(
             surround
         }
         (None, Some(sun)) if is_up(sun.towards) => {
-            notes.push("no sky in the file: a clear one that fits the sun (--sky clear|R,G,B|FILE)".into());
+            notes.push("no sky in the file: a clear one that fits the sun (option `sky` sets another)".into());
             Surround::clear(sun, turbidity)
         }
         (None, _) => {
-            notes.push("no sky in the file, and no sun above: a plain sky (--sky clear|R,G,B|FILE)".into());
+            notes.push("no sky in the file, and no sun above: a plain sky (option `sky` sets another)".into());
             Surround::constant(DVec3::from_array(DEFAULT_SKY))
         }
     };
@@ -90,7 +90,7 @@ pub fn environment(
 fn move_sun(lights: &mut Vec<PunctualLight>, position: &SunPosition, turbidity: f64, radius: f64) -> Result<()> {
     let SunPosition { elevation, azimuth } = *position;
     if !(-90.0..=90.0).contains(&elevation) || !azimuth.is_finite() {
-        return Err(Error::Options("--sun: the elevation is −90 to 90 degrees".into()));
+        return Err(Error::Options("option `sun`: the elevation is −90 to 90 degrees".into()));
     }
     let (up, level) = libm::sincos(elevation.to_radians());
     let (east, north) = libm::sincos(azimuth.to_radians());

@@ -70,7 +70,7 @@ pub fn row<'i>(first: usize, frames: u32, info: impl Fn(usize) -> Option<&'i Inf
         let Some(next) = info(first + k) else { return Ok(None) };
         if next.bounds != own.bounds || next.up != own.up {
             return Err(Error::Options(format!(
-                "frame {k} of a texel covers another box than frame 0; bake them together, with --frames"
+                "frame {k} of a texel covers another box than frame 0; bake them together, as frames"
             )));
         }
         content = content.union(next.content);

@@ -144,7 +144,7 @@ pub fn trace_pixel(scene: &Scene, options: &Options, at: [u32; 2]) -> Result<Tra
     check(options)?;
     if at[0] >= options.size[0] || at[1] >= options.size[1] {
         return Err(Error::Options(format!(
-            "--pixel {},{} lies outside of the {}×{} picture",
+            "pixel {},{} lies outside of the {}×{} picture",
             at[0], at[1], options.size[0], options.size[1]
         )));
     }

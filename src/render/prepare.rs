@@ -333,17 +333,22 @@ pub fn view(scene: &Scene, bounds: &Aabb, options: &Options, notes: &mut Vec<Str
     };
     if let CameraChoice::LookAt { eye, target, yfov } = &options.camera {
         let view = View::towards(*eye, *target - *eye, DVec3::Y, size, Projection::Perspective { yfov: *yfov });
-        let what = "--eye and --look-at must differ, and the field of view lie in 0 … 180 degrees";
+        let what = "the camera's eye and what it looks at must differ, and the field of view lie in 0 … 180 degrees";
         return view.ok_or_else(|| Error::Options(what.into()));
     }
     let camera = camera_of(scene, &options.camera)?;
     if options.camera == CameraChoice::Default {
         match camera {
             Some(camera) if cameras.len() > 1 => {
-                notes.push(format!("camera {:?}, the first of {} (--camera)", camera.name, cameras.len()));
+                notes.push(format!(
+                    "camera {:?}, the first of {} (option `camera` chooses another)",
+                    camera.name,
+                    cameras.len()
+                ));
             }
             Some(_) => {}
-            None => notes.push("no camera in the file: the scene is framed (--eye, --look-at)".into()),
+            None => notes
+                .push("no camera in the file: the scene is framed (option `eye` and option `look_at` set one)".into()),
         }
     }
     camera.map_or_else(framed, of_file)

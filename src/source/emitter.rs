@@ -13,13 +13,13 @@ use crate::geom::DVec3;
 use crate::random::SplitMix64;
 use crate::{Error, Result};
 
-/// What is emitted and how it flies. Lengths are in source units, times in seconds; `±` parts are the most that a particle
+/// Particles, and the forces on them. Lengths are in source units, times in seconds; `±` parts are the most that a particle
 /// differs by, drawn evenly. One key name for each: the recipe's `[emitter]` table.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields, default)]
 pub struct EmitterSpec {
-    /// Where particles start.
+    /// Shape in or on which particles start.
     pub shape: Shape,
     /// Number of particles.
     pub count: u32,
@@ -94,7 +94,7 @@ impl Default for EmitterSpec {
     }
 }
 
-/// Where particles start.
+/// Shape in or on which particles start.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema), schemars(rename = "EmitterShape"))]
 #[serde(tag = "kind", rename_all = "lowercase", deny_unknown_fields)]
@@ -233,7 +233,7 @@ pub fn check(spec: &EmitterSpec) -> Result<()> {
     Ok(())
 }
 
-/// Where particle `n` starts, and what is away from the shape there.
+/// Start of particle `n`, and the direction away from the shape there.
 fn leave(spec: &EmitterSpec, n: u32, chance: &mut SplitMix64) -> (DVec3, DVec3) {
     let random = [chance.unit(), chance.unit(), chance.unit()];
     let parts = match spec.shape {

@@ -86,7 +86,7 @@ pub fn facets(staged: &dyn Staged, place: &Placement, max_bytes: u64, progress: 
     });
     if full(0) {
         return Err(Error::Limit {
-            what: "the source's facets (give more --memory, or measure a coarser texel), in bytes,".into(),
+            what: "the source's facets (raise option `memory`, or measure a coarser texel), in bytes,".into(),
             needed: taken.into_inner(),
             allowed: max_bytes,
         });

@@ -17,18 +17,18 @@ use crate::source::Medium;
 use crate::source::materials::{renamed, unite};
 use crate::{Error, Result, Warnings, morton};
 
-/// How a layer is drawn onto those before it.
+/// Operation by which a layer is drawn onto those before it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Mode {
     /// Both are there.
     Add,
     /// Both are there, and no face within the other.
     Union,
-    /// What is there within the layer is removed, then the layer is drawn.
+    /// Matter within the layer is removed, then the layer is drawn.
     Set,
-    /// What is there within the layer is removed; the cut gets the layer's faces.
+    /// Matter within the layer is removed; the cut gets the layer's faces.
     Subtract,
-    /// What is there outside of the layer is removed; the cut gets the layer's faces.
+    /// Matter outside of the layer is removed; the cut gets the layer's faces.
     Multiply,
     /// Facets within the layer get its normals.
     Normals,
@@ -148,11 +148,11 @@ impl Source for LayersSource {
 struct Layer<'a> {
     mode: Mode,
     staged: Box<dyn Staged + 'a>,
-    /// What its ids of materials become.
+    /// New ids of its materials.
     ids: &'a [u16],
     /// Number of its first facet.
     first: u32,
-    /// Where its matter is.
+    /// Box of its matter.
     reach: Aabb,
 }
 
@@ -164,8 +164,8 @@ struct StagedLayers<'a> {
     width: f64,
 }
 
-/// How far beneath and above a face it is asked what is there, in voxels: far more than surfaces are off where two of them
-/// agree, far less than what is seen.
+/// Distance beneath and above a face at which it is asked what is there, in voxels: far more than surfaces are off where two
+/// of them agree, far less than what is seen.
 const BENEATH: f64 = 1e-3;
 /// A layer's box is taken larger by this, in voxels.
 const MARGIN: f64 = 0.01;
@@ -192,7 +192,7 @@ struct Filter {
 }
 
 impl StagedLayers<'_> {
-    /// What the first `count` layers leave: negative within.
+    /// Signed distance to the matter that the first `count` layers leave: negative within.
     fn level_of(&self, count: usize, at: DVec3) -> f64 {
         let mut level = f64::INFINITY;
         for layer in &self.layers[..count] {
@@ -221,7 +221,7 @@ impl StagedLayers<'_> {
         }
     }
 
-    /// What decides whether facets of layer `i` stay.
+    /// Filters that decide whether facets of layer `i` stay.
     fn filters(&self, i: usize, solid: bool) -> Vec<Filter> {
         let beneath = if solid { -BENEATH } else { 0.0 };
         let above = -beneath;
@@ -291,7 +291,7 @@ impl StagedLayers<'_> {
         side.map(|within| within == filter.within)
     }
 
-    /// What of the filters is still to be asked in the box; `None` where nothing stays.
+    /// Filters that are still to be asked in the box; `None` where nothing stays.
     fn unsettled(&self, filters: &[Filter], b: &Aabb) -> Option<Vec<Filter>> {
         let mut left = Vec::new();
         for filter in filters {

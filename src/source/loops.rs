@@ -8,7 +8,7 @@ use std::sync::LazyLock;
 use crate::geom::DVec3;
 use crate::geom::polygon::{MAX_CORNERS, Polygon};
 
-/// How far from one plane the corners of a facet may be, in voxels.
+/// Greatest distance of a facet's corners from one plane, in voxels.
 const PLANAR: f64 = 0.02;
 
 /// Corners of an edge: the lower one first. Corner c lies at (c & 1, c >> 1 & 1, c >> 2).
@@ -22,7 +22,7 @@ const FACES: [[u8; 4]; 6] = [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7,
 pub struct Loops {
     /// Edges, a loop after the other.
     edges: Vec<u8>,
-    /// Where a loop ends in `edges`.
+    /// End of each loop in `edges`.
     ends: Vec<u16>,
     /// Loops of a set: first, and end.
     sets: [(u16, u16); 256],

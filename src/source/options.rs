@@ -1,4 +1,4 @@
-//! How sources are read, and which kind of source a file is.
+//! Options by which sources are read, and the kind of source that a file is.
 
 use std::path::{Path, PathBuf};
 
@@ -9,7 +9,7 @@ use super::stack::{self, StackOptions};
 use crate::scene::files::extension;
 use crate::scene::gltf::ReadOptions;
 
-/// How a source is read; each kind of source has its own part.
+/// Options by which a source is read; each kind of source has its own part.
 #[derive(Debug, Clone, Default)]
 pub struct OpenOptions {
     /// Options of every source: what is selected, and the limits.

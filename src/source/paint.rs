@@ -21,7 +21,7 @@ pub type Varying<T> = Arc<dyn Fn(DVec3) -> T + Send + Sync>;
 /// A colour at a point of the source's own space, averaged over about a width (source units).
 pub type Colouring = Arc<dyn Fn(DVec3, f64) -> [f32; 4] + Send + Sync>;
 
-/// What is laid on.
+/// Colours that are laid on.
 #[derive(Default, Clone)]
 pub struct Paint {
     /// Linear Rec. 709, and the share that is there.
@@ -34,11 +34,11 @@ pub struct Paint {
     pub opacity: Option<Varying<f64>>,
     /// The slope of a height above the surface.
     pub bump: Option<Varying<DVec3>>,
-    /// What all of it is called, whatever it was called before.
+    /// Name of all of its matter, whatever it was called before.
     pub material: Option<String>,
 }
 
-/// How a picture is laid on.
+/// Projection by which a picture is laid on.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Projection {
     /// From the corner `origin` along two axes, of a picture so wide and high; it repeats itself.

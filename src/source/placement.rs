@@ -24,7 +24,7 @@ pub struct Placement {
 }
 
 impl Placement {
-    /// Where the source of a texel that says `info` of itself was laid, with `depth` as the finest depth.
+    /// Placement of the source of a texel with this `info`, with `depth` as the finest depth.
     pub fn of(info: &Info, depth: usize) -> Placement {
         Placement {
             bounds: info.bounds,
@@ -67,8 +67,8 @@ impl Placement {
         self.turn(self.bounds.min).min(self.turn(self.bounds.max))
     }
 
-    /// Where in the grid matter that fills `extent` (grid space) appears: by no shift, and by the whole sides along cyclic
-    /// axes that bring some of it into the cube. A few at most.
+    /// Places in the grid at which matter that fills `extent` (grid space) appears: by no shift, and by the whole sides along
+    /// cyclic axes that bring some of it into the cube. A few at most.
     pub fn shifts(&self, extent: Aabb) -> Vec<DVec3> {
         let side = f64::from(self.side());
         let mut out = vec![DVec3::ZERO];

@@ -38,7 +38,7 @@ impl TexelSource {
     /// Read the texel `path`, of at most `max_bytes` decoded bytes.
     ///
     /// # Errors
-    /// What reading gives.
+    /// Result of reading.
     pub fn open(path: &Path, max_bytes: u64) -> Result<TexelSource> {
         let reader = Reader::open(path, &Limits { decoded_bytes: max_bytes })?;
         let volume = reader.read_all()?;
@@ -228,7 +228,7 @@ struct StagedTexel {
 }
 
 impl StagedTexel {
-    /// What a voxel covers, as independent matter: hits per edge along 13 axes.
+    /// Coverage of a voxel as independent matter: hits per edge along 13 axes.
     fn rates(&self, voxel: &Voxel) -> [f64; 13] {
         let shape = Sggx::decode(voxel.ndf);
         let rate = self.rates[usize::from(voxel.rate)];

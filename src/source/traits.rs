@@ -21,7 +21,7 @@ pub struct Surface {
 pub trait Source: Sync {
     /// The tight box of all matter, in source space; empty where there is none.
     fn bounds(&self) -> Aabb;
-    /// What was subtracted from all coordinates because they are far from 0; bounds and all else that the source says of
+    /// Vector that was subtracted from all coordinates because they are far from 0; bounds and all else that the source says of
     /// places are relative to it. The texel that is baked says where it was.
     fn origin(&self) -> DVec3 {
         DVec3::ZERO

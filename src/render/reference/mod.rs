@@ -59,7 +59,7 @@ pub fn reference(scene: &Scene, options: &Options, samples: Range<u32>, progress
     let open = |(tree, said): (&Option<Octree>, &TexelRef)| {
         let Some(tree) = tree else { return Ok(None) };
         let Some(path) = &said.geometry else {
-            let what = format!("texel {:?} names no geometry to trace; map it with --geometry", said.name);
+            let what = format!("texel {:?} names no geometry to trace; map it with option `geometries`", said.name);
             return Err(Error::Options(what));
         };
         SourceMesh::open(path, tree.info(), (&said.palette, said.pose.as_ref()), &mut warnings).map(Some)

@@ -196,7 +196,7 @@ pub fn stress(
     progress: &dyn Progress,
 ) -> Result<Vec<(&'static Suite, Tally)>> {
     if options.rays == 0 {
-        return Err(Error::Options("--rays 0: nothing to cast".into()));
+        return Err(Error::Options("option `rays` = 0: nothing to cast".into()));
     }
     let chosen: Vec<(usize, &Suite)> = SUITES.iter().enumerate().filter(|(_, s)| wanted(s)).collect();
     let shares: u64 = chosen.iter().map(|(_, s)| s.share).sum();

@@ -110,7 +110,7 @@ fn chosen(document: &Document, asked: &[String], warnings: &mut Warnings) -> Res
                 out.push(i);
             } else {
                 warnings.add(format!(
-                    "animation {:?} moves what one before it moves, and does not play (--animation plays it alone)",
+                    "animation {:?} moves what one before it moves, and does not play (option `animation` plays it alone)",
                     name(animation, i)
                 ));
             }

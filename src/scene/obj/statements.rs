@@ -131,7 +131,7 @@ impl<'a> Statements<'a> {
     /// Error that stopped the reading, with its line.
     pub fn fault(&mut self, error: tobj::LoadError) -> Error {
         if self.bytes > self.options.max_bytes {
-            let what = format!("reading {} (give more --memory), in bytes,", self.path.display());
+            let what = format!("reading {} (raise option `memory`), in bytes,", self.path.display());
             return Error::Limit { what, needed: self.bytes, allowed: self.options.max_bytes };
         }
         let what = self.fault.take().unwrap_or_else(|| {

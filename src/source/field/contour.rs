@@ -33,7 +33,7 @@ const PASSES: usize = 4;
 /// Where normals in a cell are farther apart than the angle of this cosine, there is a crease or a tip; below, the surface may
 /// as well be bent as tightly as a ball two cells across.
 const CREASE: f64 = 0.7;
-/// How far a vertex is at least from the plane of its cell's points, in cells, to be kept.
+/// Least distance of a vertex from the plane of its cell's points, in cells, to be kept.
 const OFF: f64 = 0.005;
 
 /// The facets in the cells `lo .. lo + size`; `size` cells beyond 0.
@@ -65,7 +65,7 @@ struct Passed {
     cell: [i64; 3],
     /// Corners that are within.
     within: u8,
-    /// Where a crease or a tip is, in cells; then there is one loop.
+    /// Position of a crease or a tip, in cells; then there is one loop.
     vertex: Option<DVec3>,
 }
 
@@ -175,12 +175,12 @@ impl<'a> CellBlock<'a> {
         (!smooth).then(|| DVec3::from(self.absolute(p).map(|v| v as f64)) + vertex)
     }
 
-    /// Where the surface was found to cross the edge from the corner `p` along `axis`.
+    /// Point at which the surface was found to cross the edge from the corner `p` along `axis`.
     fn crossed(&self, p: [i64; 3], axis: usize) -> Option<&Crossing> {
         self.crossings.get((self.edges[self.index(p)][axis] as usize).wrapping_sub(1))
     }
 
-    /// Where the surface crosses the edge from the corner `p` along `axis`, whose ends differ in sign.
+    /// Point at which the surface crosses the edge from the corner `p` along `axis`, whose ends differ in sign.
     fn crossing(&mut self, p: [i64; 3], axis: usize) {
         let at = self.index(p);
         if self.edges[at][axis] > 0 {
@@ -298,7 +298,7 @@ fn start(p: [i64; 3], edge: usize) -> ([i64; 3], usize) {
     )
 }
 
-/// Where a function with the values `v0`, `v1` at 0 and 1, of which one is negative, is 0: false position, in Illinois's way.
+/// Root of a function with the values `v0`, `v1` at 0 and 1, of which one is negative: false position, in Illinois's way.
 fn root(value: impl Fn(f64) -> f64, v0: f64, v1: f64) -> f64 {
     let (mut t0, mut t1, mut v0, mut v1) = (0.0, 1.0, v0, v1);
     let mut last = 0;

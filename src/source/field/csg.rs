@@ -6,7 +6,7 @@
 use super::Field;
 use crate::geom::{Aabb, DAffine3, DMat3, DVec3};
 
-/// How parts are joined.
+/// Operation that joins parts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Operation {
     /// Matter of any part.
@@ -64,7 +64,7 @@ fn smooth_min(a: f64, b: f64, k: f64) -> f64 {
     a.min(b) - h * h * h * k / 6.0
 }
 
-/// How much of the gradient of `b` is in that of `smooth_min(a, b)`.
+/// Share of the gradient of `b` in that of `smooth_min(a, b)`.
 fn share_of_second(a: f64, b: f64, k: f64) -> f64 {
     let h = if k > 0.0 { (k - (a - b).abs()).max(0.0) / k } else { 0.0 };
     let greater = 0.5 * h * h;

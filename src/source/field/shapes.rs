@@ -217,7 +217,7 @@ impl Field for Cone {
 
     fn bounds(&self) -> Aabb {
         let axis = (self.to - self.from).normalize_or(DVec3::Z);
-        // How far a disc square to the axis reaches along each coordinate.
+        // A disc square to the axis reaches this far along each coordinate.
         let disc = (1.0 - axis * axis).max(DVec3::ZERO).map(f64::sqrt);
         let end = |p: DVec3, r: f64| Aabb::new(p - r * disc, p + r * disc);
         end(self.from, self.radii[0]).union(end(self.to, self.radii[1]))

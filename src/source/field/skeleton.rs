@@ -9,7 +9,7 @@ use super::shapes::{nearest_of_segment, nearest_of_triangle};
 use super::{Field, grown};
 use crate::geom::{Aabb, DVec3};
 
-/// What a potential falls off from.
+/// The segment or arc that a potential falls off from.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Bone {
     /// A point, source units.
@@ -41,7 +41,7 @@ impl Bone {
 /// One bone's share.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Element {
-    /// What the potential falls off from.
+    /// Shape that the potential falls off from.
     pub bone: Bone,
     /// Not 0; below 0 the bone pushes matter away.
     pub weight: f64,
@@ -49,7 +49,7 @@ pub struct Element {
     pub colour: Option<[f32; 3]>,
 }
 
-/// How a bone's potential falls off with the distance d.
+/// Law by which a bone's potential falls off with the distance d.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Kernel {
     /// 1 / d²: a bone of weight w alone has the radius √w.
@@ -102,7 +102,7 @@ pub struct Skeleton {
     elements: Vec<Element>,
     kernel: Kernel,
     level: f64,
-    /// What the value is multiplied by so that it grows no faster than the distance.
+    /// Factor on the value, so that it grows no faster than the distance.
     scale: f64,
 }
 

@@ -15,7 +15,7 @@ use crate::{Error, Result, Warnings, morton};
 /// A field's inside as opaque matter.
 pub struct FieldSource {
     field: Box<dyn Field>,
-    /// Where the field is looked at; finite.
+    /// Box in which the field is looked at; finite.
     window: Aabb,
     /// Source axes along which the field repeats itself with the window's width.
     repeats: [bool; 3],
@@ -116,11 +116,11 @@ pub struct Laid<'a> {
     to_source: DAffine3,
     /// Cells in a voxel's edge.
     cells: f64,
-    /// What the field's inside is cut down to, along axes where it does not repeat itself.
+    /// Box that the field's inside is cut down to, along axes where it does not repeat itself.
     window: Aabb,
     /// Cells after which a cyclic axis of the grid begins anew.
     period: [Option<i64>; 3],
-    /// Where copies of the field lie, in cells.
+    /// Offsets of the field's copies, in cells.
     shifts: Vec<DVec3>,
 }
 
@@ -187,7 +187,7 @@ impl<'a> Laid<'a> {
         Ok(laid)
     }
 
-    /// Where the point `at` of `cell` lies, in cells: cyclic axes begin anew.
+    /// Position of the point `at` of `cell`, in cells: cyclic axes begin anew.
     fn place(&self, cell: [i64; 3], at: DVec3) -> DVec3 {
         let axis = |a: usize| self.period[a].map_or(cell[a], |p| cell[a].rem_euclid(p)) as f64;
         DVec3::new(axis(0), axis(1), axis(2)) + at
@@ -197,7 +197,7 @@ impl<'a> Laid<'a> {
         self.to_source.transform_point3(p - shift)
     }
 
-    /// How far outside the window `p` is along the axis where it is farthest; negative within.
+    /// Distance of `p` from the window along the axis where it is farthest; negative within.
     fn beyond(&self, p: DVec3) -> f64 {
         (self.window.min - p).max(p - self.window.max).max_element()
     }
@@ -223,12 +223,12 @@ impl<'a> Laid<'a> {
         }
     }
 
-    /// Where the field that is met at `p` (in cells) is met, in source space.
+    /// Position in source space of the field that is met at `p` (in cells).
     pub fn source_of(&self, p: DVec3) -> DVec3 {
         self.source(p, self.nearest(p))
     }
 
-    /// What is met at `p`, in cells.
+    /// The field at `p`, in cells.
     pub fn meet(&self, p: DVec3) -> Met {
         let at = self.source_of(p);
         let (value, mut g) = self.field.value_and_gradient(at);

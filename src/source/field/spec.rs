@@ -20,12 +20,12 @@ pub struct FieldSpec {
     /// The shape.
     #[serde(flatten)]
     pub shape: Shape,
-    /// What is done with it.
+    /// The operation done with it.
     #[serde(flatten)]
     pub change: Change,
 }
 
-/// What may be said of every shape.
+/// Properties that every shape may have.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields, default)]
@@ -52,7 +52,7 @@ pub struct Change {
 
 const CHANGES: [&str; 6] = ["grow", "skin", "colour", "scale", "rotate", "translate"];
 
-/// How a shape is scaled.
+/// Scale of a shape: one number, or one per axis.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(untagged)]
@@ -223,7 +223,7 @@ pub enum Shape {
     Skeleton {
         /// Bones, at least one.
         elements: Vec<ElementSpec>,
-        /// How the potential falls with the distance.
+        /// Law by which the potential falls with the distance.
         #[serde(default)]
         kernel: KernelSpec,
         /// Reach of the kernels gaussian and wyvill.
@@ -267,7 +267,7 @@ pub struct ElementSpec {
     pub colour: Option<Colour>,
 }
 
-/// How the potential of a bone falls with the distance d.
+/// Law by which the potential of a bone falls with the distance d.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]

@@ -119,7 +119,7 @@ fn creases_are_kept() {
     }
 }
 
-/// What the facets of a convex body cover as seen along 26 directions, over the formula's, − 1: the worst.
+/// Area that the facets of a convex body cover as seen along 26 directions, over the formula's, − 1: the worst.
 fn worst_sigma(field: impl Field + 'static, resolution: u32, formula: impl Fn(DVec3) -> f64) -> f64 {
     let source = source(field);
     let place = plan(source.bounds(), &Options { resolution, up: 2, ..Options::default() }).unwrap();

@@ -44,7 +44,7 @@ pub struct GroupSource {
 
 /// Copies of a source up to which each is laid into the grid by itself; and of one whose facets are made a facet a voxel.
 const FEW: [usize; 2] = [4, 2000];
-/// How much finer than its largest copy the own grid is of a source that answers for the middles of its voxels.
+/// Factor by which the own grid of a source that answers for the middles of its voxels is finer than its largest copy.
 const FINER: f64 = 2.0;
 /// Largest depth of a source's own grid.
 const MAX_DEPTH: usize = 12;
@@ -325,7 +325,7 @@ struct StagedGroup<'a> {
     pieces: Vec<StagedCopies<'a>>,
     facets: u32,
     regions: Vec<u64>,
-    /// Where each region's entries start, and the end.
+    /// Start of each region's entries, and the end of the last.
     starts: Vec<usize>,
     /// Piece, and its copy or its own index of the region.
     entries: Vec<(u32, u32)>,
@@ -397,7 +397,7 @@ impl<'a> StagedGroup<'a> {
         (piece, copy, local)
     }
 
-    /// What may reach `at`, and where that is for it.
+    /// The copies that may reach `at`, each with that place in its own space.
     fn around(&self, at: DVec3) -> impl Iterator<Item = (&(dyn Staged + 'a), DVec3)> {
         let width = f64::from(1u32 << self.levels);
         let region = (at / width).floor().clamp(DVec3::ZERO, DVec3::splat(self.last)).as_uvec3();

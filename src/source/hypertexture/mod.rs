@@ -95,7 +95,7 @@ impl Hypertexture {
         t * t * (3.0 - 2.0 * t)
     }
 
-    /// What decides the colour, in [0, 1]; `value` gives the value at `p`.
+    /// Number that decides the colour, in [0, 1]; `value` gives the value at `p`.
     fn tone(&self, p: DVec3, value: impl FnOnce() -> f64) -> f64 {
         match self.set.colour_by {
             ColourBy::Noise => self.formed(p),

@@ -23,7 +23,7 @@ const EVEN: f64 = 0.04;
 /// Cubes of up to so many levels are looked at where bounds leave it open whether they are even: bounds of noise are some
 /// times wider than what it does in most places. Larger cubes may hold more than a few places tell.
 const LOOKED_AT: u32 = 1;
-/// Where a cube is looked at: every other corner of the cube around its middle with half its edge.
+/// Points at which a cube is looked at: every other corner of the cube around its middle with half its edge.
 const PLACES: [DVec3; 4] = [
     DVec3::new(0.25, 0.25, 0.25),
     DVec3::new(0.75, 0.75, 0.25),

@@ -15,13 +15,13 @@ use crate::{Error, Result};
 pub struct HypertextureSpec {
     /// The shape that noise is added to.
     pub base: FieldSpec,
-    /// Where values come from that are not given.
+    /// Preset that gives the values which are not given.
     #[serde(default)]
     pub preset: Preset,
-    /// What the noise does.
+    /// Effect of the noise.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub mode: Option<Mode>,
-    /// How octaves of noise are summed.
+    /// Rule by which octaves of noise are summed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub noise: Option<NoiseKind>,
     /// Cells of the noise in a source unit.
@@ -30,10 +30,10 @@ pub struct HypertextureSpec {
     /// 1 … 10.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub octaves: Option<u32>,
-    /// How far the noise reaches, in source units: outward, inward for `erode`, down for `melt`.
+    /// Reach of the noise, in source units: outward, inward for `erode`, down for `melt`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub amplitude: Option<f64>,
-    /// What noise of 1/2 becomes, in (0, 1).
+    /// Value that noise of 1/2 becomes, in (0, 1).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub bias: Option<f64>,
     /// Contrast of the noise in (0, 1); 1/2 leaves it.
@@ -51,10 +51,10 @@ pub struct HypertextureSpec {
     /// A ramp of colours, evenly spaced.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub colours: Option<Vec<Colour>>,
-    /// What chooses from the ramp of colours.
+    /// Quantity that chooses from the ramp of colours.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub colour_by: Option<ColourBy>,
-    /// Where it is looked at; for bases without end, and along cyclic axes what repeats itself.
+    /// Box in which it is looked at, for bases without end; along cyclic axes, the box that repeats itself.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub bounds: Option<Bounds>,
     /// Source axes along which the noise repeats itself with the width of `bounds`.
@@ -73,7 +73,7 @@ pub struct Bounds {
     pub max: [f64; 3],
 }
 
-/// Where the values come from that are not given.
+/// Preset that gives the values which are not given.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
@@ -93,7 +93,7 @@ pub enum Preset {
     Eroded,
 }
 
-/// What the noise does.
+/// Effect of the noise.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
@@ -110,7 +110,7 @@ pub enum Mode {
     Paint,
 }
 
-/// How octaves of noise are summed.
+/// Rule by which octaves of noise are summed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
@@ -121,7 +121,7 @@ pub enum NoiseKind {
     Turbulence,
 }
 
-/// What chooses from the ramp of colours.
+/// Quantity that chooses from the ramp of colours.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]

@@ -23,7 +23,7 @@ impl Budget {
         }
         Err(Error::Limit {
             what:
-                "the L-system (take fewer --iterations or give more --max-symbols), in symbols rewritten or looked at,"
+                "the L-system (lower option `iterations` or raise option `max_symbols`), in symbols rewritten or looked at,"
                     .into(),
             needed: self.symbols,
             allowed: self.max_symbols,
@@ -36,7 +36,7 @@ impl Budget {
             return Ok(());
         }
         Err(Error::Limit {
-            what: "the L-system (take fewer --iterations or give more --memory), in bytes,".into(),
+            what: "the L-system (lower option `iterations` or raise option `memory`), in bytes,".into(),
             needed: bytes as u64,
             allowed: self.max_bytes,
         })

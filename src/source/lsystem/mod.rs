@@ -191,14 +191,14 @@ fn draw(path: Option<&Path>, mut grammar: Grammar, options: &LSystemOptions, max
     let mut iterations = options.iterations.or(grammar.iterations);
     if let Some(text) = &options.string {
         grammar.axiom = parser::string(text, &grammar)
-            .map_err(|f| Error::Options(format!("--string: {}: {}", place(&f), f.what)))?;
+            .map_err(|f| Error::Options(format!("option `string`: {}: {}", place(&f), f.what)))?;
         iterations = Some(0);
     } else if grammar.rules.is_empty() {
         iterations = Some(0);
     }
     let Some(iterations) = iterations else {
         let name = path.unwrap_or(Path::new("")).display();
-        return Err(Error::Options(format!("{name} does not say how often it is applied; give --iterations N")));
+        return Err(Error::Options(format!("{name} does not say how often it is applied; give option `iterations`")));
     };
     let mut budget = Budget::new(options.max_symbols, max_bytes);
     let mut turtle = Turtle::new(&grammar, options.angle.unwrap_or(grammar.angle));

@@ -66,7 +66,7 @@ impl MeshSource {
         let mut warnings = std::mem::take(&mut model.warnings);
         let skipped = model.instances.iter().map(|i| &model.parts[i.part]).map(|p| p.lines.len() + p.points.len());
         let skipped = skipped.sum::<usize>() as u64;
-        warnings.add_many("lines and points are left out: give them a width with --line-width", skipped);
+        warnings.add_many("lines and points are left out: give them a width with option `line_width`", skipped);
         let patches = par::map(model.parts.len(), |i| patch::analyse(&model.parts[i]));
         let origin = far::offset(bounds_of(&model, DAffine3::IDENTITY));
         if origin != DVec3::ZERO {
@@ -86,7 +86,10 @@ impl MeshSource {
         let faces: Vec<Vec<Face>> = patches.into_iter().map(|p| p.faces).collect();
         if options.fill == Fill::Solid {
             let open = faces.iter().flatten().filter(|f| **f == Face::Sheet).count();
-            warnings.add_many("triangles of surfaces that do not close are left hollow by --fill solid", open as u64);
+            warnings.add_many(
+                "triangles of surfaces that do not close are left hollow by option `fill` solid",
+                open as u64,
+            );
         }
         for material in used_materials(&model) {
             if let Some(why) = invisible(material) {

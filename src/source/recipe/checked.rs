@@ -1,13 +1,13 @@
-//! What is checked as a whole right after it is read, while an error still has a place in the text.
+//! Checks of a whole value right after it is read, while an error still has a place in the text.
 
 use serde::de::{Deserialize, Deserializer};
 
-/// What is checked as a whole once it is read, while an error still has a place.
+/// A value that is checked as a whole once it is read, while an error still has a place.
 #[derive(Debug, Clone)]
 pub struct Checked<T>(pub T);
 
 pub trait Check {
-    /// What is wrong with it.
+    /// Text that says what is wrong with it, if something is.
     fn check(&self) -> Result<(), String>;
 }
 

@@ -56,7 +56,7 @@ pub struct Compiler<'a> {
 struct Run<'a> {
     sources: Vec<Box<dyn Source>>,
     parts: Vec<Part>,
-    /// What is drawn by name, as places in `sources`.
+    /// Shapes that are drawn by name, as places in `sources`.
     named: BTreeMap<&'a str, usize>,
 }
 
@@ -218,7 +218,7 @@ impl<'a> Compiler<'a> {
         Ok(Drawn { source: Some(source), parts })
     }
 
-    /// Where a node is drawn.
+    /// Placement at which a node is drawn.
     fn places(&mut self, node: &Node) -> Result<Vec<DAffine3>> {
         let Some(scattered) = &node.scatter else { return Ok(vec![node.transform]) };
         let count = u64::from(scattered.count);
@@ -363,7 +363,7 @@ impl<'a> Run<'a> {
         self.parts.extend(drawn.parts.into_iter().map(|transform| Part { source: at, transform }));
     }
 
-    /// What was added; `None` where nothing was.
+    /// Bounds of the matter that was added; `None` where none was.
     fn take(&mut self, unit: f64) -> Option<Box<dyn Source>> {
         let run = std::mem::take(self);
         match (run.sources.len(), &run.parts[..]) {
@@ -410,7 +410,7 @@ fn parallelepiped(b: &Box3) -> Result<Box<dyn Source>> {
     Ok(Box::new(GroupSource::new(vec![cube], &[Part { source: 0, transform: b.map }], 0.0)))
 }
 
-/// Where the plane cuts the box, in order around.
+/// Corners of the polygon in which the plane cuts the box, in order around.
 fn sheet(plane: &Plane, b: Aabb) -> Vec<DVec3> {
     let (point, n) = (plane.point.0, plane.normal.0);
     let (u, v) = n.any_orthonormal_pair();

@@ -33,7 +33,7 @@ impl From<Either<String, SourceTable>> for SourceFile {
     }
 }
 
-/// How a file is read; what is not said is as on the command line.
+/// Options by which a file is read; one that is not given is as on the command line.
 #[derive(Debug, Clone, Default, Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
@@ -45,7 +45,7 @@ pub struct SourceTable {
     pub include: Vec<String>,
     #[serde(default)]
     pub exclude: Vec<String>,
-    /// What is within closed surfaces of a mesh.
+    /// Matter within closed surfaces of a mesh.
     pub fill: Option<FillName>,
     /// Width of lines and points of a mesh, and of curves whose file gives none.
     pub line_width: Option<Positive>,

@@ -1,4 +1,4 @@
-//! What the command line lays on a whole source: a colour in a recipe's notation, and a name.
+//! The paint that the command line lays on a whole source: a colour in a recipe's notation, and a name.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -15,7 +15,7 @@ use crate::source::paint::{Colouring, Paint, PaintedSource};
 use crate::source::traits::Source;
 use crate::{Error, Result};
 
-/// What is laid on a source.
+/// Paint that is laid on a source.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Laid {
     /// A colour `#rrggbb` or `r,g,b` (linear), a picture's name, the name of a `.toml` or `.json` file with the keys of a
@@ -23,7 +23,7 @@ pub struct Laid {
     pub albedo: Option<String>,
     /// Multiply the source's own colours, and don't replace them.
     pub tint: bool,
-    /// What all of its matter is called.
+    /// Name of all its matter.
     pub material: Option<String>,
 }
 
@@ -33,10 +33,10 @@ pub struct Laid {
 /// [`Error::Options`] where the colour is not understood, [`Error::Input`] where its file is not.
 pub fn lay(source: Box<dyn Source>, laid: &Laid, read: &ReadOptions) -> Result<Box<dyn Source>> {
     if laid.tint && laid.albedo.is_none() {
-        return Err(Error::Options("--tint multiplies by what --albedo says: give that too".into()));
+        return Err(Error::Options("option `tint` multiplies by what option `albedo` says: give that too".into()));
     }
     if laid.material.as_ref().is_some_and(String::is_empty) {
-        return Err(Error::Options("--material needs a name".into()));
+        return Err(Error::Options("option `material` needs a name".into()));
     }
     if laid.albedo.is_none() && laid.material.is_none() {
         return Ok(source);
@@ -68,7 +68,7 @@ struct Spec {
     /// Empty where it is `plain`.
     table: toml::Table,
     plain: Option<toml::Value>,
-    /// What holds the table, and where names are looked up.
+    /// File that holds the table, and by whose folder names are looked up.
     file: Option<PathBuf>,
     folder: PathBuf,
 }
@@ -116,7 +116,7 @@ impl Spec {
         match &self.file {
             Some(file) => Error::input(file, "", what),
             None => Error::Options(format!(
-                "--albedo: {what} (a colour '#8d9299' or r,g,b, a picture, a .toml file, or '{{ noise = {{ scale = 1 }}, colours = [\"#000000\", \"#ffffff\"] }}')"
+                "option `albedo`: {what} (a colour '#8d9299' or r,g,b, a picture, a .toml file, or '{{ noise = {{ scale = 1 }}, colours = [\"#000000\", \"#ffffff\"] }}')"
             )),
         }
     }

@@ -1,4 +1,4 @@
-//! What a recipe file may say, as plain data: every number is checked as it is read, so that an error names its place.
+//! Contents of a recipe file, as plain data: every number is checked as it is read, so that an error names its place.
 
 use std::collections::BTreeMap;
 
@@ -28,7 +28,7 @@ pub struct Recipe {
     /// Nodes that are drawn where a node says `use`.
     #[serde(default)]
     pub define: BTreeMap<String, Node>,
-    /// What is drawn, each onto what is there by then.
+    /// Nodes, each drawn onto the matter that is there by then.
     #[serde(default)]
     pub draw: Vec<Node>,
 }
@@ -67,16 +67,16 @@ pub struct RawNode {
     pub hypertexture: Option<Checked<HypertextureSpec>>,
     /// Any other file that can be baked, beside the recipe.
     pub source: Option<SourceFile>,
-    /// What the recipe defines under this name.
+    /// The shape that the recipe defines under this name.
     #[serde(rename = "use")]
     pub reference: Option<String>,
     /// Nodes that are drawn in order, by themselves, and then onto the rest as one.
     pub group: Option<Vec<Node>>,
-    /// What is in any of the nodes.
+    /// Matter that is in any of the nodes.
     pub union: Option<Vec<Node>>,
-    /// What is in all of the nodes.
+    /// Matter that is in all of the nodes.
     pub intersection: Option<Vec<Node>>,
-    /// What is in the first node and in none of the others.
+    /// Matter that is in the first node and in none of the others.
     pub difference: Option<Vec<Node>>,
 
     /// Placed in this order: scaled, turned, moved, then by the matrix.
@@ -95,12 +95,12 @@ pub struct RawNode {
     pub opacity: Option<Unit>,
     /// Tilts the normals as if the surface were rough.
     pub bump: Option<Bump>,
-    /// What its matter is called, whatever names it has: a landscape can restyle it by this name.
+    /// Name of all its matter, whatever names it has: a landscape can restyle it by this name.
     #[cfg_attr(test, schemars(extend("minLength" = 1)))]
     pub material: Option<String>,
 }
 
-/// How a node is drawn onto what is there.
+/// Operation by which a node is drawn onto the matter that is there.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(rename_all = "lowercase")]
@@ -108,17 +108,17 @@ pub enum Mode {
     /// Both are there.
     #[default]
     Add,
-    /// What is there within the shape is removed first.
+    /// Matter within the shape is removed first.
     Set,
-    /// What is there within the shape is removed; the cut is closed.
+    /// Matter within the shape is removed; the cut is closed.
     Subtract,
-    /// What is there outside of the shape is removed; the cut is closed.
+    /// Matter outside of the shape is removed; the cut is closed.
     Multiply,
-    /// What is there within the shape gets the shape's normals.
+    /// Matter within the shape gets the shape's normals.
     Normals,
-    /// What is there within the shape keeps `opacity` of what it covers.
+    /// Matter within the shape keeps `opacity` of what it covers.
     Opacity,
-    /// What is there within the shape stays where it is at least as opaque as `opacity`, and goes elsewhere.
+    /// Matter within the shape stays where it is at least as opaque as `opacity`, and goes elsewhere.
     Threshold,
 }
 
@@ -250,7 +250,7 @@ pub struct Line {
     pub section: LineSection,
     /// Other side of a rectangular section as a share of its width; 0: a sheet.
     pub thickness: Option<Unit>,
-    /// Where the flat side of a rectangular section faces.
+    /// Direction that the flat side of a rectangular section faces.
     pub up: Option<Direction>,
     /// Run smoothly through the points (centripetal Catmull-Rom) and not straight.
     #[serde(default)]
@@ -365,7 +365,7 @@ pub struct Torus {
 pub struct Blade {
     pub from: Point,
     pub to: Point,
-    /// Where the parabola's ends point to (its control point); without it the blade is straight.
+    /// Point that the parabola's ends point to (its control point); without it the blade is straight.
     pub by: Option<Point>,
     /// At the root; at the tip it is `tip`.
     pub width: Positive,
@@ -400,7 +400,7 @@ pub struct Triangle {
 #[serde(deny_unknown_fields)]
 pub struct Scatter {
     pub count: u32,
-    /// Where the copies' origins are; flat where min and max agree.
+    /// Box of the copies' origins; flat where min and max agree.
     pub min: Point,
     pub max: Point,
     /// Only within the ellipse in the box, and not in its corners.
@@ -446,10 +446,10 @@ pub type Albedo = Either<Colour, Varied>;
 pub struct Varied {
     /// A picture beside the recipe.
     pub image: Option<String>,
-    /// How the picture is laid on.
+    /// Projection by which the picture is laid on.
     #[serde(default)]
     pub projection: Projection,
-    /// Where the picture begins: the plane's corner, or the middle of the cylinder or the sphere.
+    /// Point at which the picture begins: the plane's corner, or the middle of the cylinder or the sphere.
     #[serde(default)]
     pub origin: Point,
     /// The plane's normal, or the axis of the cylinder or the sphere.

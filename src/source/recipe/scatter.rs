@@ -1,4 +1,4 @@
-//! Where scattered copies lie.
+//! Places of scattered copies.
 //!
 //! Based on: R. Cook, *Stochastic Sampling in Computer Graphics*, TOG 5, 1986 (darts that keep a distance).
 

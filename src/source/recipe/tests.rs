@@ -30,7 +30,7 @@ impl Folder {
     }
 }
 
-/// What a recipe is made of, in its own units.
+/// Facets of a recipe, in its own units.
 #[derive(Debug, Default)]
 struct Sums {
     area: f64,

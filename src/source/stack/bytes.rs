@@ -8,7 +8,7 @@ use memmap2::Mmap;
 use crate::format::open_file;
 use crate::{Error, Result, system};
 
-/// Where the bytes are.
+/// Place of the bytes.
 pub enum Bytes {
     Memory(Vec<u8>),
     Mapped(Mmap),

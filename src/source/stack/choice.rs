@@ -8,7 +8,7 @@ use crate::{Error, Result, Warnings};
 /// Entries that a list names.
 const MAX_LISTED: usize = 20;
 
-/// What is asked for of one file or folder.
+/// Channel and frame that are asked for of one file or folder.
 #[derive(Clone, Copy)]
 pub struct Choice<'a> {
     pub path: &'a Path,
@@ -49,7 +49,7 @@ impl<'a> Choice<'a> {
         self.frame.is_some()
     }
 
-    /// What is left to ask of the files of a folder, where the folder itself told channels or frames apart.
+    /// Choices left to ask of the files of a folder, where the folder itself told channels or frames apart.
     pub fn within(self, by_channel: bool, by_frame: bool) -> Choice<'a> {
         let channel = self.channel.filter(|_| !by_channel);
         Choice { channel, frame: self.frame.filter(|_| !by_frame), ..self }
@@ -64,7 +64,7 @@ impl<'a> Choice<'a> {
         let Some(wanted) = self.channel else {
             if names.len() > 1 {
                 let what = format!(
-                    "{} channels are in it ({}): the first is taken, or choose with --channel",
+                    "{} channels are in it ({}): the first is taken, or choose with option `channel`",
                     names.len(),
                     listed(names)
                 );
@@ -75,7 +75,7 @@ impl<'a> Choice<'a> {
         let by_name = names.iter().position(|n| n == wanted && !n.is_empty());
         let by_number = || wanted.parse::<usize>().ok()?.checked_sub(1).filter(|n| *n < names.len());
         by_name.or_else(by_number).ok_or_else(|| {
-            let what = format!("--channel {wanted} is not in it; there are: {}", listed(names));
+            let what = format!("option `channel` = {wanted} is not in it; there are: {}", listed(names));
             Error::input(self.path, "", what)
         })
     }
@@ -88,15 +88,17 @@ impl<'a> Choice<'a> {
         match self.frame {
             None if count > 1 => {
                 warnings.add(format!(
-                    "{count} frames (volumes) are in it: the first is taken, or choose with --frame 1 to {count}"
+                    "{count} frames (volumes) are in it: the first is taken, or choose with option `frame` = 1 to {count}"
                 ));
                 Ok(0)
             }
             None => Ok(0),
             Some(wanted) if (1..=count).contains(&wanted) => Ok(wanted - 1),
-            Some(wanted) => {
-                Err(Error::input(self.path, "", format!("--frame {wanted} is not in it; there are 1 to {count}")))
-            }
+            Some(wanted) => Err(Error::input(
+                self.path,
+                "",
+                format!("option `frame` = {wanted} is not in it; there are 1 to {count}"),
+            )),
         }
     }
 }

@@ -1,6 +1,6 @@
-//! How samples are stored: kind of number, byte order, channels.
+//! Storage of samples: kind of number, byte order, channels.
 
-/// How one number is stored.
+/// Storage of one number.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Kind {
     U8,
@@ -40,7 +40,7 @@ impl Kind {
     }
 }
 
-/// How the numbers of a lattice are stored.
+/// Storage of the numbers of a lattice.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Coding {
     pub kind: Kind,
@@ -106,7 +106,7 @@ impl Coding {
     }
 }
 
-/// What of a sample's channels is its value.
+/// Rule that makes one value of a sample's channels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Value {
     Channel(usize),

@@ -9,7 +9,7 @@ use super::coding::{Coding, Kind, byte_count};
 use super::samples::Samples;
 use crate::{Error, Result};
 
-/// How a file packs its samples.
+/// Compression of a file's samples.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Packing {
     Raw,
@@ -19,7 +19,7 @@ pub enum Packing {
     Text,
 }
 
-/// Where a header says that the samples are.
+/// Place of the samples, as a header gives it.
 pub struct Data<'a> {
     /// The header, for messages about sizes.
     pub header: &'a Path,
@@ -36,7 +36,7 @@ pub struct Data<'a> {
     pub volume: StoredVolume,
 }
 
-/// What a stream of gzip or zlib gives, by its first bytes.
+/// Decompressed contents of a stream of gzip or zlib, told apart by its first bytes.
 pub fn inflate<'a>(packed: &'a [u8]) -> Box<dyn Read + 'a> {
     if packed.starts_with(&[0x1f, 0x8b]) {
         Box::new(flate2::read::MultiGzDecoder::new(packed))

@@ -167,9 +167,9 @@ impl Sink for One<'_> {
 /// Slices of the same size, one on the other.
 struct Pile<'a> {
     path: &'a Path,
-    /// What the first file says.
+    /// Description by the first file.
     about: Option<About>,
-    /// What the others have to be like, and its file.
+    /// Description that the others have to match, and its file.
     first: Option<(Slice, PathBuf)>,
     spool: Spool,
     count: usize,
@@ -226,7 +226,7 @@ impl Pile<'_> {
         if let Some(spacing) = about.spacing {
             let between = spacing.slices.unwrap_or_else(|| {
                 if self.count > 1 {
-                    warnings.add("it says how far its pixels are apart, but not its slices: as far as columns, or give --spacing");
+                    warnings.add("it says how far its pixels are apart, but not its slices: as far as columns, or give option `spacing`");
                 }
                 spacing.columns
             });

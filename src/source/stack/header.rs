@@ -1,4 +1,4 @@
-//! What headers in words share: numbers, sizes, and lists of files.
+//! Parts that headers in words share: numbers, sizes, and lists of files.
 
 use std::path::{Path, PathBuf};
 

@@ -11,7 +11,7 @@ use crate::simd::multiversioned;
 
 /// Standard deviation from which on a Gaussian is a smooth interpolation by itself.
 const SMOOTH: f64 = 0.5;
-/// Where a Gaussian ends, in standard deviations.
+/// Radius at which a Gaussian ends, in standard deviations.
 const REACH: f64 = 3.0;
 
 /// Nodes along one axis, and how a node's value comes from samples.

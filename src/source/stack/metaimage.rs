@@ -37,7 +37,7 @@ fn kind(name: &str) -> Option<Kind> {
 struct Fields<'a> {
     path: &'a Path,
     list: Vec<(String, String, usize)>,
-    /// Where the data begin, if they are in the same file.
+    /// Byte at which the data begin, if they are in the same file.
     end: usize,
 }
 

@@ -51,7 +51,7 @@ pub struct Stack {
     warnings: Warnings,
 }
 
-/// What the channels of a sample are.
+/// Meaning of a sample's channels.
 enum Channels {
     /// One value, grey and opacity, or colour.
     Pixel,
@@ -67,7 +67,7 @@ impl Stack {
         let lengths = m.x_axis.length() * m.y_axis.length() * m.z_axis.length();
         // Also of NaN. Axes closer than a twentieth of a degree span nothing.
         if !(affine.is_finite() && m.determinant().abs() > 1e-3 * lengths && lengths > 0.0) {
-            let what = "its axes span no space (distances of 0, or axes that coincide): give the distances with --spacing X,Y,Z";
+            let what = "its axes span no space (distances of 0, or axes that coincide): give the distances with option `spacing`";
             return Err(Error::input(path, "", what));
         }
         let channels = Channels::Pixel;
@@ -90,7 +90,7 @@ impl Stack {
     }
 }
 
-/// Where there is one sample along an axis and no distance: as far as the samples along the others.
+/// Distances of samples: along an axis with one sample and no distance, as far as along the others.
 fn with_thickness(affine: DAffine3, dims: [usize; 3]) -> DAffine3 {
     let mut out = affine;
     for (n, &samples) in dims.iter().enumerate() {

@@ -92,7 +92,7 @@ impl Header {
     }
 }
 
-/// What numbers of this code are, and how many a sample.
+/// Type of the numbers of this code, and how many there are per sample.
 fn kind(code: i32) -> Result<(Kind, usize), String> {
     Ok(match code {
         2 => (Kind::U8, 1),

@@ -82,7 +82,7 @@ fn vectors(text: &str) -> Option<Vec<Option<DVec3>>> {
     Some(out)
 }
 
-/// What the positions along an axis stand for.
+/// Meaning of the positions along an axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Role {
     Space,
@@ -287,7 +287,7 @@ fn big_endian(fields: &Fields, kind: Kind) -> Result<bool> {
     }
 }
 
-/// Where the samples are: behind the header, or in other files.
+/// Place of the samples: behind the header, or in other files.
 fn data<'a>(fields: &Fields<'a>, body: Option<usize>, coding: Coding, dims: [usize; 3]) -> Result<Data<'a>> {
     let path = fields.path;
     let (encoding, _) = fields.need("encoding")?;

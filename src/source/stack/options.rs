@@ -4,10 +4,10 @@ use std::path::PathBuf;
 
 use super::transfer::TransferSpec;
 
-/// How a stack is taken.
+/// Options by which a stack is read.
 #[derive(Debug, Clone, PartialEq)]
 pub struct StackOptions {
-    /// What is matter; where it says nothing, values from Otsu's threshold on are opaque.
+    /// Matter by value; where it is empty, values from Otsu's threshold on are opaque.
     pub transfer: TransferSpec,
     /// A file of a transfer function, which is added to `transfer`.
     pub table: Option<PathBuf>,

@@ -1,4 +1,4 @@
-//! What values lie where: the least and the greatest of every small cube of samples, and their histogram.
+//! The least and the greatest value of every small cube of samples, and the histogram of all.
 //!
 //! Based on: J. Wilhelms, A. Van Gelder, *Octrees for Faster Isosurface Generation*, TOG 1992; N. Otsu, *A Threshold Selection
 //! Method from Gray-Level Histograms*, 1979.

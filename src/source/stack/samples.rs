@@ -12,7 +12,7 @@ pub struct Samples {
     dims: [usize; 3],
     /// value = slope · stored + intercept.
     pub rescale: (f64, f64),
-    /// What of its channels is a sample's value.
+    /// Rule that makes one value of a sample's channels.
     value: Value,
     /// Whether the first three channels are red, green and blue.
     colour: bool,

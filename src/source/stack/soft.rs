@@ -91,7 +91,7 @@ pub struct MediumSampler<'a> {
     pub distance: f64,
     /// Hits per voxel edge below which there is nothing.
     pub least: f64,
-    /// Where the stack is, index space.
+    /// Box of the stack, index space.
     pub index_bounds: Aabb,
     /// Whether the cells of samples without a value are left out.
     pub masked: bool,

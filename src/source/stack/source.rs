@@ -51,7 +51,7 @@ impl StackSource {
     pub fn new(mut stack: Stack, options: &StackOptions) -> Result<StackSource> {
         if !(0.0..=MAX_SIGMA).contains(&options.sigma) {
             return Err(Error::Options(format!(
-                "--sigma {}: 0 to {MAX_SIGMA}, in distances of samples",
+                "option `sigma` = {}: 0 to {MAX_SIGMA}, in distances of samples",
                 short(options.sigma)
             )));
         }
@@ -80,11 +80,11 @@ impl StackSource {
         transfer.check()?;
         if transfer.is_empty() {
             let otsu = scan.otsu(&stack.samples).ok_or_else(|| {
-                let what = "all its values are the same: there is nothing to tell apart; give --iso";
+                let what = "all its values are the same: there is nothing to tell apart; give option `iso`";
                 Error::input(&stack.path, "", what)
             })?;
             let [at, lo, hi] = [otsu, scan.whole.lo, scan.whole.hi].map(|v| short(v.into()));
-            notes.push(format!("--iso {at}: Otsu's threshold of values from {lo} to {hi}"));
+            notes.push(format!("option `iso` = {at}: Otsu's threshold of values from {lo} to {hi}"));
             transfer.iso = Some(f64::from(otsu));
         }
         let dims = stack.samples.dims();

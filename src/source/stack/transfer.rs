@@ -1,4 +1,4 @@
-//! What is matter in a stack: opacity and colour by value and by how steeply it changes.
+//! Transfer functions of a stack: opacity and colour by value and by how steeply it changes.
 //!
 //! Based on: M. Levoy, *Display of Surfaces from Volume Data*, CG&A 1988 (opacity by value and gradient).
 
@@ -30,7 +30,7 @@ pub struct TransferSpec {
     pub gradient: Vec<GradientPoint>,
 }
 
-/// What matter of a value is like.
+/// Opacity and colour of a value.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
@@ -45,7 +45,7 @@ pub struct TransferPoint {
     pub colour: Option<[f32; 3]>,
 }
 
-/// What a change of the value does to opacity.
+/// Factor on opacity by how steeply the value changes.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]

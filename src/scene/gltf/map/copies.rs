@@ -108,7 +108,7 @@ pub fn kinds(
         (None, Cells::Repeat(_) | Cells::Wide(_)) if widest > 0.0 => cell / widest,
         (None, Cells::Texel) if side < widest => {
             warnings.add(format!(
-                "the ground is {side:.3} m across and a copy {widest:.3} m: copies are made smaller (--size sets their height)"
+                "the ground is {side:.3} m across and a copy {widest:.3} m: copies are made smaller (option `sizes` sets their height)"
             ));
             side / FEW_FIT / widest
         }
@@ -154,7 +154,7 @@ pub fn remove(surfaces: &[&Surface], editor: &mut Editor, warnings: &mut Warning
             && let Some(node) = node.as_object_mut()
         {
             let name = node.get("name").and_then(Value::as_str).unwrap_or("copies");
-            warnings.add(format!("{name:?} of an earlier mapping are replaced (--add keeps them)"));
+            warnings.add(format!("{name:?} of an earlier mapping are replaced (option `add` keeps them)"));
             // The node stays, so that numbers of others do, and shows nothing.
             for key in ["mesh", "extensions", "extras"] {
                 node.shift_remove(key);

@@ -48,7 +48,7 @@ pub fn make(path: &Path, scales: Scales, notes: &mut Vec<String>) -> Result<Made
         (Some(metres), _) => [metres; 2],
         (None, Some((pixel, _))) => pixel,
         (None, None) => {
-            let what = format!("{}: it does not say how wide a pixel is; --pixel METRES does", path.display());
+            let what = format!("{}: it does not say how wide a pixel is; option `pixel` does", path.display());
             return Err(Error::Options(what));
         }
     };
@@ -77,13 +77,14 @@ fn metres(path: &Path, raster: &Raster, relief: Option<[f64; 2]>, unit: f64) -> 
     match (relief, raster.white, raster.measured) {
         (Some([low, high]), Some(white), _) => Ok([low, (high - low) / f64::from(white)]),
         (Some(_), None, _) => {
-            let what = "its numbers are no shades from black to white: they are taken as metres, without --relief";
+            let what =
+                "its numbers are no shades from black to white: they are taken as metres, without option `relief`";
             Err(Error::Options(format!("{}: {what}", path.display())))
         }
         (None, _, true) => Ok([0.0, unit]),
         (None, ..) => {
             let what = format!(
-                "{}: a PNG does not say how high it is; --relief MIN,MAX gives the metres of black and white",
+                "{}: a PNG does not say how high it is; option `relief` gives the metres of black and white",
                 path.display()
             );
             Err(Error::Options(what))

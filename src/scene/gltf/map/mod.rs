@@ -50,7 +50,9 @@ pub fn map(input: &Path, options: &MapOptions, output: &Path) -> Result<Mapped> 
         return Ok(mapped);
     }
     if options.ground != Scales::default() {
-        return Err(Error::Options("--pixel and --relief are for a ground that is a picture of heights".into()));
+        return Err(Error::Options(
+            "option `pixel` and option `relief` are for a ground that is a picture of heights".into(),
+        ));
     }
     if crate::scene::files::extension(input) == "obj" {
         let (made, warnings) = objmesh::make(input, options.patches)?;
@@ -65,8 +67,8 @@ fn map_mesh(input: &Path, options: &MapOptions, output: &Path) -> Result<Mapped>
     let cyclic = |(_, info): &(PathBuf, Info)| info.cyclic[0] || info.cyclic[1];
     let continuous = options.texels.iter().filter(|t| cyclic(t)).count();
     if continuous > 0 && continuous < options.texels.len() && !options.bend {
-        let what = "cyclic texels fill shells and others stand as rigid copies: map them one by one (--add), or bend all \
-                    (--bend)";
+        let what = "cyclic texels fill shells and others stand as rigid copies: map them one by one (option `add`), or bend \
+                    all (option `bend`)";
         return Err(Error::Options(what.into()));
     }
     let mut rigid = continuous == 0 && !options.bend;
@@ -212,7 +214,7 @@ fn remove_shells(document: &Document, surfaces: &[Surface], editor: &mut Editor,
         }
         let name = document.root.materials.get(index).and_then(|m| m.name.clone());
         let name = name.unwrap_or_else(|| format!("material {index}"));
-        warnings.add(format!("{name}: its shell of an earlier mapping is replaced (--add keeps it)"));
+        warnings.add(format!("{name}: its shell of an earlier mapping is replaced (option `add` keeps it)"));
     }
 }
 
@@ -276,7 +278,7 @@ fn say_kept(plan: &Plan, options: &MapOptions, notes: &mut Vec<String>) {
     if uvw || heights {
         let names: Vec<&str> = names.into_iter().filter(|n| n.0).map(|n| n.1).collect();
         let turned = if options.z_up { ", the heights turned from Z up to Y up" } else { "" };
-        notes.push(format!("kept the file's own {}{turned} (--replace makes new ones)", names.join(", ")));
+        notes.push(format!("kept the file's own {}{turned} (option `replace` makes new ones)", names.join(", ")));
     }
 }
 

@@ -235,52 +235,52 @@ pub fn check(options: &MapOptions, rigid: bool) -> Result<()> {
     let wrong = |what: &str| Err(Error::Options(what.into()));
     let [least, most] = options.scale;
     if options.texels.is_empty() {
-        return wrong("at least one --texel is needed");
+        return wrong("option `texels` needs at least one");
     }
     if !options.geometries.is_empty() && options.geometries.len() != options.texels.len() {
-        return wrong("--geometry is given once for each --texel, in the same order, or not at all");
+        return wrong("option `geometries` is given once for each option `texels`, in the same order, or not at all");
     }
     if let Some(path) = options.geometries.iter().find(|p| p.extension().is_none_or(|e| !e.eq_ignore_ascii_case("glb")))
     {
-        return wrong(&format!("--geometry {}: it must be one .glb file", path.display()));
+        return wrong(&format!("option `geometries` = {}: it must be one .glb file", path.display()));
     }
     if !(least > 0.0 && least <= most && most <= if rigid { 100.0 } else { 1.0 }) {
         return wrong(if rigid {
-            "--scale must be MIN,MAX with 0 < MIN ≤ MAX ≤ 100"
+            "option `scale` must be MIN,MAX with 0 < MIN ≤ MAX ≤ 100"
         } else {
-            "--scale must be MIN,MAX with 0 < MIN ≤ MAX ≤ 1"
+            "option `scale` must be MIN,MAX with 0 < MIN ≤ MAX ≤ 1"
         });
     }
     let n = options.texels.len();
     if !options.weights.is_empty() && options.weights.len() != n {
-        return wrong("--weight is given once for each --texel, in the same order, or not at all");
+        return wrong("option `weights` is given once for each option `texels`, in the same order, or not at all");
     }
     if options.sizes.len() > 1 && options.sizes.len() != n {
-        return wrong("--size is given once for all, or once for each --texel, in the same order");
+        return wrong("option `sizes` is given once for all, or once for each option `texels`, in the same order");
     }
     if let Some(name) = for_copies(options).filter(|_| !rigid) {
-        return wrong(&format!("{name} is for rigid copies, not for shells (cyclic texels, --bend)"));
+        return wrong(&format!("{name} is for rigid copies, not for shells (cyclic texels, option `bend`)"));
     }
-    for (limits, name) in [(options.slope, "--slope"), (options.altitude, "--altitude")] {
+    for (limits, name) in [(options.slope, "option `slope`"), (options.altitude, "option `altitude`")] {
         if let Some([low, high]) = limits.filter(|[low, high]| low.is_nan() || high.is_nan() || low > high) {
             return wrong(&format!("{name} {low}..{high}: the limits go from less to more"));
         }
     }
     if !(0.0..=1.0).contains(&options.presence) {
-        return wrong("--presence must lie in [0, 1]");
+        return wrong("option `presence` must lie in [0, 1]");
     }
     if options.displace.iter().any(|d| !(0.0..=4.0).contains(d)) {
-        return wrong("--displace must lie in [0, 4], in cells");
+        return wrong("option `displace` must lie in [0, 4], in cells");
     }
     if options.offset.iter().any(|d| !d.is_finite()) {
-        return wrong("--offset must be two numbers");
+        return wrong("option `offset` must be two numbers");
     }
     let known = |name: &String| options.texels.iter().any(|(_, info)| info.materials.iter().any(|m| m.name == *name));
     if let Some(name) = options.palette.keys().find(|name| !known(name)) {
         let all = options.texels.iter().flat_map(|(_, info)| &info.materials).map(|m| m.name.as_str());
         let names: Vec<&str> = all.collect::<BTreeSet<_>>().into_iter().collect();
         let names = if names.is_empty() { "none".into() } else { names.join(", ") };
-        return wrong(&format!("--palette {name}: no texel has a material of this name; there are: {names}"));
+        return wrong(&format!("option `palette` = {name}: no texel has a material of this name; there are: {names}"));
     }
     let positive = |x: f64| x > 0.0 && x.is_finite();
     let cells = match options.cells {
@@ -289,16 +289,18 @@ pub fn check(options: &MapOptions, rigid: bool) -> Result<()> {
         Cells::Wide(metres) => positive(metres),
     };
     if !cells || options.thickness.is_some_and(|t| !positive(t)) {
-        return wrong("--repeat, --cell and --thickness must be above 0");
+        return wrong("option `cells` and option `thickness` must be above 0");
     }
     let numbers = options.density.iter().chain(&options.sizes).chain(&options.weights).chain(&options.ground.pixel);
     if numbers.copied().any(|x| !positive(x)) || !options.sink.is_finite() {
-        return wrong("--density, --size, --weight and --pixel must be above 0, and --sink a number");
+        return wrong(
+            "option `density`, option `sizes`, option `weights` and option `pixel` must be above 0, and option `sink` a number",
+        );
     }
     if let Heights::Along(d) = options.heights
         && !(d.is_finite() && d.length() > 0.0)
     {
-        return wrong("--height-along must not be 0,0,0");
+        return wrong("option `heights` along 0,0,0 points nowhere");
     }
     Ok(())
 }
@@ -306,14 +308,14 @@ pub fn check(options: &MapOptions, rigid: bool) -> Result<()> {
 /// An option that rigid copies alone understand, if one is given.
 fn for_copies(options: &MapOptions) -> Option<&'static str> {
     let given = [
-        (options.density.is_some(), "--density"),
-        (options.density_map.is_some(), "--density-map"),
-        (options.slope.is_some(), "--slope"),
-        (options.altitude.is_some(), "--altitude"),
-        (!options.sizes.is_empty(), "--size"),
-        (options.sink != 0.0, "--sink"),
-        (options.inset, "--inset"),
-        (options.points.is_some(), "--points"),
+        (options.density.is_some(), "option `density`"),
+        (options.density_map.is_some(), "option `density_map`"),
+        (options.slope.is_some(), "option `slope`"),
+        (options.altitude.is_some(), "option `altitude`"),
+        (!options.sizes.is_empty(), "option `sizes`"),
+        (options.sink != 0.0, "option `sink`"),
+        (options.inset, "option `inset`"),
+        (options.points.is_some(), "option `points`"),
     ];
     given.into_iter().find(|g| g.0).map(|g| g.1)
 }

@@ -59,7 +59,11 @@ pub fn place(
             let wanted = per_area * target.area() * options.presence;
             if wanted.is_nan() || wanted > MOST_COPIES {
                 let (needed, allowed) = (wanted as u64, MOST_COPIES as u64);
-                return Err(Error::Limit { what: "placing copies (--density, --size)".into(), needed, allowed });
+                return Err(Error::Limit {
+                    what: "placing copies (option `density`, option `sizes`)".into(),
+                    needed,
+                    allowed,
+                });
             }
             let standing = if options.add { copies::standing(document, graph, surfaces)? } else { Vec::new() };
             match options.arrangement {
@@ -70,7 +74,7 @@ pub fn place(
     }
     if planter.overhanging > 0 {
         let n = planter.overhanging;
-        notes.push(format!("{n} copies that would overhang the border were left out (--inset)"));
+        notes.push(format!("{n} copies that would overhang the border were left out (option `inset`)"));
     }
     let mut stands = planter.stands;
     stands.sort_by_key(|s| (s.material, s.kind));
@@ -95,7 +99,7 @@ pub fn place(
         });
     }
     if covered.is_empty() {
-        warnings.add("the ground has no room for a single copy: nothing was placed (--density, --size)");
+        warnings.add("the ground has no room for a single copy: nothing was placed (option `density`, option `sizes`)");
     }
     Ok(covered)
 }
@@ -111,10 +115,10 @@ fn mask_over(options: &MapOptions, surfaces: &[&Surface], notes: &mut Vec<String
     if options.density_map.is_some() {
         notes.push(match over {
             MaskOver::Uv => {
-                "density map: over the texture coordinates (--map-over bounds lays it on the ground)".into()
+                "density map: over the texture coordinates (option `map_over` lays it on the ground)".into()
             }
             MaskOver::Bounds => {
-                "density map: over the bounds of what is covered, seen from above, north (−z) up (--map-over uv)".into()
+                "density map: over the bounds of what is covered, seen from above, north (−z) up (option `map_over` lays it over texture coordinates)".into()
             }
         });
     }
@@ -229,7 +233,11 @@ impl<'a> Planter<'a> {
         let needed = counts[0] * counts[1];
         if needed.is_nan() || needed > MOST_COPIES {
             let (needed, allowed) = (needed as u64, MOST_COPIES as u64);
-            return Err(Error::Limit { what: "placing copies (--density, --size)".into(), needed, allowed });
+            return Err(Error::Limit {
+                what: "placing copies (option `density`, option `sizes`)".into(),
+                needed,
+                allowed,
+            });
         }
         let middle = bounds.centre();
         for row in 0..counts[1] as u64 {
@@ -278,7 +286,7 @@ impl<'a> Planter<'a> {
             let bounds = self.target.bounds();
             let (min, max) = (bounds.min, bounds.max);
             let what = format!(
-                "no point lies on the ground, which is x {:.1} to {:.1}, north {:.1} to {:.1} (--points-origin moves them)",
+                "no point lies on the ground, which is x {:.1} to {:.1}, north {:.1} to {:.1} (option `points_origin` moves them)",
                 min.x + origin.x,
                 max.x + origin.x,
                 -max.z - origin.z,

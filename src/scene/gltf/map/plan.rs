@@ -66,7 +66,7 @@ impl Plan {
         let keeps_heights: Vec<bool> =
             surfaces.iter().map(|s| s.geometry.heights.is_some() && kept(s, "_VTEX_HEIGHT")).collect();
         if options.z_up && !keeps_heights.iter().any(|k| *k) {
-            return Err(Error::Options("--heights z-up turns _VTEX_HEIGHT vectors of the file, which has none".into()));
+            return Err(Error::Options("option `z_up` turns _VTEX_HEIGHT vectors of the file, which has none".into()));
         }
         let chart = chart(options, surfaces, &keeps_uvw, up, rigid, notes)?;
         let planar = if let Chart::Planar(axis) = chart { Some(Coordinates::Planar(axis)) } else { None };
@@ -81,8 +81,8 @@ impl Plan {
         if let Some(group) = groups.iter().find(|g| unusable(g)) {
             let name = surfaces.get(group.members[0]).map_or(0, |s| s.mesh);
             let what = match planar {
-                Some(_) => "is flat along u or v of this chart; use another --planar axis",
-                None => "has texture coordinates that cover no area; use --planar y",
+                Some(_) => "is flat along u or v of this chart; use another axis for option `chart`",
+                None => "has texture coordinates that cover no area; use option `chart` along y",
             };
             return Err(Error::Options(format!("the mesh {what} (meshes[{name}])")));
         }
@@ -137,7 +137,7 @@ fn up(options: &MapOptions, surfaces: &[Surface], notes: &mut Vec<String>, warni
         if !options.z_up && flat.abs() < LIES_FLAT && turned > STANDS_UP {
             warnings.add(
                 "the file's _VTEX_HEIGHT vectors lie flat on the ground: they seem to have been made with Z up; \
-                 --heights z-up turns them up, --replace makes new ones",
+                 option `z_up` turns them up, option `replace` makes new ones",
             );
         }
     }
@@ -149,7 +149,7 @@ fn up(options: &MapOptions, surfaces: &[Surface], notes: &mut Vec<String>, warni
             if facing < -FACES_UP {
                 warnings.add(
                     "the ground faces down (its triangles run clockwise from above), and copies hang below it along its \
-                     normals; --height-along 0,1,0 makes them grow up",
+                     normals; option `heights` along 0,1,0 makes them grow up",
                 );
             }
             None
@@ -161,7 +161,7 @@ fn up(options: &MapOptions, surfaces: &[Surface], notes: &mut Vec<String>, warni
         Heights::Auto if facing < -FACES_UP => {
             warnings.add(
                 "the ground faces down (its triangles run clockwise from above); copies grow straight up all the same \
-                 (--height-along normals lets them hang); turn its faces over in the program that made it",
+                 (option `heights` along normals lets them hang); turn its faces over in the program that made it",
             );
             Some(DVec3::Y)
         }
@@ -191,7 +191,7 @@ fn chart(
             Ok(Chart::Planar(1))
         }
         Chart::Uv(set) if !has_uvs => {
-            Err(Error::Options(format!("the mesh has no usable TEXCOORD_{set}; use --planar y")))
+            Err(Error::Options(format!("the mesh has no usable TEXCOORD_{set}; use option `chart` along y")))
         }
         chart => Ok(chart),
     }
@@ -291,7 +291,7 @@ fn width(options: &MapOptions, groups: &[Group], notes: &mut Vec<String>, warnin
     }
     let fit = room / FEW_FIT;
     warnings.add(format!(
-        "the mesh is {room:.3} m across and the texel {widest:.3} m: copies are made {fit:.3} m wide (--cell sets it)"
+        "the mesh is {room:.3} m across and the texel {widest:.3} m: copies are made {fit:.3} m wide (option `cells` sets it)"
     ));
     fit
 }

@@ -168,11 +168,11 @@ pub fn add(
     let (height, unit) = (number("thickness"), number("thickness") / number("dw"));
     let natural = own.thickness / plan.dw;
     let layers = to.get_mut("layers").and_then(Value::as_array_mut).filter(|_| unit > 0.0 && natural > 0.0);
-    let none = || Error::Options(format!("material {name} has no shell yet: map it without --add first"));
+    let none = || Error::Options(format!("material {name} has no shell yet: map it without option `add` first"));
     let layers = layers.ok_or_else(none)?;
     if own.write_uvw {
-        let what = "--add takes u and v from what is there, in one scale for the whole material: give neither --planar nor \
-                    --attributes";
+        let what = "option `add` takes u and v from what is there, in one scale for the whole material: give neither \
+                    option `chart` nor option `attributes`";
         return Err(Error::Options(what.into()));
     }
     if own.thickness > height * 1.001 {

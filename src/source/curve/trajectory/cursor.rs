@@ -4,7 +4,7 @@ use byteorder::{BE, ByteOrder, LE};
 
 use crate::geom::DVec3;
 
-/// Where in a file, and what is wrong there.
+/// A fault in a file: its place, and the text that says what is wrong.
 pub type Fault = (String, String);
 
 pub fn at_byte(offset: usize, what: impl Into<String>) -> Fault {

@@ -35,7 +35,7 @@ const POINT_BYTES: usize = 96;
 pub struct TrajectoryOptions {
     /// Cross-section of every trajectory.
     pub section: Section,
-    /// How the trajectories become matter.
+    /// Kind of matter that trajectories become.
     pub curve: CurveOptions,
     /// Width, in source units, of what the file gives none; by default a 500th of a trajectories' extent, with a warning,
     /// and a mesh's lines and points are left out.
@@ -159,7 +159,7 @@ fn finish(content: &mut Content, options: &TrajectoryOptions) {
         let coarse = (extent / 500.0).max(1e-300);
         let digit = 10f64.powf(coarse.log10().floor());
         width = (coarse / digit).round() * digit;
-        content.warnings.add(format!("the file gives no widths: {} is taken; say --width", short(width)));
+        content.warnings.add(format!("the file gives no widths: {} is taken; say option `width`", short(width)));
     }
     let linear = |c: f32| if options.linear_colour { c } else { srgb_to_linear((255.0 * c + 0.5) as u8) };
     for strand in &mut content.strands {

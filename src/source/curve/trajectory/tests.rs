@@ -345,7 +345,7 @@ fn trx_archives_in_three_kinds_of_numbers() {
         }
     }
     let whole = trx_file("float32", true);
-    assert!(error(trx::read(&whole, 100)).contains("more --memory"));
+    assert!(error(trx::read(&whole, 100)).contains("raise option `memory`"));
     assert!(error(trx::read(&whole[..200], 1 << 20)).contains("zip archive"));
     assert!(error(trx::read(&trx_file("float128", true), 1 << 20)).contains("float128"));
 }

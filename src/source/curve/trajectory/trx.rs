@@ -13,7 +13,7 @@ use super::cursor::Fault;
 use crate::geom::DVec3;
 use crate::source::curve::Strand;
 
-/// What the header says; it says more that is not used.
+/// Fields of the header that are used; it has more.
 #[derive(serde::Deserialize)]
 #[serde(rename_all = "UPPERCASE")]
 struct Header {
@@ -41,7 +41,7 @@ pub fn read(bytes: &[u8], max_bytes: u64) -> Result<Content, Fault> {
         let mut out = Vec::new();
         file.take(left.saturating_add(1)).read_to_end(&mut out).map_err(|e| at(e.to_string()))?;
         left = left.checked_sub(out.len() as u64).ok_or_else(|| {
-            at(format!("unpacking the archive takes more than {max_bytes} bytes; give more --memory"))
+            at(format!("unpacking the archive takes more than {max_bytes} bytes; raise option `memory`"))
         })?;
         Ok(out)
     };

@@ -9,7 +9,7 @@ pub struct Attribute {
     pub name: &'static str,
     /// Whether it never changes within a stack, so that it parts slices that lie apart, too.
     pub constant: bool,
-    /// Where it is: a sequence of the functional groups (0: none) and the attribute in it; the first that is there counts.
+    /// Its place: a sequence of the functional groups (0: none) and the attribute in it; the first that is there counts.
     places: &'static [(Tag, Tag)],
     read: fn(&File, &Dataset, Tag) -> Option<String>,
 }

@@ -14,7 +14,7 @@ use crate::source::stack::coding::Coding;
 use crate::source::stack::samples::Samples;
 use crate::{Error, Result};
 
-/// What one file says of its images.
+/// Description of a file's images.
 pub struct Image {
     pub path: PathBuf,
     pub series: String,
@@ -124,7 +124,7 @@ impl Image {
         Ok(out)
     }
 
-    /// What the numbers of the frame `frame` mean, as f32; padding is NaN.
+    /// Values of the frame `frame`, as f32; padding is NaN.
     pub fn values(&self, bytes: Vec<u8>, frame: usize) -> Result<Vec<u8>, String> {
         let (slope, intercept) = self.frames[frame].rescale;
         let is_padding = |v: f32| self.padding.is_some_and(|[lo, hi]| (lo..=hi).contains(&v));

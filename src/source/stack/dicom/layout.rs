@@ -1,11 +1,11 @@
-//! How a DICOM file's pixels are stored: size, channels, bits, colour space.
+//! Layout of a DICOM file's pixels: size, channels, bits, colour space.
 //!
 //! Based on: NEMA PS3.3, section C.7.6.3 (image pixel), and PS3.5, section 8 (pixel data).
 
 use super::dataset::{DOUBLE_PIXEL_DATA, FLOAT_PIXEL_DATA, File, PIXEL_DATA, Tag};
 use crate::source::stack::coding::{Coding, Kind};
 
-/// How a file's pixels are stored.
+/// Layout of a file's pixels.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Layout {
     pub rows: usize,
@@ -17,7 +17,7 @@ pub struct Layout {
     pub high: usize,
     pub signed: bool,
     pub planar: bool,
-    /// Where the pixels are: whole numbers or floats.
+    /// Attribute that holds the pixels: whole numbers or floats.
     pub data: Tag,
     pub photometric: String,
 }
@@ -70,7 +70,7 @@ impl Layout {
         format!("{}×{} {} {:?}", self.columns, self.rows, self.photometric, self.coding().kind)
     }
 
-    /// What frames are decoded to.
+    /// Type of number that frames are decoded to.
     pub fn coding(&self) -> Coding {
         let kind = match (self.allocated, self.signed) {
             (32, _) if self.data == FLOAT_PIXEL_DATA => Kind::F32,

@@ -117,12 +117,16 @@ fn choose(choice: &Choice, files: &[PathBuf], warnings: &mut Warnings) -> Result
     if let Some((wanted, _)) = series {
         all.retain(|uid, images| wanted.is_empty() || uid == wanted || images[0].number == wanted);
         if all.is_empty() {
-            return Err(Error::input(path, "", format!("--series {wanted} is not there; there are: {there}")));
+            return Err(Error::input(path, "", format!("option `series` = {wanted} is not there; there are: {there}")));
         }
     }
     if all.len() > 1 {
         let there = list(&all);
-        return Err(Error::input(path, "", format!("holds {} series, choose one with --series: {there}", all.len())));
+        return Err(Error::input(
+            path,
+            "",
+            format!("holds {} series, choose one with option `series`: {there}", all.len()),
+        ));
     }
     warnings.add_many("DICOM files without pixels are left out", without);
     let images = all.into_values().next().unwrap_or_default();
@@ -133,7 +137,7 @@ fn choose(choice: &Choice, files: &[PathBuf], warnings: &mut Warnings) -> Result
             let taken = volumes::largest(&groups);
             if groups.len() > 1 {
                 warnings.add(format!(
-                    "its series {number} holds {} stacks: {}; {} is taken, or choose with --series {number}:1 to {}",
+                    "its series {number} holds {} stacks: {}; {} is taken, or choose with option `series` = {number}:1 to {}",
                     groups.len(),
                     volumes::listed(&groups),
                     taken + 1,
@@ -145,7 +149,7 @@ fn choose(choice: &Choice, files: &[PathBuf], warnings: &mut Warnings) -> Result
         Some((_, Ok(n))) if n <= groups.len() => n - 1,
         Some((_, Ok(_) | Err(_))) => {
             let wanted = choice.series.unwrap_or_default();
-            let what = format!("--series {wanted} is not there; its stacks are: {}", volumes::listed(&groups));
+            let what = format!("option `series` = {wanted} is not there; its stacks are: {}", volumes::listed(&groups));
             return Err(Error::input(path, "", what));
         }
     };
@@ -175,7 +179,7 @@ fn arrange(path: &Path, images: &[Image], slices: &mut [(usize, usize)], warning
     slices.sort_by(|a, b| images[a.0].instance.total_cmp(&images[b.0].instance).then(a.1.cmp(&b.1)));
     let first = frame(&slices[0]).clone();
     let spacing = first.spacing.unwrap_or_else(|| {
-        warnings.add("it does not say how far its pixels are apart: 1 mm is taken, or give --spacing");
+        warnings.add("it does not say how far its pixels are apart: 1 mm is taken, or give option `spacing`");
         [1.0; 2]
     });
     let [row, column] = first.axes.unwrap_or([DVec3::X, DVec3::Y]);

@@ -8,7 +8,7 @@ use byteorder::{BigEndian, ByteOrder};
 
 use super::layout::Layout;
 
-/// How pixels are packed.
+/// Compression of pixels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Packing {
     Plain,
@@ -170,7 +170,7 @@ fn codestream(packed: &[u8]) -> Option<&[u8]> {
     Some(rest)
 }
 
-/// What the SIZ marker at a codestream's beginning says of all of its components, where that is the same: bits, and sign.
+/// Bits and sign of all components, by the SIZ marker at a codestream's beginning, where all agree.
 fn components(layout: &Layout, stream: &[u8]) -> Option<(u32, bool)> {
     let word = |at: usize| stream.get(at..at + 4).map(BigEndian::read_u32);
     let (width, height) = (word(8)?.checked_sub(word(16)?)?, word(12)?.checked_sub(word(20)?)?);

@@ -15,7 +15,7 @@ use crate::source::stack::coding::rgb_of_ycbcr;
 /// Table of offsets of 64 bits.
 const EXTENDED_OFFSETS: Tag = 0x7fe0_0001;
 
-/// What is not read, by name.
+/// Transfer syntaxes that are not read, by name.
 pub fn unsupported(layout: &Layout, syntax: &str) -> Option<String> {
     let packing = match Packing::of(syntax) {
         Ok(packing) => packing,

@@ -1,4 +1,4 @@
-//! What programs say of a TIFF's pages in its description: ImageJ's hyperstacks, OME, and the axes that tifffile writes.
+//! Descriptions that programs write into a TIFF about its pages: ImageJ's hyperstacks, OME, and the axes that tifffile writes.
 //!
 //! Based on: the Open Microscopy Environment's OME-TIFF specification, schema 2016-06; ImageJ's `TiffEncoder`.
 
@@ -10,7 +10,7 @@ use crate::source::stack::header::metres;
 /// Planes that a description may list.
 const MAX_PLANES: usize = 1 << 22;
 
-/// How pages are slices, channels and frames.
+/// Arrangement of pages as slices, channels and frames.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Description {
     pub slices: usize,
@@ -25,7 +25,7 @@ pub struct Description {
     listed: Option<BTreeMap<usize, Result<usize, String>>>,
 }
 
-/// What a TIFF's own tags say of resolution.
+/// Resolution by a TIFF's own tags.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Resolution {
     /// Pixels per unit along rows and columns.
@@ -55,7 +55,7 @@ impl Description {
         known.then_some(Description { slices, channels, frames, names, spacing: None, strides, listed: None })
     }
 
-    /// What `text` says; `None` where it is of none of these programs.
+    /// Description in `text`; `None` where it is of none of these programs.
     pub fn parse(text: &str, resolution: Resolution, own_name: &str) -> Option<Description> {
         let text = text.trim_start_matches('\u{feff}').trim_start();
         if text.starts_with("ImageJ=") {

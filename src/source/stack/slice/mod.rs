@@ -22,7 +22,7 @@ pub struct Slice {
     pub bytes: Vec<u8>,
 }
 
-/// What a file says of all its slices.
+/// Description that a file gives of all its slices.
 #[derive(Default)]
 pub struct About {
     pub spacing: Option<Spacing>,
@@ -43,7 +43,7 @@ pub struct Spacing {
     pub metres: f64,
 }
 
-/// What is done with each slice, and with what the file says before the first of them.
+/// Receiver of each slice, and before the first of them of what the file says.
 pub trait Sink {
     fn about(&mut self, about: About) -> Result<()>;
     fn slice(&mut self, slice: Slice) -> Result<()>;
@@ -77,7 +77,7 @@ fn check_size(path: &Path, width: u64, height: u64, stored: u64) -> Result<()> {
     Ok(())
 }
 
-/// That decoding `path` takes no more memory than is allowed.
+/// Check that decoding `path` takes no more memory than is allowed.
 fn check_memory(choice: &Choice, path: &Path, needed: u64) -> Result<()> {
     if needed <= choice.memory {
         return Ok(());
@@ -111,7 +111,7 @@ fn other(choice: &Choice, path: &Path, bytes: &[u8]) -> Result<Slice> {
     let mut decoder = ImageReader::with_format(Cursor::new(bytes), format).into_decoder().map_err(broken)?;
     let (width, height) = decoder.dimensions();
     check_size(path, width.into(), height.into(), bytes.len() as u64)?;
-    // What is decoded, and what a decoder keeps of it besides.
+    // Bytes that are decoded, and those that a decoder keeps besides.
     check_memory(choice, path, decoder.total_bytes().saturating_mul(2))?;
     let mut limits = image::Limits::default();
     limits.max_alloc = Some((u64::from(width) * u64::from(height)).saturating_mul(16).saturating_add(1 << 20));

@@ -28,7 +28,7 @@ struct Pages<'a> {
     decoder: Decoder<Cursor<&'a [u8]>>,
 }
 
-/// What is wrong with the page `n`, which counts from 0.
+/// Error about the page `n`, which counts from 0.
 fn broken(path: &Path, n: usize) -> impl Fn(tiff::TiffError) -> Error {
     let (path, page) = (path.to_path_buf(), n + 1);
     move |e| match e {
@@ -124,7 +124,7 @@ fn plan(
     (0..described.slices).map(page).collect::<Result<Vec<usize>>>().map(Some)
 }
 
-/// What the description of the first page says.
+/// Description in the first page.
 fn describe(path: &Path, decoder: &mut Decoder<Cursor<&[u8]>>) -> Option<Description> {
     let mut text = ValueBuffer::empty(Type::ASCII);
     decoder.image_ifd().find_tag_buf(Tag::ImageDescription, &mut text).ok()??;
@@ -145,7 +145,7 @@ fn describe(path: &Path, decoder: &mut Decoder<Cursor<&[u8]>>) -> Option<Descrip
     Description::parse(text, Resolution { x, y, unit }, &name)
 }
 
-/// What a page's pixels are.
+/// Type and channels of a page's pixels.
 struct Layout {
     width: usize,
     height: usize,

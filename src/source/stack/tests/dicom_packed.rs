@@ -41,7 +41,7 @@ fn colour() -> Vec<u8> {
     each(|x, y| [7 * x * x + 29 * y, 40 * x + 3 * y, 50 * y + x].map(|v| v as u8)).concat()
 }
 
-/// What is said of 6 × 5 pixels of so many bits.
+/// Description of 6 × 5 pixels of so many bits.
 fn about(bits: u16, signed: bool) -> Vec<Element> {
     vec![
         us(0x28, 0x10, &[5]),
