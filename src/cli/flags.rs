@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 
 /// What is not called as its field is; a longer text stands before one that it begins with.
-const NAMED_OTHERWISE: [(&str, &str); 10] = [
+const NAMED_OTHERWISE: [(&str, &str); 11] = [
     ("`animations`", "--animation"),
     ("`cells`", "--cell (or --repeat)"),
     ("`chart` along", "--planar"),
@@ -13,6 +13,7 @@ const NAMED_OTHERWISE: [(&str, &str); 10] = [
     ("`sizes`", "--size"),
     ("`texels`", "--texel"),
     ("`weights`", "--weight"),
+    ("`width`", "--line-width"),
     ("`z_up`", "--heights z-up"),
 ];
 

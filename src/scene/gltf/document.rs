@@ -84,6 +84,14 @@ pub struct View<'a> {
     pub stride: Option<usize>,
 }
 
+/// The typed JSON of a file, or what is wrong with it.
+///
+/// By the crate's own reader and never by `serde_json`: the types' deserializers would be compiled here once more, half a
+/// megabyte of code.
+fn root(json: &[u8]) -> Result<Root, String> {
+    gltf::Gltf::from_slice_without_validation(json).map(|read| read.document.into_json()).map_err(|e| e.to_string())
+}
+
 impl Document {
     /// Read the JSON of a `.gltf` or `.glb`, told apart by their first bytes.
     pub fn open(path: &Path, options: &ReadOptions) -> Result<Self> {
@@ -101,13 +109,16 @@ impl Document {
         let json = json.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(json);
         let bad = |e: serde_json::Error| Error::input(path, "JSON", e.to_string());
         let precise: Precise = serde_json::from_slice(json).map_err(bad)?;
-        let root: Root = if precise.animations.iter().all(Animation::is_core) {
-            serde_json::from_slice(json).map_err(bad)?
+        let wrong = |what: String| Error::input(path, "JSON", what);
+        let root = if precise.animations.iter().all(Animation::is_core) {
+            root(json).map_err(wrong)?
         } else {
             // The typed JSON knows no animation without a node.
             let mut whole: Value = serde_json::from_slice(json).map_err(bad)?;
             whole.as_object_mut().map(|root| root.remove("animations"));
-            serde_json::from_value(whole).map_err(bad)?
+            // The place in this text would be none of the file's.
+            let text = serde_json::to_vec(&whole).map_err(bad)?;
+            root(&text).map_err(|what| wrong(what.split(" at line ").next().unwrap_or_default().to_owned()))?
         };
         let version = root.asset.min_version.as_ref().unwrap_or(&root.asset.version);
         if version.split('.').next() != Some("2") {

@@ -66,7 +66,7 @@ impl MeshSource {
         let mut warnings = std::mem::take(&mut model.warnings);
         let skipped = model.instances.iter().map(|i| &model.parts[i.part]).map(|p| p.lines.len() + p.points.len());
         let skipped = skipped.sum::<usize>() as u64;
-        warnings.add_many("lines and points are left out: give them a width with option `line_width`", skipped);
+        warnings.add_many("lines and points are left out: give them a width with option `width`", skipped);
         let patches = par::map(model.parts.len(), |i| patch::analyse(&model.parts[i]));
         let origin = far::offset(bounds_of(&model, DAffine3::IDENTITY));
         if origin != DVec3::ZERO {
