@@ -11,7 +11,7 @@
 //! | quantity | unit |
 //! |---|---|
 //! | world space | metres, right-handed, +Y up (glTF), f64 |
-//! | texel space | the cube [0,1]^3, axes (u, v, w) = source (X, −Z, Y), f64 |
+//! | texel space | the cube \[0,1\]^3, axes (u, v, w) = source (X, −Z, Y), f64 |
 //! | depth | 0 at the root; a voxel of depth d is 2^−d of the cube |
 //! | rate | hits per voxel edge of the voxel's own depth |
 //! | albedo, radiance | linear Rec. 709 |

@@ -320,9 +320,9 @@ pub struct SectionEntry {
     pub kind: SectionKind,
     /// Bits: the constants of this type.
     pub flags: u16,
-    /// Depth of the section, or [`NONE`].
+    /// Depth of the section, or `NONE`.
     pub depth: u8,
-    /// Index of the stream, or [`NONE`].
+    /// Index of the stream, or `NONE`.
     pub stream: u8,
     /// Byte of the file at which the section starts.
     pub offset: u64,

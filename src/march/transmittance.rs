@@ -10,7 +10,7 @@ use crate::volume::{Model, Voxel};
 
 use super::descent::{Line, VoxelSegment, VoxelVisitor, WalkEnd, walk};
 
-/// A straight segment of a ray through one texel's cube [0,1]^3.
+/// A straight segment of a ray through one texel's cube \[0,1\]^3.
 #[derive(Debug, Clone, Copy)]
 pub struct MarchSegment {
     /// Texel space, at t = 0: best at or near the cube's face, since positions are f32.

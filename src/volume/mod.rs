@@ -1,6 +1,6 @@
 //! A texel in memory: voxels on a sparse octree, their materials, and the law of opacity along a ray.
 //!
-//! Texel space is the cube [0,1]^3 with axes (u, v, w), w up; at depth d it is cut into (2^d)^3 voxels. Depth 0 is the root.
+//! Texel space is the cube \[0,1\]^3 with axes (u, v, w), w up; at depth d it is cut into (2^d)^3 voxels. Depth 0 is the root.
 
 pub mod brightness;
 #[cfg(feature = "bake")]

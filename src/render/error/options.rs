@@ -25,5 +25,5 @@ impl Default for Options {
     }
 }
 
-/// Direction from which the light of [`DepthError::shading`] and `shadow` comes from, texel space.
+/// Direction from which the light of [`DepthError::shading`](super::DepthError::shading) and `shadow` comes, texel space.
 pub const SUN: DVec3 = DVec3::new(-0.435_540_526_646_244_54, -0.532_327_310_345_41, 0.725_900_877_743_740_9);

@@ -200,7 +200,7 @@ impl<'a> Plan<'a> {
     /// That so many triangles are within the limits.
     fn check(&self, rigid: u64, bent: u64) -> Result<()> {
         let limit = |what: &str, needed: u64, allowed: u64| {
-            let what = format!("{what} (fewer: --camera; more: --max-triangles, --memory)");
+            let what = format!("{what} (fewer: option `camera`; more: option `max_triangles`, option `memory`)");
             if needed > allowed { Err(Error::Limit { what, needed, allowed }) } else { Ok(()) }
         };
         limit("the expanded landscape's triangles", rigid.saturating_add(bent), self.options.max_triangles)?;
@@ -342,7 +342,7 @@ impl<'a> Plan<'a> {
             }
             let bytes = all.bytes();
             if bytes > self.options.max_bytes {
-                let what = "the expanded landscape's bytes of memory (--memory)".into();
+                let what = "the expanded landscape's bytes of memory (option `memory`)".into();
                 return Err(Error::Limit { what, needed: bytes, allowed: self.options.max_bytes });
             }
         }
@@ -372,7 +372,7 @@ impl<'a> Plan<'a> {
         }
         if self.options.view.is_some() {
             self.notes.push(
-                "what the camera does not see is left out, with its shadows (--margin METRES keeps what is near)"
+                "what the camera does not see is left out, with its shadows (option `margin` keeps what is near)"
                     .into(),
             );
         }
@@ -442,7 +442,8 @@ fn sources(scene: &Scene, trees: &[Option<Octree>], warnings: &mut Warnings) -> 
     let open = |(tree, said): (&Option<Octree>, &crate::scene::shell::TexelRef)| {
         let Some(tree) = tree else { return Ok(None) };
         let Some(path) = &said.geometry else {
-            let what = format!("texel {:?} names no geometry to expand it to; map it with --geometry", said.name);
+            let what =
+                format!("texel {:?} names no geometry to expand it to; map it with option `geometries`", said.name);
             return Err(Error::Options(what));
         };
         let mesh = SourceMesh::open(path, tree.info(), (&said.palette, said.pose.as_ref()), warnings)?;

@@ -70,7 +70,7 @@ pub fn reference(scene: &Scene, options: &Options, samples: Range<u32>, progress
     Ok(reference)
 }
 
-/// [`reference`] with texels and their sources at hand: `texels[i]` and `sources[i]` stand for the scene's texel i.
+/// [`reference()`] with texels and their sources at hand: `texels[i]` and `sources[i]` stand for the scene's texel i.
 pub fn reference_with(
     scene: &Scene,
     texels: Vec<Option<Octree>>,

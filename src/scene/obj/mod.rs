@@ -1,6 +1,6 @@
 //! Wavefront OBJ files with their MTL materials → [`Model`].
 //!
-//! tobj reads the statements; the pass in [`statements`] hands them on and says what it cannot. Polygons are cut here, by ears,
+//! tobj reads the statements; the pass in `statements` hands them on and says what it cannot. Polygons are cut here, by ears,
 //! since tobj makes fans of all of them. What tobj gives is one mesh in double precision, from which parts are taken.
 
 mod mtl;
