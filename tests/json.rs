@@ -34,7 +34,7 @@ fn every_command_prints_json() {
     folder.save("r.toml", b"[[draw]]\nsource = \"quad.obj\"\n");
     let cases: [(&[&str], &[&str]); 20] = [
         (
-            &["bake", "quad.obj", "-r", "16", "--voxel-size", "0.1", "--line-width", "1", "--curve-colours", "linear"],
+            &["bake", "quad.obj", "--voxel-size", "0.1", "--line-width", "1", "--section", "flat"],
             &["input", "output", "resolution", "voxel_size", "finest_voxels", "file_bytes", "seconds", "warnings"],
         ),
         (&["compare", "a.png", "b.png"], &["all", "warnings"]),

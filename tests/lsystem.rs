@@ -69,6 +69,7 @@ fn sigma(text: &str, resolution: u32) -> [f64; 13] {
         depth: resolution.trailing_zeros() as usize,
         up: 1,
         cyclic: [false; 3],
+        memory: u64::MAX,
     };
     place.bounds.max = place.bounds.min + source.bounds().size().max_element();
     let staged = source.stage(&place, &vtex::progress::Quiet).unwrap();

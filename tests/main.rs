@@ -38,5 +38,6 @@ mod patches;
 mod readable;
 mod reference;
 mod render;
+mod reported;
 mod stack;
 mod vectors;

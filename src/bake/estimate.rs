@@ -2,7 +2,7 @@
 
 use super::clip::for_each_piece;
 use crate::geom::DVec3;
-use crate::source::{Placement, Staged};
+use crate::source::{FACET_MEMORY, Placement, Staged};
 use crate::{morton, par};
 
 /// Number of regions that are sampled: of sources that hold their facets, and of those that have to compute them.
@@ -11,8 +11,7 @@ const SAMPLES: [usize; 2] = [128, 32];
 pub const VOXEL_MEMORY: u64 = 44 + 8;
 /// Bytes per voxel in a file.
 const VOXEL_FILE: f64 = 6.0;
-/// Bytes of memory per facet and per region.
-const FACET_MEMORY: u64 = 48;
+/// Bytes of memory per region.
 const REGION_MEMORY: u64 = 4096;
 
 /// Expected size of a bake. Numbers of voxels are right to some 10 %, or 20 % for sources that compute their facets.

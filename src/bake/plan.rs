@@ -9,6 +9,10 @@ use crate::{Error, Result};
 /// Margin of the cube around the source, relative, so that no matter lies on its upper faces.
 const MARGIN: f64 = 1.0 / (1u32 << 20) as f64;
 
+/// Most bytes that it may take to lay a source into the grid where no limit was asked for: a file that is small and places what it
+/// holds a million times does not fill the machine.
+const LAY_OUT_MEMORY: u64 = 8 << 30;
+
 /// Place a source of these `bounds` in the grid: centred across, and standing on w = 0.
 ///
 /// # Errors
@@ -44,6 +48,7 @@ fn placement(cube: Aabb, edge: f64, side: u32, options: &Options) -> Placement {
         depth: side.trailing_zeros() as usize,
         up: options.up,
         cyclic: options.cyclic,
+        memory: if options.memory == 0 { LAY_OUT_MEMORY } else { options.memory },
     }
 }
 

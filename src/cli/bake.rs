@@ -38,7 +38,7 @@ pub struct Args {
     #[arg(short, long, value_name = "OUT.vtex|FOLDER/")]
     output: Option<PathBuf>,
     /// Voxels along the cube's edge: a power of two up to 4096, others are rounded up
-    #[arg(short, long, default_value_t = 512, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_RESOLUTION)))]
+    #[arg(short, long, default_value_t = RESOLUTION, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_RESOLUTION)))]
     resolution: u32,
     /// Edge of the finest voxel in source units, instead of a resolution
     #[arg(long, value_name = "X", value_parser = finite)]
@@ -85,7 +85,7 @@ pub struct Args {
     #[arg(long, value_name = "COLOUR|FILE|{TABLE}", help_heading = "Sources")]
     albedo: Option<String>,
     /// Multiply the source's own colours by --albedo, and don't replace them
-    #[arg(long, help_heading = "Sources")]
+    #[arg(long, help_heading = "Sources", requires = "albedo")]
     tint: bool,
     /// Call all of its matter by this name, and not as the source does
     #[arg(long, value_name = "NAME", help_heading = "Sources")]
@@ -93,6 +93,9 @@ pub struct Args {
     #[command(flatten)]
     source: SourceArgs,
 }
+
+/// Voxels along the cube's edge where nobody says.
+const RESOLUTION: u32 = 512;
 
 #[derive(Clone, Copy, clap::ValueEnum)]
 enum ModelArg {
@@ -168,6 +171,26 @@ impl Args {
         out
     }
 
+    /// Check that no option is given that says nothing of the inputs, or nothing beside the other options.
+    fn check(&self, inputs: &[PathBuf]) -> Result<()> {
+        let mut motion = json!({});
+        self.frames.provenance(&mut motion);
+        if let Some(ramps) = motion.as_object_mut().and_then(|m| m.remove("frameDefine")) {
+            motion["frame_define"] = ramps;
+        }
+        // A string without a grammar is an L-system.
+        let grammar = [PathBuf::from("string.lsys")];
+        self.source.check(&motion, if self.inputs.is_empty() { &grammar } else { inputs })?;
+        let idle = if self.voxel_size.is_some() && self.cyclic.is_empty() && self.resolution != RESOLUTION {
+            "-r says nothing beside --voxel-size, unless the texel is --cyclic: leave one of them out"
+        } else if matches!(self.model, ModelArg::Neyret) && self.refine != REFINE {
+            "--refine says nothing of --model neyret, whose opacity is an average"
+        } else {
+            return Ok(());
+        };
+        Err(Error::Options(idle.into()))
+    }
+
     fn laid(&self) -> Laid {
         Laid { albedo: self.albedo.clone(), tint: self.tint, material: self.material.clone() }
     }
@@ -191,6 +214,7 @@ fn bake_all(args: &Args, ui: &Ui) -> Result<()> {
     // A string alone has neither a file nor a name.
     let string = [PathBuf::from("string")];
     let inputs = if args.inputs.is_empty() { &string[..] } else { &args.inputs };
+    args.check(inputs)?;
     let options = args.source.options(args.memory);
     let frames = args.frames.shots(&args.inputs, args.output.as_deref(), &options)?;
     let is_sequence = frames.is_some();

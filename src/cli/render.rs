@@ -6,7 +6,7 @@ use std::time::Instant;
 use serde_json::{Value, json};
 
 use super::depfile::{self, DepfileArgs};
-use super::quantity::{finite, positive};
+use super::quantity::{bytes, finite, positive};
 use super::results::{each, output_for, shown};
 use super::sequence::{MotionArgs, Said};
 use super::ui::put_json;
@@ -84,6 +84,9 @@ pub struct Args {
     /// Threads; 0: one a core
     #[arg(long, value_name = "N", default_value_t = 0)]
     threads: usize,
+    /// Most memory that the landscape may take: its data and textures, and its triangles, placed; 8 GiB by default
+    #[arg(long, value_name = "BYTES", value_parser = bytes)]
+    memory: Option<u64>,
     /// Added to the depth that fits a pixel: −1 is one coarser
     #[arg(long, value_name = "DEPTHS", default_value_t = 0.0, value_parser = finite, allow_hyphen_values = true)]
     depth_bias: f64,
@@ -251,6 +254,7 @@ impl Args {
             exposure,
             light_scale,
             threads: self.threads,
+            memory: self.memory.unwrap_or(Options::default().memory),
             depth_bias: self.depth_bias,
             shadow_bias: self.shadow_bias,
             source_lod: match self.near {
@@ -347,7 +351,8 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
 /// The landscape at a time of a sequence, or as asked for.
 fn read(args: &Args, landscape: &Path, time: Option<f64>, said: &mut Said, ui: &Ui) -> Result<Scene> {
     ui.stage("read", 0);
-    let read = gltf::ReadOptions { scene: args.scene.clone(), contained: true, ..Default::default() };
+    let mut read = gltf::ReadOptions { scene: args.scene.clone(), contained: true, ..Default::default() };
+    read.max_bytes = args.memory.unwrap_or(read.max_bytes);
     let scene = gltf::read(landscape, &args.motion.read(read, time))?;
     ui.finish();
     said.warn(ui, &scene.model.warnings)?;

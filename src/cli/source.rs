@@ -1,6 +1,6 @@
 //! The options of sources, the same for every command that opens one.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
 
@@ -9,9 +9,11 @@ use super::curves::CurveArgs;
 use super::lsystem::LSystemArgs;
 use super::quantity::{finite, positive};
 use crate::scene::ReadOptions;
-use crate::source::OpenOptions;
+use crate::source;
 use crate::source::mesh::{Fill, MeshOptions};
 use crate::source::stack::{StackOptions, TransferSpec};
+use crate::source::{FileKind, OpenOptions};
+use crate::{Error, Result};
 
 /// Bytes that a source may take as it is read where --memory says nothing: a file that lies of its size cannot take more.
 const READ_BYTES: u64 = 2 << 30;
@@ -73,15 +75,30 @@ struct StackArgs {
     frame: Option<usize>,
 }
 
+/// The files that the options are for: what a recipe draws, and else the input itself.
+fn drawn(input: &Path) -> Vec<PathBuf> {
+    let mut files = vec![input.to_path_buf()];
+    if source::file_kind(input) == FileKind::Recipe {
+        let named = source::recipe::files(input);
+        // Without a file to read, and where it cannot be read, it is the recipe that says so.
+        let kept = named.into_iter().filter(|f| source::file_kind(f) != FileKind::Recipe);
+        let kept: Vec<PathBuf> = kept.collect();
+        if !kept.is_empty() {
+            files = kept;
+        }
+    }
+    files
+}
+
 /// Three numbers above 0, apart by commas.
-fn distances(text: &str) -> Result<[f64; 3], String> {
-    let list: Vec<f64> = text.split(',').map(|v| positive(v.trim())).collect::<Result<_, _>>()?;
+fn distances(text: &str) -> std::result::Result<[f64; 3], String> {
+    let list: Vec<f64> = text.split(',').map(|v| positive(v.trim())).collect::<std::result::Result<_, _>>()?;
     list.try_into().map_err(|_| "three numbers are needed, such as 0.5,0.5,1.2".into())
 }
 
 /// Two numbers that ascend, apart by a comma.
-fn window(text: &str) -> Result<[f64; 2], String> {
-    let list: Result<Vec<f64>, _> = text.split(',').map(|v| v.trim().parse()).collect();
+fn window(text: &str) -> std::result::Result<[f64; 2], String> {
+    let list: std::result::Result<Vec<f64>, _> = text.split(',').map(|v| v.trim().parse()).collect();
     match list.map_err(|_| "not numbers")?[..] {
         [lo, hi] if lo < hi && lo.is_finite() && hi.is_finite() => Ok([lo, hi]),
         _ => Err("two numbers are needed that ascend, such as 300,1200".into()),
@@ -154,6 +171,34 @@ impl SourceArgs {
             lsystem: self.lsystem.options(),
             ..OpenOptions::default()
         }
+    }
+
+    /// Check that each option that was given says something of one of `inputs` at least, or of a file that one of them draws;
+    /// `more`: options of this kind that stand beside these, by their keys.
+    ///
+    /// # Errors
+    /// `Options` that names the option and what it is for.
+    pub fn check(&self, more: &Value, inputs: &[PathBuf]) -> Result<()> {
+        let mut said = more.clone();
+        self.provenance(&mut said);
+        if self.stack.transfer.is_some() {
+            said["transfer"] = true.into();
+        }
+        let keys = said.as_object().into_iter().flat_map(|o| o.keys()).map(String::as_str);
+        let files: Vec<PathBuf> = inputs.iter().flat_map(|input| drawn(input)).collect();
+        for key in keys.filter(|&key| key != "fill" || !matches!(self.fill, FillArg::Auto)) {
+            let unread = |path: &PathBuf| source::unread(key, path, self.line_width.is_some());
+            let of: Vec<_> = files.iter().map(unread).collect();
+            if let (true, Some(Some(of)), Some(input)) = (of.iter().all(Option::is_some), of.first(), inputs.first()) {
+                let (option, input) = (key.replace('_', "-"), input.display());
+                let lines = ["section", "curve", "width_scale"].contains(&key) && self.line_width.is_none();
+                let hint = if lines { " (lines of meshes become curves by --line-width)" } else { "" };
+                return Err(Error::Options(format!(
+                    "--{option} says how {of} are read; {input} is none of them{hint}"
+                )));
+            }
+        }
+        Ok(())
     }
 
     /// Add to `out` what decides on the content.

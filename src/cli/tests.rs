@@ -1,13 +1,16 @@
 //! All commands' arguments at once: under which heading each stands, and what numbers none of them takes.
 
+#![allow(clippy::unwrap_used, clippy::panic)]
+
 use std::any::TypeId;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 
 use clap::error::ErrorKind;
 use clap::{Arg, ArgAction, Command, CommandFactory};
 
-use super::{Vtex, version};
+use super::{Ui, Vtex, version};
+use crate::source::READING;
 
 fn commands() -> Vec<Command> {
     let mut all = Vtex::command();
@@ -136,6 +139,102 @@ fn no_option_takes_nan_or_infinity() {
         }
     }
     assert!(checked > 1000, "{checked}");
+}
+
+/// Options of `bake` that are of every source, or decide nothing of what is read of it.
+const OF_EVERY_SOURCE: [&str; 22] = [
+    "output",
+    "resolution",
+    "voxel-size",
+    "cyclic",
+    "up",
+    "model",
+    "refine",
+    "materials",
+    "quality",
+    "compress",
+    "memory",
+    "threads",
+    "depfile",
+    "report",
+    "json",
+    "frames",
+    "fps",
+    "albedo",
+    "tint",
+    "material",
+    "max-symbols",
+    "help",
+];
+
+/// A value that an option takes; a new option has to be told of here or above.
+fn example(option: &str) -> &str {
+    match option {
+        "fill" => "solid",
+        "section" => "flat",
+        "curve" => "catmull-rom",
+        "curve-colours" => "linear",
+        "scene" | "include" | "exclude" | "animation" | "channel" | "series" | "string" => "x",
+        "window" => "0,1",
+        "spacing" => "1,1,1",
+        "transfer" => "t.json",
+        "define" => "a=1",
+        "frame-define" => "a=0..1",
+        "line-width" | "width-scale" | "time" | "iso" | "sigma" | "frame" | "iterations" | "seed" | "angle" => "3",
+        other => panic!("--{other}: say of which sources it is, in the table READING or in OF_EVERY_SOURCE"),
+    }
+}
+
+/// What a command says that fails.
+fn failure(words: &[&str]) -> String {
+    let words: Vec<String> = words.iter().map(|w| (*w).to_owned()).collect();
+    super::run_words(&words, &Ui::new(true, false)).unwrap_err().to_string()
+}
+
+/// Every option of `bake` against a file of every kind. The files are not there: what is not refused for the option is for that.
+#[test]
+fn an_option_that_says_nothing_of_the_input_is_refused() {
+    let files = ["no.glb", "no.obj", "no.swc", "no.lsys", "no.nii", "no.vtex"];
+    let bake = commands().into_iter().find(|c| c.get_name() == "bake").unwrap();
+    let mut table = BTreeSet::new();
+    for option in bake.get_arguments().filter_map(Arg::get_long).filter(|o| !OF_EVERY_SOURCE.contains(o)) {
+        let key = option.replace('-', "_");
+        assert!(READING.iter().any(|(keys, ..)| keys.contains(&key.as_str())), "--{option}");
+        let long = format!("--{option}={}", example(option));
+        let refused = files.map(|file| {
+            let line = failure(&["bake", file, "--frames", "2", &long]);
+            let without_frames = failure(&["bake", file, &long]);
+            [line, without_frames].iter().any(|l| l.contains(&format!("--{option} says how")))
+        });
+        // None is of a texel, and each is of something.
+        assert!(refused[5] && refused.contains(&false), "--{option}: {refused:?}");
+        table.insert(format!("{option} {}", refused.map(|r| if r { "-" } else { "+" }).concat()));
+    }
+    // As a person would say it: of .glb, .obj, .swc, .lsys, .nii, .vtex.
+    for row in [
+        "channel ----+-",
+        "iso ----+-",
+        "scene +-----",
+        "time +-----",
+        "include ++----",
+        "fill ++++--",
+        "line-width +++---",
+        "curve-colours --+---",
+        "section --+---",
+        "seed ---+--",
+        "series ----+-",
+    ] {
+        assert!(table.contains(row), "{row}: {table:#?}");
+    }
+    // A width makes curves of a mesh's lines.
+    assert!(!failure(&["bake", "no.obj", "--section", "flat", "--line-width", "1"]).contains("says how"));
+    assert!(failure(&["bake", "no.glb", "--section", "flat"]).contains("--line-width"));
+    // What is of one of several inputs is not refused.
+    assert!(!failure(&["bake", "no.glb", "no.nii", "--iso", "3"]).contains("says how"));
+    assert!(failure(&["bake", "no.glb", "--tint"]).contains("--albedo"));
+    assert!(failure(&["bake", "no.glb", "--model", "neyret", "--refine", "3"]).contains("--refine says nothing"));
+    assert!(failure(&["bake", "no.glb", "--voxel-size", "1", "-r", "64"]).contains("-r says nothing"));
+    assert!(failure(&["error", "no.vtex", "--source", "no.glb", "--channel", "99"]).len() > 1);
 }
 
 #[test]

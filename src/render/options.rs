@@ -29,6 +29,8 @@ pub struct Options {
     /// Factor of the intensity of the file's lights: 1 takes them as radiometric, 1 / [`super::LUMENS_PER_WATT`] as
     /// photometric. A sky and what shines by itself are not affected.
     pub light_scale: f64,
+    /// Most bytes that the scene's triangles and shells may take, placed as often as the scene shows them.
+    pub memory: u64,
     /// 0: all cores.
     pub threads: usize,
     /// Added to the depth that fits a cone: −1 is one coarser.
@@ -55,6 +57,7 @@ impl Default for Options {
             lanes: 1,
             exposure: 0.0,
             light_scale: 1.0,
+            memory: 8 << 30,
             threads: 0,
             depth_bias: 0.0,
             shadow_bias: 0.0,

@@ -105,6 +105,7 @@ pub fn shell_of(scene: &Scene, part: usize) -> Option<(&Part, &ShellMaterial)> {
 impl<'a> World<'a> {
     /// `texels[i]` is the scene's texel i, opened; needed for those of [`used_texels`].
     pub fn new(scene: &'a Scene, texels: Vec<Option<Octree>>, options: &Options) -> Result<World<'a>> {
+        check_memory(scene, options.memory)?;
         let mut notes = Vec::new();
         let mut warnings = Warnings::default();
         let info = |i: usize| Some(texels.get(i)?.as_ref()?.info());
@@ -249,6 +250,32 @@ impl<'a> World<'a> {
         let layers = self.box_layers.get(index as usize).and_then(|&group| self.layers.get(group as usize));
         layers.map_or(&[], Vec::as_slice)
     }
+}
+
+/// Bytes of memory per placed triangle, as measured while hierarchies are built, and per vertex of a plain mesh; and, roughly, per
+/// triangle of a shell and range of its layers.
+const TRIANGLE_MEMORY: u64 = 360;
+const VERTEX_MEMORY: u64 = 24;
+const BOX_MEMORY: u64 = 1200;
+
+/// Check that the scene's instances fit into memory, all placed.
+fn check_memory(scene: &Scene, allowed: u64) -> Result<()> {
+    let mut needed = 0u64;
+    for instance in &scene.model.instances {
+        let Some(part) = scene.model.parts.get(instance.part) else { continue };
+        let (triangles, vertices) = (part.triangles.len() as u64, part.positions.len() as u64);
+        let shell = shell_of(scene, instance.part).map(|s| s.1);
+        if shell.is_none_or(|s| s.surface_visible) {
+            needed = needed.saturating_add(triangles * TRIANGLE_MEMORY + vertices * VERTEX_MEMORY);
+        }
+        let ranges = shell.map_or(0, |s| layer_ranges(s).len()) as u64;
+        needed = needed.saturating_add(triangles * ranges * BOX_MEMORY);
+    }
+    if needed <= allowed {
+        return Ok(());
+    }
+    let what = "the scene's triangles, placed as often as it shows them (allow more memory), in bytes,".into();
+    Err(Error::Limit { what, needed, allowed })
 }
 
 pub fn finite(b: &Aabb) -> bool {

@@ -38,6 +38,11 @@ const COLUMNS: usize = 8;
 type Spans = [(u32, u32); 2];
 
 impl AlphaSums {
+    /// Bytes that the table of a texture takes.
+    pub fn bytes(texture: &Texture) -> u64 {
+        4 * (u64::from(texture.width) + 1) * (u64::from(texture.height) + 1)
+    }
+
     /// Table of a material's texture times its factor: shares that pass the cutoff of a mask, mean alpha of a blend. `None`
     /// where the material is opaque or has no texture.
     pub fn of(material: &Material) -> Option<AlphaSums> {

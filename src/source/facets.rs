@@ -157,6 +157,7 @@ mod tests {
             depth: 7,
             up: 1,
             cyclic: [false; 3],
+            memory: u64::MAX,
         };
         let staged = source.stage(&place, &Quiet).unwrap();
         let found = facets(&*staged, &place, 1 << 30, &Quiet).unwrap();

@@ -119,7 +119,8 @@ impl Source for LayersSource {
         let mut layers = Vec::with_capacity(self.layers.len());
         let mut first = 0u64;
         for ((mode, source), ids) in self.layers.iter().zip(&self.ids) {
-            let staged = source.stage(place, progress)?;
+            let left = place.memory.saturating_sub(layers.iter().map(|l: &Layer| l.staged.bytes()).sum());
+            let staged = source.stage(&Placement { memory: left, ..*place }, progress)?;
             let facets = staged.facets();
             let reach = source.bounds_in(place.grid_map());
             // Copies along cyclic axes reach anywhere.
@@ -397,6 +398,10 @@ impl Staged for StagedLayers<'_> {
 
     fn facets(&self) -> u32 {
         self.facets
+    }
+
+    fn bytes(&self) -> u64 {
+        self.layers.iter().map(|l| l.staged.bytes()).sum::<u64>() + size_of_val(&self.regions[..]) as u64
     }
 
     fn emit(&self, region: usize, each: &mut dyn FnMut(&Polygon)) {

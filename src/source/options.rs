@@ -49,6 +49,38 @@ pub enum FileKind {
     Other,
 }
 
+/// The keys of recipes, and on the command line the options of the same names, that say how files of certain kinds are read, those
+/// kinds, and what they are called. What is not here is of every source.
+pub const READING: [(&[&str], &[FileKind], &str); 9] = {
+    use FileKind::{Curves, LSystem, Mesh, Stack};
+    [
+        (&["scene", "time", "animation"], &[Mesh], "glTF files"),
+        (&["include", "exclude"], &[Mesh], "meshes"),
+        (&["fill"], &[Mesh, Curves, LSystem], "meshes and curves"),
+        (&["line_width"], &[Mesh, Curves], "meshes and curves"),
+        (&["section", "curve", "width_scale"], &[Mesh, Curves], "curves"),
+        (&["curve_colours"], &[Curves], "curves"),
+        (&["iso", "window", "transfer", "sigma", "spacing", "channel", "frame"], &[Stack], "image stacks"),
+        (&["series"], &[Stack], "DICOM folders"),
+        (&["iterations", "seed", "angle", "string", "define", "frame_define"], &[LSystem], "L-systems"),
+    ]
+};
+
+/// What `key` says how to read, where `path` is none of it. `lines`: whether lines of meshes are given a width, and so are curves.
+/// A recipe passes on to its files what they have no keys for.
+pub fn unread(key: &str, path: &Path, lines: bool) -> Option<&'static str> {
+    let (_, kinds, of) = READING.into_iter().find(|(keys, ..)| keys.contains(&key))?;
+    let kind = file_kind(path);
+    let is_read = match (kind, key) {
+        (FileKind::Recipe, "scene" | "include" | "exclude") => false,
+        (FileKind::Recipe | FileKind::Other, _) => true,
+        (FileKind::Mesh, "scene" | "time" | "animation") => extension(path) != "obj",
+        (FileKind::Mesh, "section" | "curve" | "width_scale") => lines,
+        _ => kinds.contains(&kind),
+    };
+    (!is_read).then_some(of)
+}
+
 /// By the name, and where that says nothing by the first bytes.
 pub fn file_kind(path: &Path) -> FileKind {
     match extension(path).as_str() {

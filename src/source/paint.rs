@@ -231,6 +231,10 @@ impl Staged for StagedPaint<'_> {
         self.inner.facets()
     }
 
+    fn bytes(&self) -> u64 {
+        self.inner.bytes()
+    }
+
     fn emit(&self, region: usize, each: &mut dyn FnMut(&Polygon)) {
         self.inner.emit(region, each);
     }

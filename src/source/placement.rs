@@ -21,6 +21,8 @@ pub struct Placement {
     pub up: u8,
     /// Axes of the grid along which what reaches beyond comes in again on the other side.
     pub cyclic: [bool; 3],
+    /// Bytes of memory that may be taken to lay the source into the grid; `u64::MAX`: no limit.
+    pub memory: u64,
 }
 
 impl Placement {
@@ -33,6 +35,7 @@ impl Placement {
             depth,
             up: info.up,
             cyclic: info.cyclic,
+            memory: u64::MAX,
         }
     }
 

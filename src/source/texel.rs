@@ -83,6 +83,7 @@ pub fn own_grid(info: &Info, depth: usize) -> Placement {
         depth,
         up: info.up,
         cyclic: [false; 3],
+        memory: u64::MAX,
     }
 }
 
@@ -177,7 +178,9 @@ impl Source for TexelSource {
         let last = DVec3::splat(f64::from((place.side() >> levels) - 1));
         let cube = Aabb::new(DVec3::ZERO, DVec3::splat(f64::from(place.side())));
         let shifts = place.shifts(self.bounds.transformed(place.grid_map()));
-        let mut entries = Vec::new();
+        let mut entries: Vec<(u64, u32, u32)> = Vec::new();
+        let room = place.memory / size_of_val(&[(0u64, 0u32, 0u32)]) as u64;
+        let most = usize::try_from(room).unwrap_or(usize::MAX).min(MAX_ENTRIES);
         for (s, shift) in shifts.iter().enumerate() {
             for (i, leaf) in leaves.iter().enumerate() {
                 let at = leaf.lowest();
@@ -196,8 +199,8 @@ impl Source for TexelSource {
                         }
                     }
                 }
-                if entries.len() > MAX_ENTRIES {
-                    let (needed, allowed) = (entries.len() as u64, MAX_ENTRIES as u64);
+                if entries.len() > most {
+                    let (needed, allowed) = (entries.len() as u64, most as u64);
                     return Err(Error::Limit {
                         what: "the number of regions that voxels reach".into(),
                         needed,

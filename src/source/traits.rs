@@ -55,8 +55,14 @@ pub trait Source: Sync {
         false
     }
     /// Lay the source into a grid: sort what it has by region.
+    ///
+    /// # Errors
+    /// [`crate::Error::Limit`] where that takes more memory than the placement allows, before it is taken.
     fn stage<'a>(&'a self, place: &Placement, progress: &dyn Progress) -> Result<Box<dyn Staged + 'a>>;
 }
+
+/// Bytes of memory per facet that is kept for a region, while they are sorted by region.
+pub const FACET_MEMORY: u64 = 48;
 
 /// A source in a grid.
 pub trait Staged: Sync {
@@ -66,6 +72,10 @@ pub trait Staged: Sync {
     fn weight(&self, region: usize) -> u64;
     /// One more than the highest number of a facet.
     fn facets(&self) -> u32;
+    /// Bytes of memory that it keeps, roughly.
+    fn bytes(&self) -> u64 {
+        (0..self.regions().len()).map(|r| 12 + 4 * self.weight(r)).sum()
+    }
     /// Give the facets that may reach into `regions()[region]`, one by one: planar and convex, in grid space, in a fixed
     /// order. What reaches beyond the region is cut off by the caller.
     fn emit(&self, region: usize, each: &mut dyn FnMut(&Polygon));

@@ -132,7 +132,7 @@ fn texel(input: &Path, number: u64) -> Result<()> {
 
 fn picture(input: &Path) -> Result<()> {
     let scene = gltf::read(input, &ReadOptions { contained: true, ..read_options() })?;
-    let options = render::Options { size: [8, 8], threads: 1, ..render::Options::default() };
+    let options = render::Options { size: [8, 8], threads: 1, memory: MEMORY, ..render::Options::default() };
     let rendered = render::render(&scene, &options, &Quiet)?;
     let wrong = rendered.film.pixels.iter().flatten().find(|v| !v.is_finite());
     assert!(wrong.is_none(), "a pixel of the picture is {wrong:?}");

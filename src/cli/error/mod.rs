@@ -85,6 +85,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
         ui.warn(&reader.warnings())?;
         ui.warn(&differences(args, &reader)?)?;
         let tree = Octree::new(reader)?;
+        args.how.check(&serde_json::json!({}), std::slice::from_ref(&args.source))?;
         let source = source::open(&args.source, &args.how.options(args.memory))?;
         let limit = args.memory.unwrap_or(FACET_BYTES);
         let found = against(&tree, &*source, &args.measure.options(), limit, ui)?;
@@ -110,7 +111,7 @@ pub fn against(
     ui: &Ui,
 ) -> Result<Vec<DepthError>> {
     let Some(finest) = tree.finest() else { return Ok(Vec::new()) };
-    let place = Placement::of(tree.info(), finest);
+    let place = Placement { memory: max_bytes, ..Placement::of(tree.info(), finest) };
     let staged = source.stage(&place, ui)?;
     let source::Facets { pieces, areas, media } = source::facets(&*staged, &place, max_bytes, ui)?;
     let side = f64::from(place.side());

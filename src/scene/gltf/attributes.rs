@@ -11,6 +11,8 @@ use crate::{Result, Warnings};
 
 /// Sets of texture coordinates that are read.
 const MAX_UV_SETS: u32 = 8;
+/// Bytes of memory per triangle while its neighbours are looked for (`source::mesh::patch`).
+const CONNECTIVITY_MEMORY: u64 = 128;
 
 /// One primitive being read.
 pub struct Reader<'a> {
@@ -108,7 +110,8 @@ impl Reader<'_> {
         }
         let strip = matches!(self.primitive.mode, Checked::Valid(Mode::TriangleStrip));
         topology::clean(part, strip, warnings);
-        Ok(())
+        // What is found out about its connectivity is kept for one primitive at a time.
+        self.document.has_room(CONNECTIVITY_MEMORY * part.triangles.len() as u64, &self.at)
     }
 
     pub fn accessor(&self, semantic: &Semantic) -> Option<usize> {

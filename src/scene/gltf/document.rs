@@ -158,6 +158,14 @@ impl Document {
         self.left.get()
     }
 
+    /// Check that `bytes`, which are given back soon, may be taken.
+    pub fn has_room(&self, bytes: u64, what: &str) -> Result<()> {
+        let left = self.left.get();
+        self.charge(bytes, what)?;
+        self.left.set(left);
+        Ok(())
+    }
+
     /// Take `bytes` of what may be read in all, before allocating them.
     pub fn charge(&self, bytes: u64, what: &str) -> Result<()> {
         match self.left.get().checked_sub(bytes) {

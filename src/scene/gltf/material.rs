@@ -11,6 +11,7 @@ use serde_json::Value;
 
 use super::document::{Document, index};
 use super::{ReadOptions, extension};
+use crate::scene::alpha::AlphaSums;
 use crate::scene::image::Refused;
 use crate::scene::model::{Alpha, Material, Part, TextureRef};
 use crate::scene::texture::{Texture, Wrap};
@@ -90,6 +91,9 @@ fn material(
         Some(info) => images.reference(&info, opaque, &at, warnings)?,
         None => None,
     };
+    if let Some(t) = texture.as_ref().filter(|_| !opaque) {
+        document.charge(AlphaSums::bytes(&t.texture), &at)?;
+    }
     let emissive = json.emissive_factor.0.iter().any(|v| *v > 0.0);
     if emissive && texture.is_none() && base_color[..3] == [0.0; 3] {
         warnings.add(format!("material {name} only emits light, which is not taken: it is black"));

@@ -8,6 +8,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use crate::scene::alpha::AlphaSums;
 use crate::scene::image::Refused;
 use crate::scene::text::{decode, keyword, logical_lines, without_comment};
 use crate::scene::texture::{Texture, Wrap};
@@ -265,6 +266,9 @@ impl Textures {
             _ => Alpha::Opaque,
         };
         let map = source.color_map.as_ref().filter(|_| textured).or(source.alpha_map.as_ref());
+        if let Some(texture) = texture.as_ref().filter(|_| alpha != Alpha::Opaque) {
+            self.charge(AlphaSums::bytes(texture), &source.name, options)?;
+        }
         let texture = texture.zip(map).map(|(mut texture, map)| {
             texture.wrap = [if map.clamp { Wrap::Clamp } else { Wrap::Repeat }; 2];
             let ([u, v], [su, sv]) = (map.offset, map.scale);

@@ -10,9 +10,10 @@ use super::{CurveSource, Line, Section};
 use crate::geom::polygon::Polygon;
 use crate::geom::{Aabb, DAffine3, DMat3, DVec3};
 use crate::progress::Progress;
+use crate::source::ledger::Ledger;
 use crate::source::mesh::Fill;
 use crate::source::placement::Placement;
-use crate::source::traits::{Staged, Surface};
+use crate::source::traits::{FACET_MEMORY, Staged, Surface};
 use crate::{Error, Result, morton, par};
 
 /// Furthest that a path's pieces may be from it, in voxels.
@@ -57,15 +58,22 @@ impl<'a> StagedCurves<'a> {
         let up = place.transform.matrix3.inverse() * DVec3::AXES[usize::from(place.up.min(2))];
         let up = up.try_normalize().unwrap_or(DVec3::Y);
         let chunks = source.lines.len().div_ceil(CHUNK);
+        let ledger = Ledger::new(place.memory);
         progress.stage("lay out", chunks as u64);
         let lists = par::map(chunks, |chunk| {
             let (mut knots, mut colours) = (Vec::new(), Vec::new());
             for n in chunk * CHUNK..source.lines.len().min((chunk + 1) * CHUNK) {
+                let before = knots.len();
                 lay(source, n, scale, up, &mut knots, &mut colours);
+                // Twice, since lists are joined.
+                if !ledger.take(knots.len() - before, 2 * (size_of::<Knot>() + size_of::<[f32; 4]>()) as u64) {
+                    return (Vec::new(), Vec::new());
+                }
             }
             progress.advance(1);
             (knots, colours)
         });
+        ledger.check("to lay out curves")?;
         let mut knots = Vec::with_capacity(lists.iter().map(|l| l.0.len()).sum());
         let mut colours = Vec::new();
         for (k, c) in lists {
@@ -97,11 +105,11 @@ impl<'a> StagedCurves<'a> {
             thick_starts: Vec::new(),
             thick: Vec::new(),
         };
-        staged.sort_by_region(place, progress);
+        staged.sort_by_region(place, &ledger, progress)?;
         Ok(staged)
     }
 
-    fn sort_by_region(&mut self, place: &Placement, progress: &dyn Progress) {
+    fn sort_by_region(&mut self, place: &Placement, ledger: &Ledger, progress: &dyn Progress) -> Result<()> {
         let count = self.knots.len() * self.shifts.len();
         let chunks = count.div_ceil(PIECES);
         progress.stage("sort", chunks as u64);
@@ -110,11 +118,15 @@ impl<'a> StagedCurves<'a> {
             let (mut out, mut codes) = (Vec::new(), Vec::new());
             for facet in chunk * PIECES..count.min((chunk + 1) * PIECES) {
                 self.regions_of(facet as u32, last, &mut codes);
+                if !ledger.take(codes.len(), FACET_MEMORY) {
+                    return Vec::new();
+                }
                 out.extend(codes.iter().map(|&code| (code, facet as u32)));
             }
             progress.advance(1);
             out
         });
+        ledger.check("to sort the pieces of curves by region")?;
         let mut pairs: Vec<(u64, u32)> = lists.concat();
         pairs.sort_unstable();
         for &(region, facet) in &pairs {
@@ -130,6 +142,7 @@ impl<'a> StagedCurves<'a> {
         }
         self.starts.push(self.pieces.len());
         self.thick_starts.push(self.thick.len());
+        Ok(())
     }
 
     /// The knot that a piece begins at, the one that it ends at (itself where it is a ball), and its shift.

@@ -16,6 +16,7 @@ fn grid(side: u32) -> Placement {
         depth: side.trailing_zeros() as usize,
         up: 1,
         cyclic: [false; 3],
+        memory: u64::MAX,
     }
 }
 

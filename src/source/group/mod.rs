@@ -5,16 +5,17 @@
 //! so that a copy takes a few bytes a region it reaches and not a few a facet.
 
 mod kept;
+mod placed;
 
 use self::kept::{Kept, List};
+use self::placed::{MappedAlpha, PlacedCopy, carry};
 use super::mesh::patch::weighted_median;
 use super::mixture::mix;
 use super::placement::Placement;
 use super::traits::{AlphaSampler, Source, Staged, Surface};
-use crate::geom::polygon::{MAX_PIECE_CORNERS, Polygon};
+use crate::geom::polygon::Polygon;
 use crate::geom::{Aabb, DAffine3, DVec3};
 use crate::progress::Progress;
-use crate::scene::alpha::AlphaClass;
 use crate::source::Medium;
 use crate::source::materials::{renamed, unite};
 use crate::{Error, Result, Warnings, morton};
@@ -52,6 +53,8 @@ const MAX_DEPTH: usize = 12;
 const KEPT: usize = 32 << 20;
 /// Copies times the regions of one, summed up, up to which a group is laid out.
 const MAX_ENTRIES: u64 = 1 << 28;
+/// Bytes of memory that one of these takes while they are sorted by region.
+const ENTRY_MEMORY: u64 = 24;
 
 impl GroupSource {
     /// `metres_per_unit` of the group's space: 0 where unknown. Parts of sources that there are not, and parts whose
@@ -139,21 +142,25 @@ impl Source for GroupSource {
             starts: Vec::new(),
             entries: Vec::new(),
             kept: Kept::new(KEPT),
+            kept_bytes: 0,
             levels: place.region_log2(),
             last: f64::from((place.side() >> place.region_log2()) - 1),
         };
         let mut entries = Vec::new();
         for ((source, places), ids) in self.sources.iter().zip(&self.places).zip(&self.ids) {
             let few = FEW[usize::from(source.exact_inside())];
+            let left = Placement { memory: place.memory.saturating_sub(staged.bytes() + bytes_of(&entries)), ..*place };
             let often =
-                if places.len() > few { StagedCopies::often(&**source, places, place, progress)? } else { None };
+                if places.len() > few { StagedCopies::often(&**source, places, &left, progress)? } else { None };
             if let Some(piece) = often {
-                staged.add(StagedCopies { ids, ..piece }, &mut entries)?;
+                staged.add(StagedCopies { ids, ..piece }, &mut entries, place.memory)?;
                 continue;
             }
             for transform in places {
-                let piece = StagedCopies::once(source.stage(&place.within(*transform), progress)?);
-                staged.add(StagedCopies { ids, ..piece }, &mut entries)?;
+                let memory = place.memory.saturating_sub(staged.bytes() + bytes_of(&entries));
+                let own = Placement { memory, ..place.within(*transform) };
+                let piece = StagedCopies::once(source.stage(&own, progress)?);
+                staged.add(StagedCopies { ids, ..piece }, &mut entries, place.memory)?;
             }
         }
         entries.sort_unstable();
@@ -183,17 +190,6 @@ struct StagedCopies<'a> {
     copies: Vec<PlacedCopy>,
     /// log2 of the voxels a region of its own grid is wide.
     levels: usize,
-}
-
-/// A copy of what is in a grid of its own.
-struct PlacedCopy {
-    /// Its own grid → the group's, and back.
-    map: DAffine3,
-    back: DAffine3,
-    /// Voxels of the own grid in a voxel edge.
-    scale: f64,
-    mirrored: bool,
-    bounds: Aabb,
 }
 
 impl<'a> StagedCopies<'a> {
@@ -318,6 +314,11 @@ fn cube(code: u64, levels: usize) -> Aabb {
     Aabb::new(corner, corner + f64::from(1u32 << levels))
 }
 
+/// Bytes of memory of a list.
+fn bytes_of(entries: &[Entry]) -> u64 {
+    entries.len() as u64 * ENTRY_MEMORY
+}
+
 /// Region, piece, copy (0 where the piece has none); for a piece without copies its own index of the region.
 type Entry = (u64, u32, u32);
 
@@ -330,13 +331,15 @@ struct StagedGroup<'a> {
     /// Piece, and its copy or its own index of the region.
     entries: Vec<(u32, u32)>,
     kept: Kept,
+    /// Bytes of the pieces.
+    kept_bytes: u64,
     levels: usize,
     /// Highest coordinate of a region.
     last: f64,
 }
 
 impl<'a> StagedGroup<'a> {
-    fn add(&mut self, mut piece: StagedCopies<'a>, entries: &mut Vec<Entry>) -> Result<()> {
+    fn add(&mut self, mut piece: StagedCopies<'a>, entries: &mut Vec<Entry>, memory: u64) -> Result<()> {
         let index = self.pieces.len() as u32;
         piece.first = self.facets;
         let count = u64::from(piece.facets) * piece.copies.len().max(1) as u64;
@@ -382,10 +385,12 @@ impl<'a> StagedGroup<'a> {
                 }
             }
             entries.truncate(kept);
-            if entries.len() as u64 > MAX_ENTRIES {
-                return limit("the number of regions that copies reach", entries.len() as u64, MAX_ENTRIES);
+            let most = MAX_ENTRIES.min(memory / ENTRY_MEMORY);
+            if entries.len() as u64 > most {
+                return limit("the number of regions that copies reach", entries.len() as u64, most);
             }
         }
+        self.kept_bytes += piece.staged.bytes() + size_of_val(&piece.copies[..]) as u64;
         self.pieces.push(piece);
         Ok(())
     }
@@ -416,29 +421,6 @@ impl<'a> StagedGroup<'a> {
     }
 }
 
-/// Alpha of a facet of a placed copy.
-struct MappedAlpha<'a> {
-    sampler: Box<dyn AlphaSampler + 'a>,
-    /// The group's grid → the piece's own, and how much larger things are there.
-    back: DAffine3,
-    scale: f64,
-}
-
-impl AlphaSampler for MappedAlpha<'_> {
-    fn classify(&self, piece: &Polygon) -> AlphaClass {
-        self.sampler.classify(&piece.transformed(self.back))
-    }
-
-    fn texels_per_voxel(&self) -> f64 {
-        self.sampler.texels_per_voxel() * self.scale
-    }
-
-    fn sample_row(&self, from: DVec3, step: DVec3, width: f64, alpha: &mut [f32]) {
-        let (from, step) = (self.back.transform_point3(from), self.back.transform_vector3(step));
-        self.sampler.sample_row(from, step, width * self.scale, alpha);
-    }
-}
-
 impl Staged for StagedGroup<'_> {
     fn regions(&self) -> &[u64] {
         &self.regions
@@ -454,6 +436,10 @@ impl Staged for StagedGroup<'_> {
 
     fn facets(&self) -> u32 {
         self.facets
+    }
+
+    fn bytes(&self) -> u64 {
+        self.kept_bytes + size_of_val(&self.entries[..]) as u64 + 16 * self.regions.len() as u64
     }
 
     fn emit(&self, region: usize, each: &mut dyn FnMut(&Polygon)) {
@@ -581,19 +567,6 @@ impl Staged for StagedGroup<'_> {
         }
         outside.then_some(false)
     }
-}
-
-/// Give the polygon of a copy in the group's grid; clipped ones may have more corners than a facet has, and go in two.
-fn carry(corners: &[DVec3], copy: &PlacedCopy, facet: u32, each: &mut dyn FnMut(&Polygon)) {
-    let mut placed = [DVec3::ZERO; MAX_PIECE_CORNERS];
-    for (to, from) in placed.iter_mut().zip(corners) {
-        *to = copy.map.transform_point3(*from);
-    }
-    let placed = &mut placed[..corners.len()];
-    if copy.mirrored {
-        placed.reverse();
-    }
-    Polygon::from_convex(placed, facet, each);
 }
 
 #[cfg(test)]

@@ -7,8 +7,9 @@ use std::collections::BTreeSet;
 
 use self::interior::Interior;
 use self::patch::Face;
+use super::ledger::Ledger;
 use super::placement::Placement;
-use super::traits::{AlphaSampler, Source, Staged, Surface};
+use super::traits::{AlphaSampler, FACET_MEMORY, Source, Staged, Surface};
 use crate::geom::polygon::Polygon;
 use crate::geom::{Aabb, DAffine3, DVec3};
 use crate::progress::Progress;
@@ -211,17 +212,27 @@ impl Source for MeshSource {
         let placed_mirrored = place.transform.matrix3.determinant() < 0.0;
         for instance in &self.model.instances {
             let part = &self.model.parts[instance.part];
-            let corners: Vec<DVec3> =
-                (0..part.positions.len()).map(|i| place.to_grid(world(part, i as u32, instance.transform))).collect();
+            let corners = (0..part.positions.len()).map(|i| place.to_grid(world(part, i as u32, instance.transform)));
             // A mirrored part turns its triangles around.
             let mirrored = placed_mirrored != (instance.transform.matrix3.determinant() < 0.0);
             let material = &self.model.materials[part.material];
             let faces = &self.faces[instance.part][..];
             let sums = self.alphas[part.material].as_ref();
-            for shift in place.shifts(Aabb::around(corners.iter().copied())) {
-                let corners = corners.iter().map(|c| *c + shift).collect();
+            for shift in place.shifts(Aabb::around(corners)) {
                 let id = self.ids[part.material];
-                pieces.push(Piece { part, material, id, sums, corners, first: first as u32, mirrored, faces });
+                let (transform, first_facet) = (instance.transform, first as u32);
+                pieces.push(Piece {
+                    part,
+                    material,
+                    id,
+                    sums,
+                    place: *place,
+                    transform,
+                    shift,
+                    first: first_facet,
+                    mirrored,
+                    faces,
+                });
                 first += part.triangles.len() as u64;
                 if first > u64::from(u32::MAX) {
                     return Err(Error::Limit {
@@ -234,22 +245,27 @@ impl Source for MeshSource {
         }
         let mut staged =
             StagedMesh { pieces, regions: Vec::new(), starts: Vec::new(), facets: Vec::new(), interior: None };
-        staged.sort_by_region(first as usize, place, progress);
+        staged.sort_by_region(first as usize, place, progress)?;
         if self.fill != Fill::Surface {
-            staged.fill(first as usize, place);
+            staged.fill(first as usize, place)?;
         }
         Ok(Box::new(staged))
     }
 }
 
-/// One instance of a part, transformed into the grid.
+/// One instance of a part. Its corners are transformed into the grid whenever they are asked for: a mesh that is placed a million
+/// times takes its own memory once.
 struct Piece<'a> {
     part: &'a Part,
     material: &'a Material,
     /// Id of the material's name.
     id: u16,
     sums: Option<&'a AlphaSums>,
-    corners: Vec<DVec3>,
+    place: Placement,
+    /// Part space → the source's.
+    transform: DAffine3,
+    /// In the grid, by whole sides along cyclic axes.
+    shift: DVec3,
     /// Number of its first facet.
     first: u32,
     mirrored: bool,
@@ -257,8 +273,12 @@ struct Piece<'a> {
 }
 
 impl Piece<'_> {
+    fn corner(&self, i: u32) -> DVec3 {
+        self.place.to_grid(world(self.part, i, self.transform)) + self.shift
+    }
+
     fn triangle(&self, index: usize) -> [DVec3; 3] {
-        let t = self.part.triangles[index].map(|i| self.corners[i as usize]);
+        let t = self.part.triangles[index].map(|i| self.corner(i));
         if self.mirrored != (self.faces[index] == Face::Inward) { [t[0], t[2], t[1]] } else { t }
     }
 }
@@ -282,16 +302,16 @@ impl StagedMesh<'_> {
     }
 
     /// Build the winding numbers of closed components, and add the regions that lie wholly inside them.
-    fn fill(&mut self, count: usize, place: &Placement) {
+    fn fill(&mut self, count: usize, place: &Placement) -> Result<()> {
         if self.pieces.iter().all(|p| p.faces.iter().all(|f| *f == Face::Sheet)) {
-            return;
+            return Ok(());
         }
         let closed = |facet: usize| {
             let (piece, index) = self.find(facet as u32);
             let opaque = piece.material.alpha == Alpha::Opaque;
             (opaque && piece.faces[index] != Face::Sheet).then(|| piece.triangle(index))
         };
-        let interior = Interior::new(place.side(), count, closed);
+        let interior = Interior::new(place.side(), count, place.memory, closed)?;
         let width = 1u32 << place.region_log2();
         let across = place.side() / width;
         let (mut regions, mut starts, mut next) = (Vec::new(), Vec::new(), 0);
@@ -308,16 +328,24 @@ impl StagedMesh<'_> {
         }
         starts.push(self.facets.len());
         (self.regions, self.starts, self.interior) = (regions, starts, Some(interior));
+        Ok(())
     }
 
-    fn sort_by_region(&mut self, count: usize, place: &Placement, progress: &dyn Progress) {
+    fn sort_by_region(&mut self, count: usize, place: &Placement, progress: &dyn Progress) -> Result<()> {
         let chunks = count.div_ceil(CHUNK);
         progress.stage("sort", chunks as u64);
         let side = f64::from(1u32 << place.region_log2());
         let last = f64::from((place.side() >> place.region_log2()) - 1);
+        let ledger = Ledger::new(place.memory);
         let lists = par::map(chunks, |chunk| {
-            let mut out: Vec<(u64, u32)> = Vec::new();
+            let (mut out, mut counted) = (Vec::<(u64, u32)>::new(), 0);
             for facet in chunk * CHUNK..count.min((chunk + 1) * CHUNK) {
+                if out.len() - counted >= CHUNK {
+                    if !ledger.take(out.len() - counted, FACET_MEMORY) {
+                        return Vec::new();
+                    }
+                    counted = out.len();
+                }
                 let (piece, index) = self.find(facet as u32);
                 let t = piece.triangle(index);
                 let normal = (t[1] - t[0]).cross(t[2] - t[0]);
@@ -342,8 +370,9 @@ impl StagedMesh<'_> {
                 }
             }
             progress.advance(1);
-            out
+            if ledger.take(out.len() - counted, FACET_MEMORY) { out } else { Vec::new() }
         });
+        ledger.check("to sort the facets of a mesh by region")?;
         let mut pairs: Vec<(u64, u32)> = lists.concat();
         pairs.sort_unstable();
         for (i, &(region, facet)) in pairs.iter().enumerate() {
@@ -354,6 +383,7 @@ impl StagedMesh<'_> {
             self.facets.push(facet);
         }
         self.starts.push(pairs.len());
+        Ok(())
     }
 }
 
@@ -384,7 +414,7 @@ impl Staged for StagedMesh<'_> {
         let corners = piece.part.triangles[index].map(|i| i as usize);
         let texture = m.texture.as_ref().and_then(|t| Some((t, piece.part.uvs.get(t.tex_coord)?)));
         if texture.is_some() || piece.part.colors.is_some() {
-            let places = corners.map(|i| piece.corners[i]);
+            let places = corners.map(|i| piece.corner(i as u32));
             let w = barycentric(places, at);
             let blend = |v: [f32; 3]| (0..3).map(|i| w[i] as f32 * v[i]).sum::<f32>();
             if let Some(colors) = &piece.part.colors {
@@ -426,6 +456,11 @@ impl Staged for StagedMesh<'_> {
         piece.faces[index] != Face::Sheet
     }
 
+    fn bytes(&self) -> u64 {
+        let pieces = size_of_val(&self.pieces[..]) + size_of_val(&self.regions[..]) + size_of_val(&self.starts[..]);
+        (pieces + size_of_val(&self.facets[..])) as u64 + self.interior.as_ref().map_or(0, Interior::bytes)
+    }
+
     fn inside(&self, at: DVec3) -> bool {
         self.interior.as_ref().is_some_and(|i| i.holds(at))
     }
@@ -451,7 +486,7 @@ impl FacetAlpha<'_> {
         if piece.part.colors.as_ref().is_some_and(|c| corners.iter().any(|&i| c[i][3] != 1.0)) {
             return None;
         }
-        let places = corners.map(|i| piece.corners[i]);
+        let places = corners.map(|i| piece.corner(i as u32));
         let uvs = corners.map(|i| reference.map(coords[i]));
         // Gradients of the weights of the second corner and the third.
         let (e1, e2) = (places[1] - places[0], places[2] - places[0]);

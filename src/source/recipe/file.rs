@@ -11,7 +11,7 @@ use crate::source::curve::{CurveOptions, Interpolation};
 use crate::source::emitter::SectionKind;
 use crate::source::lsystem::LSystemOptions;
 use crate::source::mesh::{Fill, MeshOptions};
-use crate::source::options::{FileKind, OpenOptions, file_kind};
+use crate::source::options::{OpenOptions, unread};
 use crate::source::stack::{StackOptions, TransferSpec};
 
 /// Degrees between the sheets of a V, as on the command line.
@@ -131,7 +131,7 @@ impl SourceTable {
     /// # Errors
     /// A key and what is wrong with it: one that says nothing of this kind of file, or two that exclude each other.
     pub fn options(&self, path: &Path, base: &OpenOptions) -> Result<OpenOptions, (&'static str, String)> {
-        self.check(file_kind(path))?;
+        self.check(path, base)?;
         let fill = match self.fill {
             Some(FillName::Surface) => Fill::Surface,
             Some(FillName::Solid) => Fill::Solid,
@@ -185,37 +185,36 @@ impl SourceTable {
         }
     }
 
-    fn check(&self, kind: FileKind) -> Result<(), (&'static str, String)> {
-        use FileKind::{Curves, LSystem, Mesh, Recipe, Stack};
+    fn check(&self, path: &Path, base: &OpenOptions) -> Result<(), (&'static str, String)> {
         if self.window.is_some() && self.transfer.is_some() {
             return Err(("window", "a stack has either a window or a transfer function".into()));
         }
-        let said: [(&'static str, bool, &[FileKind], &str); 19] = [
-            ("scene", self.scene.is_some(), &[Mesh, Recipe], "meshes"),
-            ("include", !self.include.is_empty(), &[Mesh, Recipe], "meshes"),
-            ("exclude", !self.exclude.is_empty(), &[Mesh, Recipe], "meshes"),
-            ("fill", self.fill.is_some(), &[Mesh, Curves, LSystem, Recipe], "meshes and curves"),
-            ("line_width", self.line_width.is_some(), &[Mesh, Curves, Recipe], "meshes and curves"),
-            ("width_scale", self.width_scale.is_some(), &[Mesh, Curves, Recipe], "curves"),
-            ("section", self.section.is_some(), &[Mesh, Curves, Recipe], "curves"),
-            ("curve", self.curve.is_some(), &[Mesh, Curves, Recipe], "curves"),
-            ("iso", self.iso.is_some(), &[Stack, Recipe], "image stacks"),
-            ("window", self.window.is_some(), &[Stack, Recipe], "image stacks"),
-            ("transfer", self.transfer.is_some(), &[Stack, Recipe], "image stacks"),
-            ("sigma", self.sigma.is_some(), &[Stack, Recipe], "image stacks"),
-            ("spacing", self.spacing.is_some(), &[Stack, Recipe], "image stacks"),
-            ("series", self.series.is_some(), &[Stack, Recipe], "DICOM folders"),
-            ("channel", self.channel.is_some(), &[Stack, Recipe], "image stacks"),
-            ("frame", self.frame.is_some(), &[Stack, Recipe], "image stacks"),
-            ("iterations", self.iterations.is_some(), &[LSystem, Recipe], "L-systems"),
-            ("seed", self.seed.is_some(), &[LSystem, Recipe], "L-systems"),
-            ("angle", self.angle.is_some(), &[LSystem, Recipe], "L-systems"),
+        let said = [
+            ("scene", self.scene.is_some()),
+            ("include", !self.include.is_empty()),
+            ("exclude", !self.exclude.is_empty()),
+            ("fill", self.fill.is_some()),
+            ("line_width", self.line_width.is_some()),
+            ("width_scale", self.width_scale.is_some()),
+            ("section", self.section.is_some()),
+            ("curve", self.curve.is_some()),
+            ("iso", self.iso.is_some()),
+            ("window", self.window.is_some()),
+            ("transfer", self.transfer.is_some()),
+            ("sigma", self.sigma.is_some()),
+            ("spacing", self.spacing.is_some()),
+            ("series", self.series.is_some()),
+            ("channel", self.channel.is_some()),
+            ("frame", self.frame.is_some()),
+            ("iterations", self.iterations.is_some()),
+            ("seed", self.seed.is_some()),
+            ("angle", self.angle.is_some()),
         ];
-        match said.into_iter().find(|(_, said, kinds, _)| *said && !kinds.contains(&kind)) {
-            Some((key, _, _, of)) => {
-                Err((key, format!("{key} says how {of} are read; '{}' is none of them", self.file)))
-            }
-            None => Ok(()),
-        }
+        let lines = self.line_width.is_some() || base.trajectory.width.is_some();
+        let wrong = |(key, said): (&'static str, bool)| {
+            let of = unread(key, path, lines).filter(|_| said)?;
+            Some((key, format!("{key} says how {of} are read; '{}' is none of them", self.file)))
+        };
+        said.into_iter().find_map(wrong).map_or(Ok(()), Err)
     }
 }

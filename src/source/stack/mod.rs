@@ -107,6 +107,7 @@ pub fn is_stack(path: &Path) -> bool {
     path.is_dir() || !matches!(kind(path), Kind::Other) || dicom::is_dicom(path)
 }
 
+#[derive(PartialEq)]
 enum Kind {
     Nifti,
     Nrrd,
@@ -131,6 +132,9 @@ fn kind(path: &Path) -> Kind {
 /// Read the stack `path`; decoded samples stay in memory up to `in_memory` bytes, and go to a file without a name beyond.
 pub fn read(path: &Path, options: &StackOptions, in_memory: u64) -> Result<Stack> {
     let choice = Choice::new(path, options, in_memory);
+    if choice.series.is_some() && !is_dicom(path) {
+        return Err(Error::input(path, "", "series are of DICOM, which this is not: leave --series out"));
+    }
     let mut stack = match kind(path) {
         _ if path.is_dir() => folder(&choice, in_memory)?,
         Kind::Nifti => nifti::read(&choice, in_memory)?,
@@ -145,6 +149,14 @@ pub fn read(path: &Path, options: &StackOptions, in_memory: u64) -> Result<Stack
         stack.metres_per_unit = 1e-3;
     }
     Ok(stack)
+}
+
+/// Whether the stack `path` is read as DICOM.
+fn is_dicom(path: &Path) -> bool {
+    match kind(path) {
+        _ if path.is_dir() => folder::list(path).unwrap_or_default().iter().any(|f| dicom::is_dicom(f)),
+        kind => kind == Kind::Other,
+    }
 }
 
 fn folder(choice: &Choice, in_memory: u64) -> Result<Stack> {

@@ -138,7 +138,9 @@ impl Image {
 
     /// A frame's colours by its palette.
     pub fn colours(&self, bytes: Vec<u8>) -> Result<Vec<u8>, String> {
-        let palette = self.palette.as_ref().ok_or("it has no palette, or one in segments")?;
+        let palette = self.palette.as_ref().ok_or(
+            "it has no palette, or one whose segments point to others: write it anew in RGB, as dcmtk's dcm2img and dcmodify, or pydicom's apply_color_lut, help to",
+        )?;
         Ok(self.numbers(bytes)?.into_iter().flat_map(|v| palette.colour(v)).collect())
     }
 }

@@ -114,9 +114,18 @@ fn inflate(layout: &Layout, packed: &[u8]) -> Result<Vec<u8>, String> {
     Ok(out)
 }
 
+/// What to do about pixels that are packed in a way that is not read.
+const UNPACK: &str = "unpack it first, as `gdcmconv --raw IN OUT` does";
+
 fn jpeg(layout: &Layout, packed: &[u8]) -> Result<Vec<u8>, String> {
     use jpeg_decoder::PixelFormat;
-    let broken = |e: jpeg_decoder::Error| format!("its JPEG cannot be read: {e}");
+    let broken = |e: jpeg_decoder::Error| match e {
+        // Twelve bits with loss among them.
+        jpeg_decoder::Error::Unsupported(what) => {
+            format!("its JPEG is of a kind that is not read ({what:?}); {UNPACK}")
+        }
+        e => format!("its JPEG cannot be read: {e}"),
+    };
     let mut decoder = jpeg_decoder::Decoder::new(packed);
     decoder.set_max_decoding_buffer_size(layout.bytes());
     decoder.read_info().map_err(broken)?;
@@ -125,7 +134,7 @@ fn jpeg(layout: &Layout, packed: &[u8]) -> Result<Vec<u8>, String> {
         (1, 8) => PixelFormat::L8,
         (1, 16) => PixelFormat::L16,
         (3, 8) => PixelFormat::RGB24,
-        _ => return Err(format!("a JPEG for {} bits is not read", layout.allocated)),
+        _ => return Err(format!("a JPEG for {} bits is not read; {UNPACK}", layout.allocated)),
     };
     if (usize::from(info.width), usize::from(info.height), info.pixel_format) != (layout.columns, layout.rows, format) {
         return Err("its JPEG is of another size or kind than it says".into());
@@ -137,7 +146,8 @@ fn jpeg(layout: &Layout, packed: &[u8]) -> Result<Vec<u8>, String> {
 
 fn jpeg_ls(layout: &Layout, packed: &[u8]) -> Result<Vec<u8>, String> {
     if layout.channels != 1 || ![8, 16].contains(&layout.allocated) {
-        return Err(format!("a JPEG-LS of {} channels of {} bits is not read", layout.channels, layout.allocated));
+        let (channels, bits) = (layout.channels, layout.allocated);
+        return Err(format!("a JPEG-LS of {channels} channels of {bits} bits is not read; {UNPACK}"));
     }
     let size = |n: usize| u32::try_from(n).map_err(|_| "it is too large".to_owned());
     let (numbers, ..) = jpegls::decode(packed, size(layout.columns)?, size(layout.rows)?)

@@ -1,6 +1,7 @@
 //! Tables of a DICOM file: the Modality LUT, palettes, and the values of pixels that are only there to fill the picture.
 //!
-//! Based on: NEMA PS3.3, sections C.11.1 (Modality LUT), C.7.6.3 (palettes) and C.7.5.1.1.2 (pixel padding).
+//! Based on: NEMA PS3.3, sections C.11.1 (Modality LUT), C.7.6.3 (palettes), C.7.9.2 (palettes in
+//! segments) and C.7.5.1.1.2 (pixel padding).
 
 use byteorder::{BigEndian, ByteOrder, LittleEndian};
 
@@ -32,6 +33,40 @@ impl Table {
         (!values.is_empty()).then_some(Table { first, values, bits })
     }
 
+    /// The same of values that are stored as segments: runs of values, and lines from the last value to another. `None` also where
+    /// a segment points to others.
+    fn segmented(file: &File, descriptor: Tag, values: Tag, signed: bool) -> Option<Table> {
+        let [entries, first, bits, ..] = file.shorts(&file.data, descriptor)?[..] else { return None };
+        let entries = if entries == 0 { 1 << 16 } else { usize::from(entries) };
+        let first = if signed { i64::from(first as i16) } else { i64::from(first) };
+        let bytes = file.value(&file.data, values)?;
+        let read = if file.big_endian { BigEndian::read_u16 } else { LittleEndian::read_u16 };
+        let words: Vec<u16> = match bits {
+            ..=8 => bytes.iter().map(|b| u16::from(*b)).collect(),
+            _ => bytes.chunks_exact(2).map(read).collect(),
+        };
+        let (mut out, mut rest) = (Vec::<u16>::new(), &words[..]);
+        while out.len() < entries {
+            let [code, length, after @ ..] = rest else { return None };
+            let length = usize::from(*length);
+            match code {
+                0 => {
+                    out.extend_from_slice(after.get(..length)?);
+                    rest = &after[length..];
+                }
+                1 => {
+                    let (from, to) = (f64::from(*out.last()?), f64::from(*after.first()?));
+                    let step = |i: usize| from + (to - from) * i as f64 / length as f64;
+                    out.extend((1..=length).map(|i| step(i).round() as u16));
+                    rest = &after[1..];
+                }
+                _ => return None,
+            }
+        }
+        out.truncate(entries);
+        Some(Table { first, values: out, bits })
+    }
+
     pub fn get(&self, stored: f32) -> u16 {
         let index = (stored as i64 - self.first).clamp(0, self.values.len() as i64 - 1);
         self.values[index as usize]
@@ -55,7 +90,10 @@ pub struct Palette([Table; 3]);
 
 impl Palette {
     pub fn read(file: &File, signed: bool) -> Option<Palette> {
-        let table = |n: Tag| Table::read(file, &file.data, 0x0028_1101 + n, 0x0028_1201 + n, signed);
+        let table = |n: Tag| {
+            let whole = Table::read(file, &file.data, 0x0028_1101 + n, 0x0028_1201 + n, signed);
+            whole.or_else(|| Table::segmented(file, 0x0028_1101 + n, 0x0028_1221 + n, signed))
+        };
         Some(Palette([table(0)?, table(1)?, table(2)?]))
     }
 

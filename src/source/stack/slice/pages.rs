@@ -5,10 +5,10 @@
 use std::io::Cursor;
 use std::path::Path;
 
-use tiff::ColorType;
 use tiff::decoder::ifd::Value;
 use tiff::decoder::{Decoder, DecodingResult, Limits};
 use tiff::tags::{Tag, Type, ValueBuffer};
+use tiff::{ColorType, TiffUnsupportedError};
 
 use super::description::{Description, Resolution};
 use super::{About, Sink, Slice, check_memory, check_size};
@@ -28,11 +28,33 @@ struct Pages<'a> {
     decoder: Decoder<Cursor<&'a [u8]>>,
 }
 
+/// Name of a packing that is not unpacked.
+fn packing(method: u16) -> &'static str {
+    match method {
+        2..=4 => " (fax)",
+        34712 => " (JPEG 2000)",
+        34887 => " (LERC)",
+        34925 => " (LZMA)",
+        50001 => " (WebP)",
+        50002 => " (JPEG XL)",
+        _ => "",
+    }
+}
+
 /// Error about the page `n`, which counts from 0.
 fn broken(path: &Path, n: usize) -> impl Fn(tiff::TiffError) -> Error {
     let (path, page) = (path.to_path_buf(), n + 1);
     move |e| match e {
-        tiff::TiffError::UnsupportedError(e) => Error::unsupported(&path, format!("page {page}: {e}")),
+        tiff::TiffError::UnsupportedError(TiffUnsupportedError::UnsupportedCompressionMethod(method)) => {
+            let (code, name) = (method.to_u16(), packing(method.to_u16()));
+            let what =
+                format!("page {page}: packing {code}{name} (write it anew first, as `tiffcp -c zip IN OUT` does)");
+            Error::unsupported(&path, what)
+        }
+        tiff::TiffError::UnsupportedError(e) => {
+            let what = e.to_string();
+            Error::unsupported(&path, format!("page {page}: {}", what.trim_end_matches(" is unsupported")))
+        }
         e => Error::input(&path, format!("page {page}"), format!("cannot be read as a TIFF: {e}")),
     }
 }

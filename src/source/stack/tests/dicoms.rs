@@ -187,6 +187,23 @@ fn stored_numbers_mean_what_tables_and_padding_say() {
     .concat();
     let stack = one(&dir, &own, &numbers(&[10, 11, 10, 11]));
     assert_eq!([stack.samples.colour([0, 0, 0]), stack.samples.colour([1, 0, 0])], [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]);
+    // The same in segments: two values, and a line of three more that ends at full; a run of five; one that never ends.
+    let segments =
+        |n: u16, list: &[u16]| [us(0x28, 0x1101 + n, &[5, 10, 16]), (0x28, 0x1221 + n, *b"OW", numbers(list))];
+    let red = segments(0, &[0, 2, 0x0000, 0x4000, 1, 3, 0xff00]);
+    let with = |green: &[u16]| {
+        let own = [&red[..], &segments(1, green)[..], &segments(2, &[0, 5, 0, 0, 0, 0, 0xff00])[..]].concat();
+        [own, vec![text(0x28, 4, b"CS", "PALETTE COLOR")]].concat()
+    };
+    let stack = one(&dir, &with(&[0, 1, 0xff00, 1, 4, 0xff00]), &numbers(&[10, 12, 14, 13]));
+    assert_eq!([stack.samples.colour([0, 0, 0]), stack.samples.colour([0, 1, 0])], [[0.0, 1.0, 0.0], [1.0; 3]]);
+    // The high byte of 0x4000 + (0xff00 − 0x4000) / 3 is 127, of sRGB; .2122 is right to its digits.
+    assert!((stack.samples.colour([1, 0, 0])[0] - 0.2122).abs() < 1e-4);
+    for broken in [&[1, 4, 0xff00][..], &[0, 9, 1], &[2, 1, 0, 0], &[0, 1, 7]] {
+        let file = file(PLAIN, &with(broken), Some(&numbers(&[10, 12, 14, 13])));
+        let said = error(&dir.save("broken.dcm", &file));
+        assert!(said.contains("segments"), "{said}");
+    }
 }
 
 #[test]

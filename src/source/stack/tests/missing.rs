@@ -112,6 +112,7 @@ fn values_below_zero_and_tables_without_an_empty_value_leave_nan_out_too() {
         depth: 4,
         up: 2,
         cyclic: [false; 3],
+        memory: u64::MAX,
     };
     let staged = soft.stage(&place, &crate::progress::Quiet).unwrap();
     let mut count = 0;

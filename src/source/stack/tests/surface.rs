@@ -30,6 +30,7 @@ fn facets(source: &StackSource, depth: usize) -> (f64, f64, DVec3) {
         depth,
         up: 2,
         cyclic: [false; 3],
+        memory: u64::MAX,
     };
     let staged = source.stage(&place, &Quiet).unwrap();
     let width = f64::from(1u32 << place.region_log2());
@@ -129,6 +130,7 @@ fn regions_are_made_where_there_is_matter_and_nowhere_else() {
         depth: 8,
         up: 2,
         cyclic: [false; 3],
+        memory: u64::MAX,
     };
     // Of 4096 regions of 16³ voxels a ball, 42 voxels wide, meets at least 3³; bricks of samples around it a few more.
     let staged = source.stage(&place, &Quiet).unwrap();
@@ -156,6 +158,7 @@ fn opacity_follows_value_and_gradient() {
         depth: 6,
         up: 2,
         cyclic: [false; 3],
+        memory: u64::MAX,
     };
     let staged = source.stage(&place, &Quiet).unwrap();
     let mut halves = [0.0, 0.0];
@@ -205,6 +208,7 @@ fn a_ramp_takes_the_same_from_every_side() {
             depth: 6,
             up: 2,
             cyclic: [false; 3],
+            memory: u64::MAX,
         };
         let staged = source.stage(&place, &Quiet).unwrap();
         let mut sums = [0.0; 13];

@@ -183,6 +183,12 @@ fn every_layout_of_samples_is_read() {
     // Packed with Zstandard.
     let packed = zstd::encode_all(&[1u8, 0, 2, 0, 3, 0, 4, 0][..], 3).unwrap();
     assert_eq!(values(&one(&dir, vec![(259, short(&[50000]))], &packed)), [1.0, 2.0, 3.0, 4.0]);
+    // Packed as nothing here unpacks: LZMA, and what nobody knows.
+    for method in [34925, 4711] {
+        let page = Page { tags: vec![(259, short(&[method]))], data: vec![0; 64] };
+        let said = error(&dir.save("lzma.tif", &tiff(&[page])));
+        assert!(said.contains("tiffcp -c zip") && !said.contains('\n'), "{said}");
+    }
     // Single bits, a row at a time.
     assert_eq!(values(&one(&dir, vec![(258, short(&[1]))], &[0b1000_0000, 0b0100_0000])), [1.0, 0.0, 0.0, 1.0]);
     // White is zero: values are as stored.
