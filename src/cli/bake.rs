@@ -85,7 +85,7 @@ pub struct Args {
     #[arg(long, value_name = "COLOUR|FILE|{TABLE}", help_heading = "Sources")]
     albedo: Option<String>,
     /// Multiply the source's own colours by --albedo, and don't replace them
-    #[arg(long, help_heading = "Sources", requires = "albedo")]
+    #[arg(long, help_heading = "Sources")]
     tint: bool,
     /// Call all of its matter by this name, and not as the source does
     #[arg(long, value_name = "NAME", help_heading = "Sources")]
