@@ -248,8 +248,7 @@ fn frames_share_a_box_and_are_shown_at_their_time() {
 fn parameters_of_an_l_system_are_frames() {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("stalk.lsys"), "#define t 1\n#iterations 1\naxiom: X\nX -> F(2 * t)").unwrap();
-    let (code, _, errors) =
-        vtex(folder.path(), "bake stalk.lsys -r 8 --refine 0 --frames 3 --frame-define t=0.5..1.5");
+    let (code, _, errors) = vtex(folder.path(), "bake stalk.lsys -r 8 --refine 0 --frames 3 --frame-define t=0.5..1.5");
     assert_eq!(code, 0, "{errors}");
     let infos: Vec<_> = (0..3).map(|k| info(&folder.path().join(format!("stalk.000{k}.vtex")))).collect();
     let high = |k: usize| infos[k].content.size().z * infos[k].bounds.size().y;

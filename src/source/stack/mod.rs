@@ -133,7 +133,7 @@ fn kind(path: &Path) -> Kind {
 pub fn read(path: &Path, options: &StackOptions, in_memory: u64) -> Result<Stack> {
     let choice = Choice::new(path, options, in_memory);
     if choice.series.is_some() && !is_dicom(path) {
-        return Err(Error::input(path, "", "series are of DICOM, which this is not: leave --series out"));
+        return Err(Error::input(path, "", "series are of DICOM, which this is not: leave option `series` out"));
     }
     let mut stack = match kind(path) {
         _ if path.is_dir() => folder(&choice, in_memory)?,

@@ -115,7 +115,7 @@ fn inflate(layout: &Layout, packed: &[u8]) -> Result<Vec<u8>, String> {
 }
 
 /// What to do about pixels that are packed in a way that is not read.
-const UNPACK: &str = "unpack it first, as `gdcmconv --raw IN OUT` does";
+const UNPACK: &str = "unpack it first, as gdcmconv with its option raw does";
 
 fn jpeg(layout: &Layout, packed: &[u8]) -> Result<Vec<u8>, String> {
     use jpeg_decoder::PixelFormat;

@@ -125,7 +125,7 @@ fn jpeg_ls_gives_the_numbers_that_were_packed() {
     let signed: Vec<i16> = wide().iter().map(|v| *v as i16).collect();
     assert_eq!(read(&about(16, true), &wide()), floats(&signed));
     let colour = read_packed(JPEG_LS, &colours("RGB"), &encode(&wide())).err().unwrap().to_string();
-    assert!(colour.contains("3 channels") && colour.contains("gdcmconv --raw"), "{colour}");
+    assert!(colour.contains("3 channels") && colour.contains("gdcmconv"), "{colour}");
 }
 
 #[test]
