@@ -7,6 +7,9 @@ const ROWS: u32 = 35;
 /// Width of a quad, metres.
 const QUAD: f64 = 0.1;
 
+/// Colour of the ground, sRGB.
+const SOIL: &str = "0.25 0.22 0.15";
+
 /// Height of the ground: a mound, and softer ones beside it.
 fn height(x: f64, z: f64) -> f64 {
     let mound = |cx: f64, cz: f64, width: f64| {
@@ -25,7 +28,7 @@ pub fn hill() -> Vec<u8> {
             // Rows and columns bend, so that quads differ in shape.
             let (x, z) = (centred(i, COLUMNS), centred(j, ROWS));
             let (x, z) = (x + 0.03 * libm::sin(2.0 * z + 1.0), z + 0.03 * libm::sin(2.3 * x));
-            let _ = writeln!(text, "v {x:.5} {:.5} {z:.5}", height(x, z));
+            let _ = writeln!(text, "v {x:.5} {:.5} {z:.5} {SOIL}", height(x, z));
         }
     }
     for j in 0..=ROWS {

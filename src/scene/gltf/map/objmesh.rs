@@ -130,8 +130,9 @@ impl Writer {
         if let Some(texture) = &material.texture {
             pbr["baseColorTexture"] = json!({"index": self.texture(path, &texture.texture)?});
         }
+        let name = if material.name.is_empty() { "ground" } else { &material.name };
         let mut own = json!({
-            "name": material.name, "doubleSided": material.double_sided, "pbrMetallicRoughness": pbr,
+            "name": name, "doubleSided": material.double_sided, "pbrMetallicRoughness": pbr,
         });
         match material.alpha {
             Alpha::Opaque => {}
