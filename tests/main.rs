@@ -33,7 +33,6 @@ mod materials;
 mod medium;
 mod near;
 mod outputs;
-mod patch_twins;
 mod patches;
 mod readable;
 mod reference;

@@ -114,7 +114,6 @@ fn the_reference_traces_the_same_patches() {
     let (patches, fine, coarse) = (of(ground()), of(twin(&ground(), 16, 16)), of(twin(&ground(), 1, 1)));
     assert_eq!((patches.stats.patches, fine.stats.patches), (12, 0));
     let (off, other) = (apart(&patches.film, &fine.film), apart(&coarse.film, &fine.film));
-    println!("reference: {off:.6} from 512 triangles; two triangles: {other:.6}");
     // Edges are sharp: a sample on the other side of one is off by all. Of 512 triangles, edges are within 1/256 of the twist,
     // about a thousandth of a patch, which is a twentieth of a pixel here.
     assert!(off < 4e-3 && other > 4.0 * off, "{off} {other}");
