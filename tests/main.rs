@@ -7,6 +7,7 @@ mod assets;
 mod bake;
 mod bake_cli;
 mod bench;
+mod cards;
 mod circles;
 mod compare;
 mod copies;

@@ -142,6 +142,38 @@ impl Bvh {
     }
 }
 
+impl Bvh {
+    /// How many items may come as near to the ray before `t1` as `reach(t)`, which does not fall with t; counted up to `most`, and
+    /// never too few.
+    pub fn count_near(&self, ray: &Ray, t1: f64, reach: impl Fn(f64) -> f64, most: u32) -> u32 {
+        let slabs = Slabs::new(ray);
+        let dir = ray.dir.as_vec3();
+        let is_near = |node: &Node| {
+            let (min, max) = (Vec3::from_array(node.min), Vec3::from_array(node.max));
+            let middle = (0.5 * (min + max) - slabs.origin).dot(dir);
+            let half = (0.5 * (max - min)).dot(dir.abs());
+            let r = reach(f64::from(middle + half).clamp(0.0, t1)) as f32 + PAD;
+            let grown = Node { min: (min - r).to_array(), max: (max + r).to_array(), ..*node };
+            middle + half + r >= 0.0 && slabs.enter(&grown, t1 as f32).is_some()
+        };
+        let (mut count, mut open) = (0, vec![0u32]);
+        while let Some(node) = open.pop().and_then(|i| self.nodes.get(i as usize)) {
+            if !is_near(node) {
+                continue;
+            }
+            if node.count == 0 {
+                open.extend([node.first, node.first + 1]);
+                continue;
+            }
+            count += node.count;
+            if count >= most {
+                return most;
+            }
+        }
+        count
+    }
+}
+
 /// The items that a ray may meet, in order of where it enters their nodes.
 pub struct Sweep<'a> {
     bvh: &'a Bvh,

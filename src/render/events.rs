@@ -7,6 +7,8 @@
 //! its voxels become events here, each with the share that it stops of the light that reaches it. Ordered by distance, events
 //! of two boxes in one place interleave voxel by voxel, and the transmittance is the product of theirs.
 
+use std::ops::Range;
+
 use super::mesh::Contact;
 use super::segments::CopySegment;
 use crate::geom::Vec3;
@@ -103,8 +105,21 @@ pub struct EventLists {
     pub events: Vec<Event>,
     /// Copies that have events.
     pub copies: Vec<CopySegment>,
-    /// Triangles of the scene before the first opaque one.
+    /// Triangles of the scene before the first opaque one; with fine rays, all that they see.
     pub blended: Vec<Contact>,
+    /// What fine rays see, and which of it belongs to each item of `blended`; empty without them.
+    pub fine: Vec<FineHit>,
+    pub places: Vec<Range<usize>>,
+}
+
+/// What one of a lane's fine rays sees.
+#[derive(Clone, Copy)]
+pub struct FineHit {
+    pub contact: Contact,
+    /// Share of the lane.
+    pub weight: f32,
+    /// Number of the fine ray.
+    pub ray: u32,
 }
 
 impl EventLists {
@@ -112,5 +127,7 @@ impl EventLists {
         self.events.clear();
         self.copies.clear();
         self.blended.clear();
+        self.fine.clear();
+        self.places.clear();
     }
 }

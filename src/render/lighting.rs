@@ -5,6 +5,7 @@
 
 use std::f32::consts::FRAC_1_PI;
 
+use super::cards::{LitPlace, MOST_LIT, openness};
 use super::events::{Event, EventOrigin};
 use super::mesh::{Contact, Surface};
 use super::pixel::{ConeState, Tracer};
@@ -19,14 +20,39 @@ use crate::march::transmittance::{DepthChoice, Sink, VoxelHit};
 /// Contributions below this, where the display's white is 1, are not tested for shadows.
 const FAINT: f32 = 1.0 / 256.0;
 
+/// How the cone sees a plain surface.
+struct Seen<'a> {
+    start: SelfHit,
+    /// Of the cone.
+    width: f64,
+    /// Share of the cone's light.
+    weight: f32,
+    /// Where fine rays see it; empty without them.
+    places: &'a [LitPlace],
+}
+
 impl Tracer<'_> {
-    /// Light a triangle of the scene of which the cone sees the share `weight`; returns what is seen there.
-    pub(super) fn shade_contact(&mut self, state: &mut ConeState<'_>, contact: &Contact, weight: f32) -> Surface {
+    /// Light a triangle of the scene of which the cone sees the share `weight`; `index` is its number among those that let light
+    /// through.
+    pub(super) fn shade_contact(
+        &mut self,
+        state: &mut ConeState<'_>,
+        contact: &Contact,
+        weight: f32,
+        index: Option<usize>,
+    ) {
         let width = state.cone.width_at(contact.t);
-        let surface = self.world.mesh.surface(&self.world.scene.model, &state.cone.ray, contact, width);
+        let fine = state.fine.zip(index);
+        let places = fine.map_or(Vec::new(), |(rays, index)| self.lit_places(rays, index));
+        // Fine rays see it in a part of the pixel.
+        let part = if places.is_empty() { 1.0 } else { places.iter().map(|p| f64::from(p.weight)).sum() };
+        let world = self.world;
+        let surface = world.mesh.surface(&world.scene.model, &state.cone.ray, contact, width * part.sqrt());
+        let (albedo, normal) = (surface.albedo.to_array(), surface.normal.to_array());
+        let metres = contact.t * world.unit;
+        self.trace_event(|| TraceEvent::Surface { metres, albedo, normal, through: weight });
         let start = SelfHit { triangle: contact.triangle, copy: None };
-        self.shade_surface(state, &surface, start, width, weight);
-        surface
+        self.shade_surface(state, &surface, Seen { start, width, weight, places: &places });
     }
 
     /// Light a triangle of a copy's source, whose event carries its weight.
@@ -41,12 +67,13 @@ impl Tracer<'_> {
         let surface = source.surface(&state.cone.ray, &copy, &contact, width * segment.scale);
         let surface = Surface { albedo: surface.albedo * segment.hit.tint, ..surface };
         let start = SelfHit { triangle: contact.triangle, copy: Some((segment.hit.texel, segment.hit.cell)) };
-        self.shade_surface(state, &surface, start, width, event.alpha);
+        self.shade_surface(state, &surface, Seen { start, width, weight: event.alpha, places: &[] });
     }
 
-    /// Light a plain surface of which the cone, `width` wide there, sees the share `weight`.
-    fn shade_surface(&mut self, state: &mut ConeState<'_>, surface: &Surface, start: SelfHit, width: f64, weight: f32) {
+    /// Light a plain surface.
+    fn shade_surface(&mut self, state: &mut ConeState<'_>, surface: &Surface, seen: Seen<'_>) {
         let world = self.world;
+        let Seen { start, width, weight, places } = seen;
         let albedo = weight * surface.albedo;
         let before = (state.radiance, state.faint);
         let distance = (surface.point - state.cone.ray.origin).dot(state.cone.ray.dir);
@@ -65,7 +92,13 @@ impl Tracer<'_> {
                 let ray = Ray { origin: surface.lifted, dir: incident.dir };
                 let growth = 2.0 * incident.radius;
                 let cone = ShadowCone { ray, end: incident.distance, start: Some(start), width, growth };
-                self.add_light(state, radiance, &cone);
+                match state.fine.filter(|_| !places.is_empty()) {
+                    Some(rays) => {
+                        let open = || openness(world, rays, places, light, width);
+                        self.add_light(state, radiance, &cone, FAINT / MOST_LIT as f32, open);
+                    }
+                    None => self.add_light(state, radiance, &cone, FAINT, || cone.soft_mesh_transmittance(world)),
+                }
             }
         }
         state.fade(before, world.surround.air(state.cone.ray.dir, distance), weight);
@@ -119,26 +152,34 @@ impl Tracer<'_> {
             let ray = Ray { origin: x + offset, dir: incident.dir };
             let end = incident.distance - offset.dot(incident.dir);
             let growth = 2.0 * incident.radius;
-            self.add_light(state, radiance, &ShadowCone { ray, end, start, width: cone.width_at(t), growth });
+            let cone = ShadowCone { ray, end, start, width: cone.width_at(t), growth };
+            self.add_light(state, radiance, &cone, FAINT, || cone.soft_mesh_transmittance(world));
         }
         state.fade(before, world.surround.air(cone.ray.dir, mean), weight);
         self.groups = groups;
         self.local_light_dirs = lights;
     }
 
-    /// Add the radiance that is reflected of a light, as far as the light is seen along `cone`.
-    fn add_light(&mut self, state: &mut ConeState<'_>, radiance: Vec3, cone: &ShadowCone) {
+    /// Add the radiance that is reflected of a light, as far as the light is seen along `cone`, where meshes leave the share
+    /// `through`. Below `faint` it is not looked for.
+    fn add_light(
+        &mut self,
+        state: &mut ConeState<'_>,
+        radiance: Vec3,
+        cone: &ShadowCone,
+        faint: f32,
+        through: impl FnOnce() -> f32,
+    ) {
         if !self.options.shadows {
             state.radiance += radiance;
             return;
         }
         let bright = radiance.max_element();
-        if bright * (self.options.exposure as f32).exp2() < FAINT {
+        if bright * (self.options.exposure as f32).exp2() < faint {
             state.faint += radiance;
             return;
         }
-        let through = cone.soft_mesh_transmittance(self.world, 0.5 * cone.growth);
-        let seen = self.visibility(cone, through, state.lod_dither);
+        let seen = self.visibility(cone, through(), state.lod_dither);
         state.radiance += seen * radiance;
         state.arrived += seen * bright;
         state.tested += bright;

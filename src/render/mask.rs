@@ -222,11 +222,8 @@ mod tests {
             for (side, high) in [(80, 1.25), (20, 1.25), (16, 2.0), (16, 4.0)] {
                 let (found, truth) = means(side, high, 18, |aside| scene(card, high, aside, |_| ()));
                 // The truth has 16384 samples on the smallest card, of which a quarter or more pass: 1.4 % is the standard
-                // deviation of as many random ones. Boxes of texels are whole pixels, and add up to the card. A known fault:
-                // cards of an atlas of few pixels also show up to half a texel of their neighbours, at the level that is read: 4 % of
-                // eight pixels, 8 % of four.
-                let most = if name == "atlas" && high > 1.5 { 0.025 * high } else { 0.03 };
-                assert!((found / truth - 1.0).abs() < most, "{name}, {high} m, {side} pixels: {found} {truth}");
+                // deviation of as many random ones.
+                assert!((found / truth - 1.0).abs() < 0.03, "{name}, {high} m, {side} pixels: {found} {truth}");
             }
         }
     }

@@ -32,6 +32,9 @@ pub struct Mesh {
     pieces: Vec<Piece>,
     bvh: Bvh,
     masks: Masks,
+    /// Cards: triangles whose alpha varies. Indices, and the hierarchy over them.
+    cards: Vec<u32>,
+    card_bvh: Bvh,
 }
 
 /// Intersection of a ray with a triangle.
@@ -45,7 +48,31 @@ pub struct Contact {
     pub alpha: f32,
 }
 
+/// Where light meets a surface.
+#[derive(Debug, Clone, Copy)]
+pub struct Place {
+    pub point: DVec3,
+    /// As [`Surface::lifted`].
+    pub lifted: DVec3,
+    /// Unit, towards the viewer.
+    pub normal: DVec3,
+}
+
 impl Contact {
+    /// The mean of contacts with one triangle, weighted, as one of the share `alpha`.
+    pub fn mean<'a>(contacts: impl Iterator<Item = (f32, &'a Contact)>, alpha: f32) -> Option<Contact> {
+        let mut mean: Option<Contact> = None;
+        let mut sum = 0.0;
+        for (weight, contact) in contacts.map(|(w, c)| (f64::from(w), c)) {
+            sum += weight;
+            let mean = mean.get_or_insert(Contact { alpha, ..*contact });
+            let mix = |a: &mut f64, b: f64| *a += (b - *a) * (weight / sum);
+            mix(&mut mean.t, contact.t);
+            (0..2).for_each(|k| mix(&mut mean.b[k], contact.b[k]));
+        }
+        mean
+    }
+
     /// Weights of the triangle's corners.
     fn weights(&self) -> [f32; 3] {
         [(1.0 - self.b[0] - self.b[1]) as f32, self.b[0] as f32, self.b[1] as f32]
@@ -120,6 +147,8 @@ pub struct MeshBuilder {
     vertices: Vec<DVec3>,
     triangles: Vec<Triangle>,
     pieces: Vec<Piece>,
+    /// For each part that was added, its first triangle, its material, and whether its vertices have colours.
+    parts: Vec<(usize, usize, bool)>,
 }
 
 impl MeshBuilder {
@@ -132,6 +161,7 @@ impl MeshBuilder {
     pub fn add_curved(&mut self, instance: usize, part: &Part, positions: &[DVec3], curved: &[bool]) {
         let base = self.vertices.len() as u32;
         self.vertices.extend_from_slice(positions);
+        self.parts.push((self.triangles.len(), part.material, part.colors.is_some()));
         let mut cut = vec![false; part.patches.len()];
         for (i, patch) in part.patches.iter().enumerate().filter(|(i, _)| curved.get(*i) == Some(&true)) {
             let ring = patch.map(|v| positions.get(v as usize).copied().unwrap_or(DVec3::NAN));
@@ -166,10 +196,17 @@ impl MeshBuilder {
 
     /// The mesh, whose parts are of `materials`.
     pub fn build(self, materials: &[Material]) -> Mesh {
-        let MeshBuilder { vertices, triangles, pieces } = self;
+        let MeshBuilder { vertices, triangles, pieces, parts } = self;
         let bounds = |t: &Triangle| Aabb::around(t.vertices.map(|v| vertices[v as usize]));
         let bvh = Bvh::new(&triangles.iter().map(bounds).collect::<Vec<_>>());
-        Mesh { vertices, triangles, pieces, bvh, masks: Masks::new(materials) }
+        let ends = parts.iter().skip(1).map(|p| p.0).chain([triangles.len()]);
+        let is_card = |&(&(_, material, colors), _): &(&(usize, usize, bool), usize)| {
+            materials.get(material).is_some_and(|m| m.alpha != Alpha::Opaque && (m.texture.is_some() || colors))
+        };
+        let of_cards = parts.iter().zip(ends).filter(is_card);
+        let cards: Vec<u32> = of_cards.flat_map(|(part, end)| part.0 as u32..end as u32).collect();
+        let card_bvh = Bvh::new(&cards.iter().map(|&i| bounds(&triangles[i as usize])).collect::<Vec<_>>());
+        Mesh { vertices, triangles, pieces, bvh, masks: Masks::new(materials), cards, card_bvh }
     }
 }
 
@@ -225,14 +262,49 @@ impl Mesh {
 
     /// The share of light that comes through from `ray`'s origin up to t1; `skip` is the triangle that it starts on.
     pub fn transmittance(&self, model: &Model, ray: &Ray, t1: f64, skip: Option<u32>, width: f64) -> f32 {
-        let mut through = 1.0;
-        let shear = Shear::new(ray.dir);
-        let end = self.bvh.nearest(ray, t1, |i, t1| {
-            let Some(contact) = self.contact(model, &shear, ray, i, (1e-9, t1), skip, &|_| width) else { return t1 };
-            through *= 1.0 - contact.alpha;
-            if through <= 0.0 { -1.0 } else { t1 }
+        let each = |i: u32, shear: &Shear, t1: f64| self.contact(model, shear, ray, i, (1e-9, t1), skip, &|_| width);
+        through(&self.bvh, ray, t1, each).0
+    }
+
+    /// The same, where cards that lie one after the other have their alpha in the ray itself, and not over its width.
+    pub fn transmittance_of_overlapping(
+        &self,
+        model: &Model,
+        ray: &Ray,
+        t1: f64,
+        skip: Option<u32>,
+        width: f64,
+    ) -> f32 {
+        let each = |width: f64| {
+            through(&self.bvh, ray, t1, |i, shear, t1| self.contact(model, shear, ray, i, (1e-9, t1), skip, &|_| width))
+        };
+        let (found, met) = each(width);
+        if met > 1 && found > 0.0 { each(0.0).0 } else { found }
+    }
+
+    /// The share that cards alone let through along `ray`, and all else along `solid`.
+    pub fn transmittance_apart(&self, model: &Model, ray: &Ray, solid: &Ray, t1: f64, skip: Option<u32>) -> f32 {
+        let (cards, _) = through(&self.card_bvh, ray, t1, |i, shear, t1| {
+            self.contact(model, shear, ray, self.cards[i as usize], (1e-9, t1), skip, &|_| 0.0)
         });
-        if end < 0.0 { 0.0 } else { through }
+        if cards <= 0.0 {
+            return 0.0;
+        }
+        let (rest, _) = through(&self.bvh, solid, t1, |i, shear, t1| {
+            let is_card = self.cards.binary_search(&i).is_ok();
+            if is_card { None } else { self.contact(model, shear, solid, i, (1e-9, t1), skip, &|_| 0.0) }
+        });
+        cards * rest
+    }
+
+    /// Whether there are cards: triangles whose alpha varies.
+    pub fn has_cards(&self) -> bool {
+        !self.cards.is_empty()
+    }
+
+    /// How many cards may come as near to the ray before `t1` as `reach(t)`, counted up to `most`.
+    pub fn cards_near(&self, ray: &Ray, t1: f64, reach: impl Fn(f64) -> f64, most: u32) -> u32 {
+        if self.has_cards() { self.card_bvh.count_near(ray, t1, reach, most) } else { 0 }
     }
 
     #[allow(clippy::too_many_arguments)]
@@ -335,9 +407,19 @@ impl Mesh {
     /// Surface as it is seen at a contact of `ray`, whose cone is `width` wide there.
     pub fn surface(&self, model: &Model, ray: &Ray, contact: &Contact, width: f64) -> Surface {
         let triangle = &self.triangles[contact.triangle as usize];
+        let part = &model.parts[model.instances[triangle.instance as usize].part];
+        let material = &model.materials[part.material];
+        let Place { point, lifted, normal } = self.place(model, ray, contact);
+        let cosine = facing(&self.corners(triangle), ray.dir);
+        let [r, g, b, _] = self.color(part, material, triangle, contact, width / cosine);
+        Surface { point, lifted, normal, albedo: Vec3::new(r, g, b), unlit: material.unlit }
+    }
+
+    /// Where a contact of `ray` is.
+    pub fn place(&self, model: &Model, ray: &Ray, contact: &Contact) -> Place {
+        let triangle = &self.triangles[contact.triangle as usize];
         let instance = &model.instances[triangle.instance as usize];
         let part = &model.parts[instance.part];
-        let material = &model.materials[part.material];
         let corners = self.corners(triangle);
         let weights = [1.0 - contact.b[0] - contact.b[1], contact.b[0], contact.b[1]];
         let point = (0..3).map(|i| weights[i] * corners[i]).sum::<DVec3>();
@@ -361,10 +443,22 @@ impl Mesh {
         if normal.dot(ray.dir) > 0.0 {
             normal = -normal;
         }
-        let cosine = facing(&corners, ray.dir);
-        let [r, g, b, _] = self.color(part, material, triangle, contact, width / cosine);
-        Surface { point, lifted, normal, albedo: Vec3::new(r, g, b), unlit: material.unlit }
+        Place { point, lifted, normal }
     }
+}
+
+/// The share of light that comes through along `ray` up to t1, where `contact` tells what it meets of an item, and how much
+/// of what it met lets light through.
+fn through(bvh: &Bvh, ray: &Ray, t1: f64, contact: impl Fn(u32, &Shear, f64) -> Option<Contact>) -> (f32, u32) {
+    let (mut through, mut met) = (1.0, 0);
+    let shear = Shear::new(ray.dir);
+    let end = bvh.nearest(ray, t1, |i, t1| {
+        let Some(contact) = contact(i, &shear, t1) else { return t1 };
+        through *= 1.0 - contact.alpha;
+        met += 1;
+        if through <= 0.0 { -1.0 } else { t1 }
+    });
+    (if end < 0.0 { 0.0 } else { through }, met)
 }
 
 /// Cosine between a ray and a triangle's normal, at least .05: how much wider a cone is on the surface.

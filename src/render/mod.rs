@@ -6,6 +6,7 @@
 mod air;
 mod bvh;
 mod camera;
+mod cards;
 mod cells;
 mod copies;
 mod curved;
@@ -18,6 +19,7 @@ mod faces;
 mod film;
 pub mod image_io;
 mod jitter;
+mod lane;
 mod layer;
 mod light;
 mod lighting;
@@ -71,6 +73,7 @@ use crate::volume::octree::Pages;
 use crate::volume::palette::Restyled;
 use crate::volume::{Octree, Palette, Volume};
 use crate::{Error, Result, Warnings, par};
+use lane::Lane;
 use pixel::Tracer;
 use prepare::World;
 
@@ -284,7 +287,7 @@ fn film(world: &World<'_>, options: &Options, progress: &dyn Progress) -> (Film,
     (film, counts)
 }
 
-/// Lanes that are added to a single one for which a texel's source was traced: triangles are not filtered.
+/// Lanes that are added to one or two for which a texel's source was traced: triangles are not filtered.
 const NEAR_LANES: u32 = 2;
 
 /// Where the two outermost lanes see the same, in the display's white, the others are left out; but not among triangles,
@@ -312,6 +315,12 @@ fn pixel_of(tracer: &mut Tracer<'_>, x: u32, y: u32) -> [f32; 4] {
                 add(tracer, lane, lanes);
             });
         }
+        if lanes == 2 && tracer.uses_source_geometry {
+            // Fewer than a single lane gets would be worse.
+            (2..2 + NEAR_LANES).for_each(|lane| {
+                add(tracer, lane, lanes);
+            });
+        }
     } else if tracer.uses_source_geometry {
         (0..NEAR_LANES).for_each(|lane| {
             add(tracer, lane, NEAR_LANES);
@@ -321,33 +330,17 @@ fn pixel_of(tracer: &mut Tracer<'_>, x: u32, y: u32) -> [f32; 4] {
 }
 
 /// Radiance and cover of one lane of a pixel.
-fn lane_of(tracer: &mut Tracer<'_>, [x, y]: [u32; 2], lane: u32, lanes: u32) -> Vec4 {
+fn lane_of(tracer: &mut Tracer<'_>, [x, y]: [u32; 2], index: u32, count: u32) -> Vec4 {
     let world = tracer.world;
-    let [dx, dy] = lane_offset(lane, lanes);
-    let cone = world.view.cone(f64::from(x) + dx, f64::from(y) + dy, world.unit);
+    let lane = Lane { x, y, index, count };
+    let cone = lane.cone(&world.view, world.unit);
     if let Some(trace) = &mut tracer.trace {
         let width = cone.width * world.unit;
         trace.push(TraceEvent::Cone { direction: cone.ray.dir.to_array(), width, growth: cone.growth });
     }
-    let lod_dither = lod_dither(x, y, lane, lanes);
-    let (radiance, alpha) = tracer.cone(&cone, lod_dither);
+    let (radiance, alpha) = tracer.cone(&cone, lane);
     if let Some(trace) = &mut tracer.trace {
         trace.push(TraceEvent::Radiance { rgb: radiance.to_array(), alpha });
     }
     radiance.extend(alpha)
-}
-
-/// Place in its pixel at which a lane looks: a rotated grid, row i at column bit-reversed i.
-fn lane_offset(lane: u32, lanes: u32) -> [f64; 2] {
-    let bits = lanes.trailing_zeros();
-    let column = if bits == 0 { 0 } else { lane.reverse_bits() >> (32 - bits) };
-    [f64::from(column), f64::from(lane)].map(|k| (k + 0.5) / f64::from(lanes))
-}
-
-/// The number in [0, 1) that chooses between two depths: ordered over a pixel's lanes, and over neighbouring pixels by interleaved
-/// gradient noise (J. Jimenez, *Next Generation Post Processing in Call of Duty*, SIGGRAPH 2014 courses).
-fn lod_dither(x: u32, y: u32, lane: u32, lanes: u32) -> f32 {
-    let ramp = 0.067_110_56 * f64::from(x) + 0.005_837_15 * f64::from(y);
-    let noise = (52.982_918_9 * ramp.fract()).fract();
-    ((noise + f64::from(lane)) / f64::from(lanes)) as f32 % 1.0
 }

@@ -9,6 +9,7 @@
 use super::bvh::{Pending, Sweep};
 use super::camera::Cone;
 use super::events::{Event, EventLists, EventOrigin, Recorder, composite, sort};
+use super::lane::{FineRays, Lane};
 use super::mesh::Contact;
 use super::options::Options;
 use super::prepare::{Texel, World};
@@ -59,6 +60,8 @@ pub struct Tracer<'w> {
 /// A camera cone on its way: what has been gathered, front to back.
 pub struct ConeState<'c> {
     pub cone: &'c Cone,
+    /// The fine rays by which meshes are seen, where cards are near.
+    pub fine: Option<FineRays>,
     /// In [0, 1): chooses between two depths, and between voxels and triangles.
     pub lod_dither: f32,
     /// Share of the light that is not stopped by what was composited.
@@ -105,20 +108,29 @@ impl<'w> Tracer<'w> {
         }
     }
 
-    /// Radiance, the background included, and the share of the pixel that is not background. `lod_dither` in [0, 1)
-    /// chooses between two depths.
-    pub fn cone(&mut self, cone: &Cone, lod_dither: f32) -> (Vec3, f32) {
+    /// Radiance, the background included, and the share of the pixel that is not background, as `lane` sees it, whose cone is
+    /// `cone`.
+    pub fn cone(&mut self, cone: &Cone, lane: Lane) -> (Vec3, f32) {
         let world = self.world;
+        let lod_dither = lane.lod_dither();
         self.counts.cones += 1;
         self.lists.clear();
         self.waiting.clear();
         let width_at = |t: f64| cone.width_at(t);
         let blended = &mut self.lists.blended;
-        let contact = world.mesh.nearest(&world.scene.model, &cone.ray, f64::INFINITY, width_at, blended);
+        let mut contact = world.mesh.nearest(&world.scene.model, &cone.ray, f64::INFINITY, width_at, blended);
+        let fine = self.fine_rays(lane, cone, contact.as_ref());
+        let mut end = contact.map_or(f64::INFINITY, |c| c.t);
+        if let Some(rays) = fine {
+            end = self.gather_cards(rays, cone);
+            contact = None;
+        }
+        let blended = &self.lists.blended;
         let waits = |(i, surface): (usize, &Contact)| Waiting::BlendedSurface { index: i as u32, t: surface.t };
         self.waiting.extend(blended.iter().enumerate().map(waits));
         let mut state = ConeState {
             cone,
+            fine,
             lod_dither,
             transmittance: 1.0,
             radiance: Vec3::ZERO,
@@ -126,13 +138,14 @@ impl<'w> Tracer<'w> {
             arrived: 0.0,
             tested: 0.0,
         };
-        self.traverse(&mut state, contact.map_or(f64::INFINITY, |c| c.t));
+        self.traverse(&mut state, end);
         let mut alpha = 1.0 - state.transmittance;
         if state.transmittance > OPAQUE_BELOW {
             match contact {
                 Some(contact) => {
                     alpha = 1.0;
-                    self.shade_opaque(&mut state, contact);
+                    let through = state.transmittance;
+                    self.shade_contact(&mut state, &contact, through, None);
                 }
                 None => state.radiance += state.transmittance * world.surround.seen(cone.ray.dir, cone.growth),
             }
@@ -264,21 +277,12 @@ impl<'w> Tracer<'w> {
                 EventOrigin::Source { .. } => group.iter().for_each(|e| self.shade_source(state, e)),
                 EventOrigin::BlendedSurface(i) => {
                     let contact = self.lists.blended[i as usize];
-                    self.shade_contact(state, &contact, group[0].alpha);
+                    self.shade_contact(state, &contact, group[0].alpha, Some(i as usize));
                 }
             }
         }
         events.drain(..count);
         self.lists.events = events;
-    }
-
-    /// Light the opaque surface that ends the ray.
-    fn shade_opaque(&mut self, state: &mut ConeState<'_>, contact: Contact) {
-        let through = state.transmittance;
-        let surface = self.shade_contact(state, &contact, through);
-        let (albedo, normal) = (surface.albedo.to_array(), surface.normal.to_array());
-        let metres = contact.t * self.world.unit;
-        self.trace_event(|| TraceEvent::Surface { metres, albedo, normal, through });
     }
 }
 

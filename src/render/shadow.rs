@@ -3,7 +3,9 @@
 //! Based on: J. Amanatides, *Ray Tracing with Cones*, SIGGRAPH 1984.
 
 use super::cells::CopyHit;
+use super::lane::REACH;
 use super::prepare::World;
+use super::reference::sampling::point;
 use super::segments::{BoxInterval, CopySegment, for_each_segment};
 use super::stats::Counts;
 use crate::geom::Ray;
@@ -61,25 +63,43 @@ impl ShadowCone {
     /// The share of light that comes through the scene's meshes along the cone's ray.
     pub fn mesh_transmittance(&self, world: &World<'_>) -> f32 {
         let skip = SelfHit::mesh_triangle(self.start);
-        world.mesh.transmittance(&world.scene.model, &self.ray, self.end, skip, self.width)
+        world.mesh.transmittance_of_overlapping(&world.scene.model, &self.ray, self.end, skip, self.width)
     }
 
-    /// The same for light of the angular size 2 `radius`: few rays, and more where they differ.
-    pub fn soft_mesh_transmittance(&self, world: &World<'_>, radius: f64) -> f32 {
+    /// The same for light as large as the cone grows: few rays, and more where they differ, or where cards are near.
+    pub fn soft_mesh_transmittance(&self, world: &World<'_>) -> f32 {
         const RAYS: usize = 16;
         const FIRST: usize = 4;
-        if radius <= 0.0 || world.mesh.is_empty() {
+        if world.mesh.is_empty() {
+            return 1.0;
+        }
+        let reach = |t: f64| REACH * (self.width + self.growth * t);
+        let has_cards = world.mesh.cards_near(&self.ray, self.end, reach, 1) > 0;
+        let radius = 0.5 * self.growth;
+        if radius <= 0.0 && !has_cards {
             return self.mesh_transmittance(world);
         }
         let (across, other) = self.ray.dir.any_orthonormal_pair();
         let size = libm::tan(radius);
         // Even over the disc (H. Vogel 1979); the first few are spread over it too.
-        let one = |i: usize| {
+        let towards = |i: usize| {
             let (sin, cos) = libm::sincos(2.399_963_23 * i as f64);
             let reach = size * ((i as f64 + 0.5) / RAYS as f64).sqrt();
             let dir = (self.ray.dir + reach * (cos * across + sin * other)).normalize();
-            ShadowCone { ray: Ray { dir, ..self.ray }, ..*self }.mesh_transmittance(world)
+            ShadowCone { ray: Ray { dir, ..self.ray }, ..*self }
         };
+        if has_cards {
+            // Cards cover as they do over the whole width of the cone; what is solid may be the ground that the cone starts on.
+            let one = |i: usize| {
+                let solid = towards(i).ray;
+                let [u, v] = point(i as u32, 0).map(|k| (k - 0.5) * self.width);
+                let ray = Ray { origin: solid.origin + u * across + v * other, ..solid };
+                let skip = SelfHit::mesh_triangle(self.start);
+                world.mesh.transmittance_apart(&world.scene.model, &ray, &solid, self.end, skip)
+            };
+            return (0..RAYS).map(one).sum::<f32>() / RAYS as f32;
+        }
+        let one = |i: usize| towards(i).mesh_transmittance(world);
         let is_first = |i: &usize| i % (RAYS / FIRST) == RAYS / FIRST - 1;
         let first: Vec<f32> = (0..RAYS).filter(is_first).map(one).collect();
         let sum: f32 = first.iter().sum();

@@ -1,0 +1,75 @@
+//! The rays of a pixel: where its lanes look, and the fine rays that share a lane's work where one is not enough.
+
+use super::camera::{Cone, View};
+use super::reference::sampling::{hash, point};
+
+/// How far from its middle a square cone reaches, in widths: half a diagonal.
+pub const REACH: f64 = 0.71;
+
+/// One of a pixel's lanes.
+#[derive(Debug, Clone, Copy)]
+pub struct Lane {
+    /// Pixel, counted from the upper left.
+    pub x: u32,
+    pub y: u32,
+    /// Number of the lane, and of the pixel's lanes: a power of two. Numbers from that on are of lanes beside them, mirrored.
+    pub index: u32,
+    pub count: u32,
+}
+
+impl Lane {
+    /// The lane's cone; `unit` is the length that becomes 1.
+    pub fn cone(&self, view: &View, unit: f64) -> Cone {
+        let [dx, dy] = self.offset();
+        view.cone(f64::from(self.x) + dx, f64::from(self.y) + dy, unit)
+    }
+
+    /// Place in its pixel at which a lane looks: a rotated grid, row i at column bit-reversed i.
+    fn offset(&self) -> [f64; 2] {
+        let bits = self.count.trailing_zeros();
+        let row = self.index % self.count;
+        let column = if bits == 0 { 0 } else { row.reverse_bits() >> (32 - bits) };
+        let [x, y] = [column, row].map(|k| (f64::from(k) + 0.5) / f64::from(self.count));
+        if self.index < self.count { [x, y] } else { [1.0 - x, y] }
+    }
+
+    /// The number in [0, 1) that chooses between two depths: ordered over a pixel's lanes, and over neighbouring pixels by
+    /// interleaved gradient noise (J. Jimenez, *Next Generation Post Processing in Call of Duty*, SIGGRAPH 2014 courses).
+    pub fn lod_dither(&self) -> f32 {
+        let ramp = 0.067_110_56 * f64::from(self.x) + 0.005_837_15 * f64::from(self.y);
+        let noise = (52.982_918_9 * ramp.fract()).fract();
+        ((noise + f64::from(self.index)) / f64::from(self.count)) as f32 % 1.0
+    }
+
+    /// How many of the pixel's `all` fine rays (a power of two) are the lane's.
+    pub fn share(&self, all: u32) -> u32 {
+        (all / self.count).max(1)
+    }
+
+    /// The cone through the middle of the lane's fine ray k of [`Lane::share`]: over all lanes they fill the pixel evenly.
+    pub fn fine(&self, view: &View, unit: f64, k: u32, all: u32) -> Cone {
+        let [dx, dy] = self.point(k, all, 0);
+        view.cone(f64::from(self.x) + dx, f64::from(self.y) + dy, unit)
+    }
+
+    /// A point in [0, 1)² for the lane's fine ray k, evenly spread over the pixel's; sets are apart from one another, and 0 is that
+    /// of the places in the pixel.
+    pub fn point(&self, k: u32, all: u32, set: u32) -> [f64; 2] {
+        point(self.index * self.share(all) + k, hash(self.x ^ hash(self.y ^ hash(set))))
+    }
+}
+
+/// A lane's fine rays.
+#[derive(Clone, Copy)]
+pub struct FineRays {
+    pub lane: Lane,
+    /// Of the whole pixel.
+    pub all: u32,
+}
+
+impl FineRays {
+    /// Width of a fine cone, in widths of the pixel's.
+    pub fn narrow(&self) -> f64 {
+        f64::from(self.lane.share(self.all) * self.lane.count).sqrt().recip()
+    }
+}
