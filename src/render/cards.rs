@@ -108,7 +108,7 @@ impl Tracer<'_> {
         self.lists.places.clear();
         for (mut contact, range) in surfaces {
             let weight: f32 = hits[range.clone()].iter().map(|h| h.weight).sum();
-            contact.alpha = (weight / left).min(1.0);
+            contact.alpha = weight / left.max(weight);
             left -= weight;
             // In no place with another, or else they would share what they stop.
             contact.t = contact.t.max(end.next_up());
