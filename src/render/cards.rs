@@ -187,7 +187,9 @@ fn thin_out(hits: &mut Vec<FineHit>) {
     let (mut sum, mut kept) = (0.0, Vec::with_capacity(MOST_LIT));
     for hit in hits.iter() {
         sum += hit.weight;
-        while kept.len() < MOST_LIT && sum > (kept.len() as f32 + 0.5) * weight {
+        // The places among the hits are apart from where rays begin, or else the first hit of a ray would be chosen.
+        let place = |k: usize| k as f32 + ((k as u32).reverse_bits() >> 28) as f32 / 16.0 + 0.5 / 16.0;
+        while kept.len() < MOST_LIT && sum > place(kept.len()) * weight {
             kept.push(FineHit { weight, ..*hit });
         }
     }
