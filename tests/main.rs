@@ -40,4 +40,5 @@ mod reference;
 mod render;
 mod reported;
 mod stack;
+mod translucency;
 mod vectors;

@@ -50,6 +50,7 @@ use crate::geom::{Aabb, DVec3};
 use crate::progress::Progress;
 use crate::source::{Placement, Source, Staged};
 use crate::volume::brightness::BrightnessFactors;
+use crate::volume::surface::{self, SurfaceMeans, SurfaceParams};
 use crate::volume::{Channels, Info, Material, Model, Volume};
 use crate::{Error, Result, Warnings, morton, par};
 use output::{FitOptions, Output};
@@ -110,7 +111,9 @@ pub(crate) fn measure_and_fit(
     let relative = |cube: Aabb| Aabb::new(cube.min - origin, cube.max - origin);
     let options = &Options { cube: options.cube.map(relative), ..options.clone() };
     let place = plan(source.bounds(), options)?;
-    let names = if options.materials { source.materials() } else { &[] };
+    let surfaces = source.surfaces();
+    // Voxels have to be told apart where some of them let light through.
+    let names = if options.materials || !surfaces.is_empty() { source.materials() } else { &[] };
     materials::check_count(names)?;
     let staged = source.stage(&place, progress)?;
     let estimate = estimate::estimate(&*staged, &place);
@@ -157,6 +160,10 @@ pub(crate) fn measure_and_fit(
         materials,
         meta: meta(&report),
     };
+    let mut info = info;
+    let seen = |(i, s): (usize, &SurfaceMeans)| s.seen(info.materials.get(i).map(|m| m.albedo));
+    let surfaces: Vec<SurfaceParams> = surfaces.iter().enumerate().map(seen).collect();
+    surface::store(&surfaces, &mut info.meta);
     Ok((Volume { info, depths }, report))
 }
 

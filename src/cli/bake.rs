@@ -23,6 +23,7 @@ use crate::progress::Progress;
 use crate::scene::files::{hex, sha256};
 use crate::source;
 use crate::source::OpenOptions;
+use crate::source::paint::Translucency;
 use crate::source::recipe::Laid;
 use crate::volume::{Model, Volume};
 use crate::{Error, Result, par};
@@ -90,12 +91,32 @@ pub struct Args {
     /// Call all of its matter by this name, and not as the source does
     #[arg(long, value_name = "NAME", help_heading = "Sources")]
     material: Option<String>,
+    /// Share of the light that comes through, as through leaves (0.3 to 0.5), for sources that say nothing of it: of all, or of
+    /// one material; may be given again
+    #[arg(long, value_name = "SHARE|MATERIAL=SHARE", value_parser = translucency, help_heading = "Sources")]
+    translucency: Vec<Translucency>,
     #[command(flatten)]
     source: SourceArgs,
 }
 
 /// Voxels along the cube's edge where nobody says.
 const RESOLUTION: u32 = 512;
+
+/// A share of the light, of all or of one material.
+fn translucency(text: &str) -> Result<Translucency, String> {
+    let (material, share) = match text.rsplit_once('=') {
+        Some((name, share)) => (Some(name.to_owned()), share),
+        None => (None, text),
+    };
+    let share: f64 = share.trim().parse().map_err(|_| "a share such as 0.4 is needed, or MATERIAL=0.4")?;
+    if !(0.0..=MOST_TRANSLUCENCY).contains(&share) {
+        return Err(format!("a share of 0 to {MOST_TRANSLUCENCY} is needed"));
+    }
+    Ok(Translucency { material, share })
+}
+
+/// Matter that let all light through would have no colour.
+const MOST_TRANSLUCENCY: f64 = 0.9;
 
 #[derive(Clone, Copy, clap::ValueEnum)]
 enum ModelArg {
@@ -165,6 +186,10 @@ impl Args {
             out["tint"] = true.into();
         }
         self.material.iter().for_each(|v| out["material"] = v.as_str().into());
+        if !self.translucency.is_empty() {
+            let one = |t: &Translucency| json!({ "material": t.material, "share": t.share });
+            out["translucency"] = self.translucency.iter().map(one).collect();
+        }
         if self.materials == Materials::Off {
             out["materials"] = "off".into();
         }
@@ -192,7 +217,12 @@ impl Args {
     }
 
     fn laid(&self) -> Laid {
-        Laid { albedo: self.albedo.clone(), tint: self.tint, material: self.material.clone() }
+        Laid {
+            albedo: self.albedo.clone(),
+            tint: self.tint,
+            material: self.material.clone(),
+            translucency: self.translucency.clone(),
+        }
     }
 }
 

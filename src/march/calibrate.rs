@@ -138,7 +138,8 @@ fn lit(tree: &Octree, deepest: usize) -> Vec<Lit> {
             let choice = DepthChoice { finest: depth as u8, ..DepthChoice::default() };
             let stretch = ray.stretch;
             groups.clear();
-            let mut shader = Shader::new(-stretch.dir, &ray.lamps, None, Vec3::ONE, &[], &mut groups);
+            let mut shader =
+                Shader::new(-stretch.dir, &ray.lamps, None, Vec3::ONE, &[], &mut groups).with_surfaces_of(tree);
             march(tree, &stretch, choice, 1.0, &mut shader, &mut stats);
             shader.finish();
             let mut lit = Lit::default();

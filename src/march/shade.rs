@@ -2,7 +2,8 @@
 
 use crate::geom::{Mat3, Vec3};
 use crate::volume::brightness::BrightnessFactors;
-use crate::volume::{Sggx, Voxel};
+use crate::volume::octree::VoxelAddress;
+use crate::volume::{Octree, Sggx, Voxel};
 
 use super::transmittance::{Sink, VoxelHit};
 use super::vndf::{EQUAL, visible_normals};
@@ -25,7 +26,7 @@ pub struct ShadowGroup {
     pub voxel: f32,
     /// Weighted mean of the normals of what has an outside, in the space of the lights; as long as it is one-sided and flat.
     pub outside: Vec3,
-    /// Sum of weight · albedo · E[max(0, n·l)], linear.
+    /// Sum of weight · (albedo · E[max(0, n·l)] + transmission · E[max(0, −n·l)]), linear.
     pub energy: Vec3,
 }
 
@@ -60,6 +61,7 @@ impl OpenGroup {
 #[derive(Clone, Copy)]
 struct SolidSurface {
     voxel: Voxel,
+    place: VoxelAddress,
     t: f32,
     position: Vec3,
 }
@@ -75,13 +77,19 @@ pub struct Shader<'a> {
     warp: Option<Mat3>,
     tint: Vec3,
     brightness: &'a [BrightnessFactors],
+    /// The texel, where its voxels are more than matt and opaque.
+    surfaces: Option<&'a Octree>,
     /// The last voxel that was met of a solid's surface: what comes through it and ends within the solid is seen of it too.
     solid: Option<SolidSurface>,
     /// One a light, from the first voxel on.
     open: Vec<OpenGroup>,
     groups: &'a mut Vec<ShadowGroup>,
-    /// Sum of weight · albedo: times the radiance of a constant sky, the ambient light reflected.
+    /// Sum of weight · albedo of what is lit: times the radiance of a constant sky, the ambient light reflected.
     pub albedo: Vec3,
+    /// Sum of weight · transmission: alike, the ambient light that comes through.
+    pub transmission: Vec3,
+    /// Sum of weight · albedo of what shows its colour whatever the light.
+    pub unlit: Vec3,
     /// Sum of weights: the coverage.
     pub weight: f32,
     /// Where it is set, the visible normals of all voxels are summed up in it.
@@ -137,13 +145,22 @@ impl<'a> Shader<'a> {
             warp,
             tint,
             brightness,
+            surfaces: None,
             solid: None,
             open: Vec::new(),
             groups,
             albedo: Vec3::ZERO,
+            transmission: Vec3::ZERO,
+            unlit: Vec3::ZERO,
             weight: 0.0,
             normals: None,
         }
+    }
+
+    /// Take what voxels are besides their albedo from the texel that they are of.
+    pub fn with_surfaces_of(mut self, tree: &'a Octree) -> Self {
+        self.surfaces = tree.has_surfaces().then_some(tree);
+        self
     }
 
     /// Close every group; to be called where the ray leaves the instance.
@@ -169,16 +186,26 @@ impl Sink for Shader<'_> {
     fn voxel(&mut self, hit: &VoxelHit<'_>) {
         let voxel = hit.voxel;
         let edge = (-f32::from(hit.depth)).exp2();
-        let own = SolidSurface { voxel: *voxel, t: hit.t, position: hit.position };
+        let place = VoxelAddress { depth: hit.depth, rank: hit.rank };
+        let own = SolidSurface { voxel: *voxel, place, t: hit.t, position: hit.position };
         let near = |s: &SolidSurface| s.position.distance_squared(hit.position) <= (SURFACE_SEEN_WITHIN * edge).powi(2);
-        let SolidSurface { voxel, t, position } = match self.solid {
+        let SolidSurface { voxel, place, t, position } = match self.solid {
             Some(solid) if voxel.is_inside() && near(&solid) => solid,
             _ => own,
         };
         if voxel.one_sidedness() > 0.0 {
-            self.solid = Some(SolidSurface { voxel, t, position });
+            self.solid = Some(SolidSurface { voxel, place, t, position });
         }
-        let albedo = voxel.albedo() * self.tint * hit.weight;
+        let mut albedo = voxel.albedo() * self.tint * hit.weight;
+        let mut transmission = Vec3::ZERO;
+        if let Some(tree) = self.surfaces {
+            let surface = tree.surface(place);
+            transmission = surface.transmission() * self.tint * hit.weight;
+            let unlit = surface.unlit() * albedo;
+            albedo -= unlit;
+            self.unlit += unlit;
+            self.transmission += transmission;
+        }
         self.albedo += albedo;
         self.weight += hit.weight;
         if self.lights.is_empty() && self.normals.is_none() {
@@ -204,14 +231,21 @@ impl Sink for Shader<'_> {
             let one =
                 [mean.x * mean.x, mean.y * mean.y, mean.z * mean.z, mean.x * mean.y, mean.y * mean.z, mean.z * mean.x];
             let square = std::array::from_fn(|k| square[k] + flat * (one[k] - square[k]));
-            sums.add(albedo.max_element(), (middle.lerp(mean, flat), square));
+            sums.add(albedo.max_element().max(transmission.max_element()), (middle.lerp(mean, flat), square));
         }
+        let translucent = transmission != Vec3::ZERO;
         let factors = self.brightness.get(usize::from(hit.depth)).unwrap_or(&BrightnessFactors::PLAIN);
         for light in 0..self.lights.len() {
             let towards = self.lights[light];
             let all = normals.diffuse(&weights, towards);
-            let cosine = (all + flat * (mean.dot(towards).max(0.0) - all)) * factors.lit(self.view.dot(towards));
-            let lit = hit.weight * cosine;
+            let factor = factors.lit(self.view.dot(towards));
+            let cosine = (all + flat * (mean.dot(towards).max(0.0) - all)) * factor;
+            let mut behind = 0.0;
+            if translucent {
+                let all = normals.diffuse(&weights, -towards);
+                behind = (all + flat * ((-mean.dot(towards)).max(0.0) - all)) * factor;
+            }
+            let lit = hit.weight * (cosine + behind);
             if lit <= 0.0 {
                 continue;
             }
@@ -225,8 +259,8 @@ impl Sink for Shader<'_> {
             open.t += lit * t;
             open.position += lit * position;
             open.voxel += lit * edge;
-            open.outside += lit * share * mean;
-            open.energy += albedo * cosine;
+            open.outside += hit.weight * (cosine - behind) * share * mean;
+            open.energy += albedo * cosine + transmission * behind;
             if open.weight >= GROUP_WEIGHT {
                 self.close(light);
             }
@@ -271,7 +305,7 @@ mod tests {
     use crate::volume::voxel::RATE_MAX;
 
     fn hit(voxel: &Voxel, weight: f32, t: f32) -> VoxelHit<'_> {
-        VoxelHit { t, weight, depth: 3, voxel, position: Vec3::splat(t) }
+        VoxelHit { t, weight, depth: 3, voxel, rank: 0, position: Vec3::splat(t) }
     }
 
     #[test]
@@ -305,6 +339,70 @@ mod tests {
         assert!((3..=4).contains(&groups.len()), "{groups:?}");
         assert!(groups.windows(2).all(|g| g[0].t < g[1].t));
         assert!((groups[0].voxel - 0.125).abs() < 1e-6);
+    }
+
+    /// A texel of one voxel, of one material that reflects and transmits.
+    fn translucent(voxel: Voxel, transmission: f64, unlit: f64) -> Octree {
+        use crate::volume::surface::{SurfaceParams, store};
+        use crate::volume::{Depth, Info, Material, Volume};
+        let albedo = voxel.albedo().to_array().map(f64::from);
+        let materials = vec![Material { name: "leaf".into(), albedo, share: 1.0 }];
+        let mut info = Info { materials, ..Info::default() };
+        store(&[SurfaceParams { transmission: [transmission; 3], unlit }], &mut info.meta);
+        let depth = Depth { masks: vec![0], voxels: vec![voxel], mixes: Vec::new() };
+        Octree::new(Volume { info, depths: vec![depth] }).unwrap()
+    }
+
+    #[test]
+    fn light_from_behind_comes_through() {
+        let mut voxel = Voxel { rate: RATE_MAX, ..Voxel::default() };
+        voxel.set_albedo([0.25; 3]);
+        let reflected = voxel.albedo().x;
+        let tree = translucent(voxel, 0.5, 0.0);
+        let at = |voxel, t| VoxelHit { depth: 0, ..hit(voxel, 1.0, t) };
+        let lights = [Vec3::Z, -Vec3::Z, Vec3::X];
+        let mut groups = Vec::new();
+        let mut shader = Shader::new(Vec3::Z, &lights, None, Vec3::ONE, &[], &mut groups).with_surfaces_of(&tree);
+        shader.voxel(&at(&voxel, 0.0));
+        shader.finish();
+        // Reflected and transmitted, the sky loses what is absorbed; a step of the code at .5 is 2 · sqrt(.5) / 255.
+        assert!((shader.albedo + shader.transmission - (reflected + 0.5)).abs().max_element() < 0.003);
+        let light = |k: usize| groups.iter().filter(|g| g.light == k).map(|g| g.energy.x).sum::<f32>();
+        // Isotropic facets: 2/3 of Lambert's cosine from the viewer's side and from behind it, 1/(3π) · 2 at right angles from
+        // each side, by the cubature to .01.
+        assert!((light(0) - reflected * 2.0 / 3.0).abs() < 0.01, "{}", light(0));
+        assert!((light(1) - 0.5 * 2.0 / 3.0).abs() < 0.01, "{}", light(1));
+        let side = 2.0 / (3.0 * std::f32::consts::PI);
+        assert!((light(2) - (reflected + 0.5) * side).abs() < 0.02, "{}", light(2));
+    }
+
+    #[test]
+    fn what_comes_through_a_wall_is_shaded_from_behind_it() {
+        let mut voxel = Voxel { rate: RATE_MAX, ..Voxel::default() };
+        voxel.set_mean_normal([0.0, 0.0, 1.0], 1.0);
+        voxel.set_albedo([0.25; 3]);
+        let tree = translucent(voxel, 0.5, 0.0);
+        let lights = [-Vec3::Z];
+        let mut groups = Vec::new();
+        let mut shader = Shader::new(Vec3::Z, &lights, None, Vec3::ONE, &[], &mut groups).with_surfaces_of(&tree);
+        shader.voxel(&VoxelHit { depth: 0, ..hit(&voxel, 1.0, 0.0) });
+        shader.finish();
+        // The wall's own normal, to the step of its code.
+        assert!((groups[0].energy.x - 0.5).abs() < 0.005 && groups[0].outside.z < -0.99, "{groups:?}");
+    }
+
+    #[test]
+    fn what_is_unlit_shows_its_colour() {
+        let mut voxel = Voxel { rate: RATE_MAX, ..Voxel::default() };
+        voxel.set_albedo([0.25; 3]);
+        let tree = translucent(voxel, 0.0, 1.0);
+        let lights = [Vec3::Z];
+        let mut groups = Vec::new();
+        let mut shader = Shader::new(Vec3::Z, &lights, None, Vec3::ONE, &[], &mut groups).with_surfaces_of(&tree);
+        shader.voxel(&VoxelHit { depth: 0, ..hit(&voxel, 0.5, 0.0) });
+        shader.finish();
+        assert_eq!((shader.albedo, shader.unlit), (Vec3::ZERO, 0.5 * voxel.albedo()));
+        assert!(groups.iter().all(|g| g.energy == Vec3::ZERO), "{groups:?}");
     }
 
     #[test]

@@ -93,6 +93,8 @@ pub struct VoxelHit<'a> {
     pub depth: u8,
     /// Voxel that stops the light.
     pub voxel: &'a Voxel,
+    /// Its number among those of its depth.
+    pub rank: u32,
     /// The middle of that segment, texel space.
     pub position: Vec3,
 }
@@ -280,7 +282,8 @@ impl<S: Sink> VoxelVisitor for OpacityLaw<'_, S> {
         if weight > 0.0 {
             let s = 0.5 * (enter + leave);
             let position = self.origin + s * self.dir;
-            self.sink.voxel(&VoxelHit { t: s * self.per_speed, weight, depth, voxel, position });
+            let rank = segment.place.rank;
+            self.sink.voxel(&VoxelHit { t: s * self.per_speed, weight, depth, voxel, rank, position });
         }
         !stopped
     }

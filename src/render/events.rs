@@ -31,6 +31,8 @@ pub enum EventOrigin {
         copy: u32,
         voxel: Voxel,
         depth: u8,
+        /// Its number among those of its depth.
+        rank: u32,
         /// The copy's own parameter, from where the ray enters it.
         t: f32,
         /// Texel space.
@@ -93,8 +95,8 @@ impl Sink for Recorder<'_> {
     fn voxel(&mut self, hit: &VoxelHit<'_>) {
         let alpha = (hit.weight / self.transmittance).clamp(0.0, 1.0);
         self.transmittance -= hit.weight;
-        let VoxelHit { t, voxel, depth, position, .. } = *hit;
-        let origin = EventOrigin::Voxel { copy: self.copy, voxel: *voxel, depth, t, position };
+        let VoxelHit { t, voxel, depth, rank, position, .. } = *hit;
+        let origin = EventOrigin::Voxel { copy: self.copy, voxel: *voxel, depth, rank, t, position };
         self.events.push(Event { t: self.t0 + f64::from(t), alpha, origin });
     }
 }

@@ -65,7 +65,7 @@ impl Tracer<'_> {
         let width = state.cone.width_at(event.t);
         let copy = CopyRay { ray: segment.hit.ray(), t0: segment.hit.t0, to_texel: segment.to_texel };
         let surface = source.surface(&state.cone.ray, &copy, &contact, width * segment.scale);
-        let surface = Surface { albedo: surface.albedo * segment.hit.tint, ..surface };
+        let surface = surface.tinted(segment.hit.tint);
         let start = SelfHit { triangle: contact.triangle, copy: Some((segment.hit.texel, segment.hit.cell)) };
         self.shade_surface(state, &surface, Seen { start, width, weight: event.alpha, places: &[] });
     }
@@ -82,14 +82,21 @@ impl Tracer<'_> {
             state.fade(before, world.surround.air(state.cone.ray.dir, distance), weight);
             return;
         }
+        let transmission = weight * surface.transmission;
         let normals = of_normal(surface.normal);
         state.radiance += albedo * self.sky_light(surface.point, &normals, surface.normal, width);
+        if transmission != Vec3::ZERO {
+            let normals = of_normal(-surface.normal);
+            state.radiance += transmission * self.sky_light(surface.point, &normals, -surface.normal, width);
+        }
         for light in &world.lights {
             let Some(incident) = light.incident(surface.point) else { continue };
             let cosine = surface.normal.dot(incident.dir) as f32;
-            if cosine > 0.0 {
-                let radiance = albedo * incident.irradiance * (cosine * FRAC_1_PI);
-                let ray = Ray { origin: surface.lifted, dir: incident.dir };
+            let (share, origin) =
+                if cosine > 0.0 { (albedo, surface.lifted) } else { (transmission, surface.lifted_behind()) };
+            if share != Vec3::ZERO {
+                let radiance = share * incident.irradiance * (cosine.abs() * FRAC_1_PI);
+                let ray = Ray { origin, dir: incident.dir };
                 let growth = 2.0 * incident.radius;
                 let cone = ShadowCone { ray, end: incident.distance, start: Some(start), width, growth };
                 match state.fine.filter(|_| !places.is_empty()) {
@@ -128,19 +135,27 @@ impl Tracer<'_> {
         let factors = calibrated.map_or(&[][..], |t| &t.tree.brightness_factors()[..]);
         let view = space.local(-cone.ray.dir);
         let mut shader = Shader::new(view, &lights, space.cofactor(), hit.tint, factors, &mut groups);
+        if let Some(texel) = texel {
+            shader = shader.with_surfaces_of(&texel.tree);
+        }
         shader.normals = world.surround.is_directional(self.options.ambient).then(Default::default);
         for event in events {
-            if let EventOrigin::Voxel { voxel, depth, t, position, .. } = &event.origin {
-                shader.voxel(&VoxelHit { t: *t, weight: event.alpha, depth: *depth, voxel, position: *position });
+            if let EventOrigin::Voxel { voxel, depth, rank, t, position, .. } = &event.origin {
+                let (t, depth, rank, position) = (*t, *depth, *rank, *position);
+                shader.voxel(&VoxelHit { t, weight: event.alpha, depth, voxel, rank, position });
             }
         }
         shader.finish();
-        let albedo = shader.albedo;
+        let (albedo, transmission, unlit) = (shader.albedo, shader.transmission, shader.unlit);
         let (normal, square) = shader.normals.unwrap_or_default().means();
         let normals = of_means(normal, square, &space.rotation());
         let before = (state.radiance, state.faint);
         let outward = space.world(normal);
-        state.radiance += albedo * self.sky_light(middle, &normals, outward, cone.width_at(mean));
+        state.radiance += unlit + albedo * self.sky_light(middle, &normals, outward, cone.width_at(mean));
+        if transmission != Vec3::ZERO {
+            let normals = of_means(-normal, square, &space.rotation());
+            state.radiance += transmission * self.sky_light(middle, &normals, -outward, cone.width_at(mean));
+        }
         let start = Some(SelfHit { triangle: u32::MAX, copy: Some((hit.texel, hit.cell)) });
         let facet_size = texel.map_or(0.0, |t| t.tree.info().facet_size as f32);
         for group in &groups {

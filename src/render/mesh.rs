@@ -3,6 +3,8 @@
 //! Based on: S. Woop, C. Benthin, I. Wald, *Watertight Ray/Triangle Intersection*, JCGT 2013; J. Hanika, *Hacking the
 //! Shadow Terminator*, Ray Tracing Gems II, 2021.
 
+mod transmission;
+
 use glam::DVec4;
 
 use super::bvh::Bvh;
@@ -89,7 +91,21 @@ pub struct Surface {
     pub normal: DVec3,
     /// Linear.
     pub albedo: Vec3,
+    /// Albedo of diffuse transmission, linear.
+    pub transmission: Vec3,
     pub unlit: bool,
+}
+
+impl Surface {
+    /// With its colours multiplied by `tint`.
+    pub fn tinted(self, tint: Vec3) -> Surface {
+        Surface { albedo: self.albedo * tint, transmission: self.transmission * tint, ..self }
+    }
+
+    /// Start of shadow rays on the side that is not seen.
+    pub fn lifted_behind(&self) -> DVec3 {
+        2.0 * self.point - self.lifted
+    }
 }
 
 /// A ray prepared for triangles: its largest axis becomes z, and a shear makes it run along z.
@@ -412,7 +428,8 @@ impl Mesh {
         let Place { point, lifted, normal } = self.place(model, ray, contact);
         let cosine = facing(&self.corners(triangle), ray.dir);
         let [r, g, b, _] = self.color(part, material, triangle, contact, width / cosine);
-        Surface { point, lifted, normal, albedo: Vec3::new(r, g, b), unlit: material.unlit }
+        let (albedo, transmission) = self.reflected(part, material, triangle, contact, (width / cosine, [r, g, b]));
+        Surface { point, lifted, normal, albedo, transmission, unlit: material.unlit }
     }
 
     /// Where a contact of `ray` is.

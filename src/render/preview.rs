@@ -97,10 +97,11 @@ fn shade(tree: &Octree, view: &View, at: Vec2, pixel: f32) -> Vec3 {
     let mut groups = Vec::new();
     let lights = if view.lit { &to_sun[..] } else { &[] };
     let mut shader = Shader::new(-view.into, lights, None, Vec3::ONE, tree.brightness_factors(), &mut groups);
+    shader = shader.with_surfaces_of(tree);
     let t = march(tree, &stretch, choice, 1.0, &mut shader, &mut stats);
     shader.finish();
     let ambient = if view.lit { SKY } else { 1.0 };
-    let mut radiance = shader.albedo * ambient + BACKGROUND * t;
+    let mut radiance = (shader.albedo + shader.transmission) * ambient + shader.unlit + BACKGROUND * t;
     for group in &groups {
         let origin = group.position + group.start(tree.info().facet_size as f32, to_sun[0]);
         let shadow = MarchSegment { origin, dir: to_sun[0], length: 2.0, ..stretch };

@@ -6,7 +6,8 @@ use std::sync::Arc;
 
 use crate::geom::{Aabb, DAffine3, DMat3, DVec3, Ray, Vec3};
 use crate::scene::shell::Pose;
-use crate::scene::{Instance, Model, Texture, files, gltf};
+use crate::scene::{Instance, Model, Texture, Transmission, files, gltf};
+use crate::volume::surface::{SurfaceTable, mean_transmission};
 use crate::volume::{Info, Palette, Style};
 use crate::{Error, Result, Warnings};
 
@@ -49,6 +50,7 @@ impl SourceMesh {
             ..Default::default()
         };
         let mut model = gltf::read(path, &read)?.model;
+        let_through(&mut model, info);
         restyle(&mut model, palette);
         warnings.merge(model.warnings.clone());
         Ok(SourceMesh::new(model, info, warnings))
@@ -91,6 +93,28 @@ impl SourceMesh {
     }
 }
 
+/// Let light through those of a model's materials that say nothing of it, where the texel does: it was baked so.
+fn let_through(model: &mut Model, info: &Info) {
+    let Some(table) = SurfaceTable::new(info) else { return };
+    for material in model.materials.iter_mut().filter(|m| m.transmission.is_none() && !m.unlit) {
+        let named = info.materials.iter().position(|m| m.name == material.name);
+        // A texel without names has one material.
+        let Some(id) = named.or((info.materials.len() <= 1).then_some(0)) else { continue };
+        let (mean, params) = table.entry(id.min(255) as u8);
+        let through = mean_transmission(&params);
+        let share = through.element_sum() / (mean + through).element_sum();
+        if share > 0.0 {
+            let [r, g, b, _] = material.base_color;
+            material.transmission = Some(Box::new(Transmission {
+                factor: share,
+                factor_texture: None,
+                color: [r, g, b],
+                color_texture: material.texture.clone(),
+            }));
+        }
+    }
+}
+
 /// Show a model's materials in the colours of `palette`, by their names.
 pub fn restyle(model: &mut Model, palette: &Palette) {
     if palette.is_plain() {
@@ -101,6 +125,11 @@ pub fn restyle(model: &mut Model, palette: &Palette) {
         let [r, g, b, alpha] = material.base_color;
         let [r, g, b] = style.of(Vec3::new(r, g, b)).to_array();
         material.base_color = [r, g, b, alpha];
+        if let Some(through) = &mut material.transmission {
+            through.color = style.of(Vec3::from_array(through.color)).to_array();
+            // A new colour is that of both sides.
+            through.color_texture = through.color_texture.take().filter(|_| style.keep);
+        }
         if let Some(texture) = material.texture.as_mut().filter(|_| !style.keep) {
             // Its alpha stays.
             let own = &*texture.texture;
@@ -146,6 +175,23 @@ mod tests {
         assert_eq!(shifts(&across, [false; 3]), [DVec3::ZERO]);
         let moved = [DVec3::ZERO, DVec3::NEG_Y, DVec3::X, DVec3::new(1.0, -1.0, 0.0)];
         assert_eq!(shifts(&across, [true, true, false]), moved);
+    }
+
+    #[test]
+    fn what_was_baked_to_let_light_through_does() {
+        use crate::volume::surface::{SurfaceParams, store};
+        let named = |name: &str| crate::scene::Material { name: name.into(), base_color: [0.5, 0.8, 0.1, 1.0], ..Default::default() };
+        let mut model = Model { materials: vec![named("bark"), named("leaf"), named("moss")], ..Model::default() };
+        let of = |name: &str| crate::volume::Material { name: name.into(), albedo: [0.3, 0.48, 0.06], share: 0.5 };
+        let mut info = Info { materials: vec![of("bark"), of("leaf")], ..Info::default() };
+        let leaf = SurfaceParams { transmission: [0.2, 0.32, 0.04], ..SurfaceParams::default() };
+        store(&[SurfaceParams::default(), leaf], &mut info.meta);
+        let_through(&mut model, &info);
+        let [bark, leaf, moss] = [0, 1, 2].map(|i| model.materials[i].transmission.as_deref());
+        assert!(bark.is_none() && moss.is_none());
+        let (reflected, through) = leaf.unwrap().split([0.5, 0.8, 0.1], &|_| [1.0; 4]);
+        let near = |a: [f32; 3], b: [f32; 3]| (0..3).all(|k| (a[k] - b[k]).abs() < 1e-6);
+        assert!(near(reflected, [0.3, 0.48, 0.06]) && near(through, [0.2, 0.32, 0.04]), "{reflected:?} {through:?}");
     }
 
     #[test]

@@ -19,12 +19,14 @@ pub mod shell;
 pub(crate) mod text;
 pub mod texture;
 pub(crate) mod topology;
+pub mod transmission;
 #[cfg(feature = "bake")]
 pub(crate) mod triangulate;
 pub mod wind;
 
 pub use model::{Alpha, Camera, Instance, Light, LightKind, Material, Model, Part, Projection, TextureRef};
 pub use texture::{Texture, Wrap};
+pub use transmission::Transmission;
 
 /// A landscape, ready to render: its geometry, and what its shells are filled with.
 #[derive(Debug, Clone, Default)]

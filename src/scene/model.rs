@@ -4,6 +4,7 @@
 use std::sync::Arc;
 
 use super::texture::Texture;
+use super::transmission::Transmission;
 use crate::Warnings;
 use crate::geom::DAffine3;
 
@@ -113,6 +114,8 @@ pub struct Material {
     pub double_sided: bool,
     /// Shown in its base colour whatever the light.
     pub unlit: bool,
+    /// Light that comes through; `None`: none does.
+    pub transmission: Option<Box<Transmission>>,
     /// The `VTEX_volumetric_texture` extension, where the material carries it.
     pub shell: Option<Arc<super::shell::ShellMaterial>>,
     /// What the height vectors of its shell bend in.
@@ -128,6 +131,7 @@ impl Default for Material {
             alpha: Alpha::Opaque,
             double_sided: false,
             unlit: false,
+            transmission: None,
             shell: None,
             wind: None,
         }

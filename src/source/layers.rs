@@ -14,7 +14,8 @@ use crate::geom::polygon::Polygon;
 use crate::geom::{Aabb, DVec3};
 use crate::progress::Progress;
 use crate::source::Medium;
-use crate::source::materials::{renamed, unite};
+use crate::source::materials::{renamed, unite, unite_surfaces};
+use crate::volume::surface::SurfaceMeans;
 use crate::{Error, Result, Warnings, morton};
 
 /// Operation by which a layer is drawn onto those before it.
@@ -105,6 +106,11 @@ impl Source for LayersSource {
 
     fn materials(&self) -> &[String] {
         &self.materials
+    }
+
+    fn surfaces(&self) -> Vec<SurfaceMeans> {
+        let drawn = self.layers.iter().zip(&self.ids).filter(|((mode, _), _)| mode.draws());
+        unite_surfaces(drawn.map(|((_, source), ids)| (&**source, ids)), self.materials.len())
     }
 
     fn warnings(&self) -> &Warnings {

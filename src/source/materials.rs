@@ -3,6 +3,7 @@
 use super::traits::Source;
 use crate::scene::{Model, Part};
 use crate::volume::Mix;
+use crate::volume::surface::SurfaceMeans;
 
 /// The name of what has none, where other things have.
 pub const UNNAMED: &str = "unnamed";
@@ -27,6 +28,26 @@ pub fn unite<'s>(sources: impl IntoIterator<Item = &'s dyn Source>) -> (Vec<Stri
         maps.push(if own.is_empty() { vec![id(UNNAMED)] } else { own.iter().map(|n| id(n)).collect() });
     }
     (names, maps)
+}
+
+/// The surfaces of several sources put together, of which `maps` gives what each source's own ids become; empty where all are
+/// plain. Materials of one name are taken for as much of it each.
+pub fn unite_surfaces<'s>(
+    sources: impl IntoIterator<Item = (&'s dyn Source, &'s Vec<u16>)>,
+    materials: usize,
+) -> Vec<SurfaceMeans> {
+    let mut all = vec![Vec::new(); materials.max(1)];
+    let mut plain = true;
+    for (source, ids) in sources {
+        let own = source.surfaces();
+        plain &= own.is_empty();
+        for (k, id) in ids.iter().enumerate() {
+            if let Some(list) = all.get_mut(usize::from(*id)) {
+                list.push(own.get(k).copied().unwrap_or_default());
+            }
+        }
+    }
+    if plain { Vec::new() } else { all.iter().map(|of| SurfaceMeans::mean(of)).collect() }
 }
 
 /// The names of the materials of those parts that are placed and `wanted`, each once, and which each of the model's

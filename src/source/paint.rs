@@ -13,6 +13,7 @@ use crate::progress::Progress;
 use crate::scene::Texture;
 use crate::source::Medium;
 use crate::volume::Mix;
+use crate::volume::surface::SurfaceMeans;
 use crate::{Result, Warnings};
 
 /// A value at every point of the source's own space.
@@ -36,6 +37,17 @@ pub struct Paint {
     pub bump: Option<Varying<DVec3>>,
     /// Name of all of its matter, whatever it was called before.
     pub material: Option<String>,
+    /// Share of the diffuse light that comes through what the source does not say so of.
+    pub translucency: Vec<Translucency>,
+}
+
+/// Light that comes through a material.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Translucency {
+    /// Name of the material; `None`: of all that are not named.
+    pub material: Option<String>,
+    /// Share of what it reflects that comes out on its other side, in [0, 0.9].
+    pub share: f64,
 }
 
 /// Projection by which a picture is laid on.
@@ -137,6 +149,25 @@ impl PaintedSource {
     pub fn new(inner: Box<dyn Source>, paint: Paint) -> PaintedSource {
         PaintedSource { inner, paint }
     }
+
+    /// What the source's own materials are, by their ids, with the light that the paint lets through.
+    fn own_surfaces(&self) -> Vec<SurfaceMeans> {
+        let (mut own, names) = (self.inner.surfaces(), self.inner.materials());
+        if own.is_empty() && self.paint.translucency.is_empty() {
+            return own;
+        }
+        own.resize(names.len().max(1), SurfaceMeans::default());
+        for (k, surface) in own.iter_mut().enumerate().filter(|(_, s)| s.params.is_plain()) {
+            let said = |t: &&Translucency| t.material.is_some() && t.material.as_ref() == names.get(k);
+            let rest = |t: &&Translucency| t.material.is_none();
+            let all = &self.paint.translucency;
+            if let Some(t) = all.iter().rfind(said).or(all.iter().rfind(rest)) {
+                surface.reflected = [1.0 - t.share; 3];
+                surface.params.transmission = [t.share; 3];
+            }
+        }
+        own
+    }
 }
 
 impl Source for PaintedSource {
@@ -168,6 +199,11 @@ impl Source for PaintedSource {
         self.paint.material.as_ref().map_or(self.inner.materials(), std::slice::from_ref)
     }
 
+    fn surfaces(&self) -> Vec<SurfaceMeans> {
+        let own = self.own_surfaces();
+        if own.is_empty() || self.paint.material.is_none() { own } else { vec![SurfaceMeans::mean(&own)] }
+    }
+
     fn warnings(&self) -> &Warnings {
         self.inner.warnings()
     }
@@ -188,7 +224,14 @@ impl Source for PaintedSource {
         let inner = self.inner.stage(place, progress)?;
         let to_source = place.grid_map().inverse();
         let unit = libm::cbrt(to_source.matrix3.determinant().abs());
-        Ok(Box::new(StagedPaint { inner, paint: &self.paint, to_source, unit }))
+        let (before, repainted) = (self.inner.surfaces(), self.paint.colour.is_some() && !self.paint.tint);
+        let share = |(k, s): (usize, SurfaceMeans)| {
+            // What the source says of its light is in its own colours already.
+            let said = before.get(k).is_some_and(|b| !b.params.is_plain());
+            if said && !repainted { [1.0; 3] } else { s.ratio().map(|r| (1.0 / (1.0 + r)) as f32) }
+        };
+        let reflected = self.own_surfaces().into_iter().enumerate().map(share).collect();
+        Ok(Box::new(StagedPaint { inner, paint: &self.paint, to_source, unit, reflected }))
     }
 }
 
@@ -198,6 +241,8 @@ struct StagedPaint<'a> {
     to_source: DAffine3,
     /// Source units in a voxel's edge.
     unit: f64,
+    /// Share of each of the source's materials that is reflected of what they send back and let through; none where all is.
+    reflected: Vec<[f32; 3]>,
 }
 
 impl StagedPaint<'_> {
@@ -215,6 +260,19 @@ impl StagedPaint<'_> {
             s.alpha *= opacity(p).clamp(0.0, 1.0) as f32;
         }
         s
+    }
+
+    /// The part of `albedo` that is reflected by what shows of the source's materials.
+    fn reflected(&self, albedo: [f32; 3], materials: impl Iterator<Item = (u16, f64)>) -> [f32; 3] {
+        if self.reflected.is_empty() {
+            return albedo;
+        }
+        let mut share = [0.0; 3];
+        for (id, weight) in materials {
+            let own = self.reflected.get(usize::from(id)).copied().unwrap_or([1.0; 3]);
+            share.iter_mut().zip(own).for_each(|(s, o)| *s += weight as f32 * o);
+        }
+        [0, 1, 2].map(|k| albedo[k] * share[k])
     }
 }
 
@@ -240,7 +298,9 @@ impl Staged for StagedPaint<'_> {
     }
 
     fn surface(&self, facet: u32, at: DVec3, width: f64) -> Surface {
-        self.surface_of(self.inner.surface(facet, at, width), at, width)
+        let s = self.surface_of(self.inner.surface(facet, at, width), at, width);
+        let own = std::iter::once((self.inner.material(facet), 1.0));
+        Surface { albedo: self.reflected(s.albedo, own), ..s }
     }
 
     fn material(&self, facet: u32) -> u16 {
@@ -277,8 +337,9 @@ impl Staged for StagedPaint<'_> {
             let edge = f64::from(1u32 << m.levels);
             let at = DVec3::from(m.at.map(f64::from)) + 0.5 * edge;
             let s = self.surface_of(Surface { albedo: m.albedo, alpha: 1.0 }, at, edge);
+            let albedo = self.reflected(s.albedo, m.materials.weights().map(|(id, share)| (id.into(), share)));
             let materials = if self.paint.material.is_some() { Mix::default() } else { m.materials };
-            each(&Medium { albedo: s.albedo, extinction: m.extinction * f64::from(s.alpha), materials, ..*m });
+            each(&Medium { albedo, extinction: m.extinction * f64::from(s.alpha), materials, ..*m });
         });
     }
 

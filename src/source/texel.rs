@@ -18,6 +18,7 @@ use crate::progress::Progress;
 use crate::source::Medium;
 use crate::volume::chord::{Chords, Lanes, MAX_RATE};
 use crate::volume::voxel::{RATE_MAX, rate_table};
+use crate::volume::surface::{self, SurfaceMeans};
 use crate::volume::{Depth, Info, Mix, Sggx, Volume, Voxel};
 use crate::{Error, Result, Warnings, morton};
 
@@ -158,6 +159,13 @@ impl Source for TexelSource {
 
     fn materials(&self) -> &[String] {
         &self.materials
+    }
+
+    fn surfaces(&self) -> Vec<SurfaceMeans> {
+        let info = &self.volume.info;
+        let albedo = |i: usize| info.materials.get(i).map_or([1.0; 3], |m| m.albedo);
+        let mean = |(i, params)| SurfaceMeans { reflected: albedo(i), params };
+        surface::read(info).into_iter().enumerate().map(mean).collect()
     }
 
     fn warnings(&self) -> &Warnings {

@@ -6,6 +6,7 @@ use crate::geom::polygon::Polygon;
 use crate::geom::{Aabb, DAffine3, DVec3};
 use crate::progress::Progress;
 use crate::scene::alpha::AlphaClass;
+use crate::volume::surface::SurfaceMeans;
 use crate::{Result, Warnings};
 
 /// Appearance of a facet at a point.
@@ -39,6 +40,11 @@ pub trait Source: Sync {
     /// Names of the materials that its matter is of, by id, each once; none where it names none.
     fn materials(&self) -> &[String] {
         &[]
+    }
+    /// What these materials are besides their colour, by id, or of one that has no name; empty where all are matt and opaque.
+    /// The albedo of [`Staged::surface`] is what is reflected alone.
+    fn surfaces(&self) -> Vec<SurfaceMeans> {
+        Vec::new()
     }
     /// Warnings of things that were mended or left out while the source was read.
     fn warnings(&self) -> &Warnings;

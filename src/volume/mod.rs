@@ -10,6 +10,7 @@ pub mod ndf;
 pub mod octree;
 pub mod opacity;
 pub mod palette;
+pub mod surface;
 pub mod voxel;
 
 pub use material::{Material, Mix};

@@ -11,6 +11,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, OnceLock};
 
 use super::brightness::{self, BrightnessFactors};
+use super::surface::{SurfaceTable, VoxelSurface};
 use super::{Info, MAX_DEPTH, Mix, Volume, Voxel};
 use crate::{Error, Result};
 
@@ -21,7 +22,8 @@ const PAGE: usize = 1 << PAGE_LOG2;
 const MAX_NODES: usize = u32::MAX as usize - 1;
 
 /// Provider of an [`Octree`]'s content: a file's reader, or a volume in memory. Each call may be slow: an octree asks once for
-/// the masks of a depth and the voxels of a page, and never for mixes, which [`super::palette`] turns into colours.
+/// the masks of a depth and the voxels of a page, and for surfaces only where materials are more than matt and opaque. It never
+/// asks for mixes, which [`super::palette`] turns into colours.
 pub trait Pages: Send + Sync {
     /// Description of the texel.
     fn info(&self) -> &Info;
@@ -34,6 +36,12 @@ pub trait Pages: Send + Sync {
     /// Shares of the texel's materials that the voxels of a page show; empty where there are fewer than two.
     fn mixes(&self, _depth: usize, _page: usize) -> Result<Vec<Mix>> {
         Ok(Vec::new())
+    }
+    /// What the `voxels` of a page are besides their albedo; `table`: that of [`Pages::info`].
+    fn surfaces(&self, depth: usize, page: usize, voxels: &[Voxel], table: &SurfaceTable) -> Result<Vec<VoxelSurface>> {
+        let mixes = if table.needs_mixes() { self.mixes(depth, page)? } else { Vec::new() };
+        let of = |(i, v): (usize, &Voxel)| table.plain(v.albedo(), &mixes.get(i).copied().unwrap_or_default());
+        Ok(voxels.iter().enumerate().map(of).collect())
     }
 }
 
@@ -52,6 +60,9 @@ impl<P: Pages + ?Sized> Pages for Arc<P> {
     }
     fn mixes(&self, depth: usize, page: usize) -> Result<Vec<Mix>> {
         (**self).mixes(depth, page)
+    }
+    fn surfaces(&self, depth: usize, page: usize, voxels: &[Voxel], table: &SurfaceTable) -> Result<Vec<VoxelSurface>> {
+        (**self).surfaces(depth, page, voxels, table)
     }
 }
 
@@ -151,6 +162,15 @@ pub struct Opened {
 /// Voxels decoded when first asked for.
 type Page = OnceLock<Box<[Voxel]>>;
 
+/// Found when first asked for.
+type SurfacePage = OnceLock<Box<[VoxelSurface]>>;
+
+/// What voxels are besides their albedo, by depth and page, as [`Octree::pages`] has them.
+struct Surfaces {
+    table: SurfaceTable,
+    pages: Vec<Box<[SurfacePage]>>,
+}
+
 /// A texel opened for rays: each depth's blocks and each page of voxels are made when first asked for, by any thread.
 pub struct Octree {
     source: Box<dyn Pages>,
@@ -161,6 +181,8 @@ pub struct Octree {
     blocks: Vec<OnceLock<Box<[Block]>>>,
     /// Indexed by depth, then page.
     pages: Vec<Box<[Page]>>,
+    /// Alike, of texels whose materials are more than matt and opaque.
+    surfaces: Option<Surfaces>,
     brightness_factors: [BrightnessFactors; MAX_DEPTH + 1],
     failure: OnceLock<Error>,
     pages_opened: AtomicU64,
@@ -185,12 +207,17 @@ impl Octree {
             return limit(format!("the number of voxels at depth {depth} of the octree"), n, MAX_NODES);
         }
         let pages = counts.iter().map(|n| (0..n.div_ceil(PAGE)).map(|_| OnceLock::new()).collect()).collect();
+        let surfaces = SurfaceTable::new(source.info()).map(|table| {
+            let pages = counts.iter().map(|n| (0..n.div_ceil(PAGE)).map(|_| OnceLock::new()).collect()).collect();
+            Surfaces { table, pages }
+        });
         Ok(Octree {
             brightness_factors: brightness::read(source.info()),
             source: Box::new(source),
             masks: counts.iter().map(|_| OnceLock::new()).collect(),
             blocks: (0..counts.len() + 1).map(|_| OnceLock::new()).collect(),
             pages,
+            surfaces,
             counts,
             failure: OnceLock::new(),
             pages_opened: AtomicU64::new(0),
@@ -322,6 +349,27 @@ impl Octree {
             None => self.open_page(place.depth as usize, page as usize),
         };
         &voxels[slot]
+    }
+
+    /// Whether [`Octree::surface`] may be anything but the default.
+    pub fn has_surfaces(&self) -> bool {
+        self.surfaces.is_some()
+    }
+
+    /// What the voxel is besides its albedo.
+    pub fn surface(&self, place: VoxelAddress) -> VoxelSurface {
+        let Some(Surfaces { table, pages }) = &self.surfaces else { return VoxelSurface::default() };
+        let (depth, page) = (usize::from(place.depth), (place.rank >> PAGE_LOG2) as usize);
+        let Some(cell) = pages.get(depth).and_then(|pages| pages.get(page)) else { return VoxelSurface::default() };
+        let surfaces = cell.get_or_init(|| {
+            let voxels = self.pages[depth][page].get().map_or_else(|| self.open_page(depth, page), |voxels| &**voxels);
+            let read = self.source.surfaces(depth, page, voxels, table).unwrap_or_else(|e| {
+                let _ = self.failure.set(e);
+                Vec::new()
+            });
+            read.into()
+        });
+        surfaces.get(place.rank as usize & (PAGE - 1)).copied().unwrap_or_default()
     }
 
     #[cold]

@@ -6,6 +6,7 @@
 
 use std::collections::BTreeMap;
 
+use super::surface::{SurfaceParams, SurfaceTable, VoxelSurface, mean_transmission};
 use super::{Info, Mix, Pages, Voxel};
 use crate::Result;
 use crate::geom::Vec3;
@@ -70,6 +71,15 @@ pub struct Restyled<P> {
     inner: P,
     /// By id: mean albedo and style.
     materials: Vec<(Vec3, Style)>,
+    /// What materials are besides.
+    surfaces: Option<SurfaceTable>,
+}
+
+/// The share that is reflected of what a material sends back and lets through, by channel.
+fn reflected_share(mean: Vec3, params: &SurfaceParams) -> Vec3 {
+    let (through, whole) = (mean_transmission(params), mean + mean_transmission(params));
+    let share = |k: usize| if through[k] > 0.0 { mean[k] / whole[k] } else { 1.0 };
+    Vec3::new(share(0), share(1), share(2))
 }
 
 impl<P: Pages> Restyled<P> {
@@ -80,7 +90,17 @@ impl<P: Pages> Restyled<P> {
         if materials.is_empty() {
             materials.push((Vec3::ONE, palette.rest));
         }
-        Restyled { inner, materials }
+        let surfaces = SurfaceTable::new(inner.info());
+        Restyled { inner, materials, surfaces }
+    }
+
+    /// A material in its style: what it transmits, and whether that varies as its own albedo does.
+    fn shown(&self, id: u8, mean: Vec3, params: &SurfaceParams) -> (Vec3, bool) {
+        let style = self.materials.get(usize::from(id)).map_or(Style::OWN, |m| m.1);
+        if style.keep {
+            return (style.of(mean_transmission(params)), true);
+        }
+        (style.of(Vec3::ONE) * (1.0 - reflected_share(mean, params)), false)
     }
 
     fn restyle(&self, voxel: &mut Voxel, mix: &Mix) {
@@ -93,7 +113,8 @@ impl<P: Pages> Restyled<P> {
                 kept += share * *mean * factor;
                 stays += share * factor;
             } else {
-                fresh += share * factor;
+                let reflected = self.surfaces.as_ref().map_or(Vec3::ONE, |s| reflected_share(*mean, &s.entry(id).1));
+                fresh += share * factor * reflected;
             }
         }
         let own = voxel.albedo();
@@ -130,6 +151,16 @@ impl<P: Pages> Pages for Restyled<P> {
 
     fn mixes(&self, depth: usize, page: usize) -> Result<Vec<Mix>> {
         self.inner.mixes(depth, page)
+    }
+
+    fn surfaces(&self, depth: usize, page: usize, voxels: &[Voxel], table: &SurfaceTable) -> Result<Vec<VoxelSurface>> {
+        let own = self.inner.voxels(depth, page)?;
+        let mixes = if table.needs_mixes() { self.inner.mixes(depth, page)? } else { Vec::new() };
+        let of = |(i, (own, now)): (usize, (&Voxel, &Voxel))| {
+            let mix = mixes.get(i).copied().unwrap_or_default();
+            table.of(own.albedo(), &mix, now.albedo(), |id, mean, params| self.shown(id, mean, params))
+        };
+        Ok(own.iter().zip(voxels).enumerate().map(of).collect())
     }
 }
 
@@ -191,6 +222,27 @@ mod tests {
         let blank = Palette { rest: Style::BLANK, ..Palette::default() };
         assert!(seen(&texel, &blank).iter().all(|c| *c == Vec3::ONE));
         assert_eq!(Restyled::new(texel.clone(), &Palette::default()).voxels(0, 0).unwrap(), texel.depths[0].voxels);
+    }
+
+    #[test]
+    fn leaves_in_other_colours_let_other_light_through() {
+        let texel = texel(&[("bark", [0.2; 3]), ("leaf", [0.1, 0.4, 0.1])], &[([0.1, 0.4, 0.1], Mix::one(1))]);
+        let mut texel = texel;
+        let leaf = SurfaceParams { transmission: [0.1, 0.4, 0.05], ..SurfaceParams::default() };
+        super::super::surface::store(&[SurfaceParams::default(), leaf], &mut texel.info.meta);
+        let seen = |style: Style| {
+            let palette = Palette { styles: [("leaf".into(), style)].into(), ..Palette::default() };
+            let restyled = Restyled::new(texel.clone(), &palette);
+            let voxels = restyled.voxels(0, 0).unwrap();
+            let table = SurfaceTable::new(&texel.info).unwrap();
+            let surfaces = restyled.surfaces(0, 0, &voxels, &table).unwrap();
+            (voxels[0].albedo(), surfaces[0].transmission())
+        };
+        let (reflected, through) = seen(Style { factor: [2.0, 0.5, 1.0], keep: true });
+        assert!(near(reflected, [0.2, 0.2, 0.1]) && near(through, [0.2, 0.2, 0.05]), "{reflected} {through}");
+        // A new colour is that of both, in the shares that the leaf has: half, half and two thirds reflected.
+        let (reflected, through) = seen(Style { factor: [0.8, 0.3, 0.6], keep: false });
+        assert!(near(reflected, [0.4, 0.15, 0.4]) && near(through, [0.4, 0.15, 0.2]), "{reflected} {through}");
     }
 
     #[test]

@@ -143,20 +143,27 @@ impl<'a> Tracer<'a> {
         let mut light = Vec3::ZERO;
         for incident in self.world.lights.iter().filter_map(|light| light.incident(seen.lifted)) {
             let cosine = seen.normal.dot(incident.dir) as f32;
-            if cosine > 0.0 {
+            let (share, origin) =
+                if cosine > 0.0 { (seen.albedo, seen.lifted) } else { (seen.transmission, seen.lifted_behind()) };
+            if share != Vec3::ZERO {
                 let dir = within(incident.dir, incident.radius, point(place, hash(set)));
-                let open = self.open(seen.lifted, dir, incident.distance, start, counts);
-                light += incident.irradiance * (cosine * open * std::f32::consts::FRAC_1_PI);
+                let open = self.open(origin, dir, incident.distance, start, counts);
+                light += share * incident.irradiance * (cosine.abs() * open * std::f32::consts::FRAC_1_PI);
             }
         }
-        let surround = &self.world.surround;
-        let sky = if self.options.ambient == Ambient::Occluded {
-            let dir = towards_sky(seen.normal, point(place, !set));
-            self.open(seen.lifted, dir, f64::INFINITY, start, counts) * surround.radiance(dir)
-        } else {
-            surround.light.irradiance(&of_normal(seen.normal))
-        };
-        seen.albedo * (light + sky)
+        // Light from around, on the side that is seen and on the other.
+        let sides = [(seen.albedo, seen.normal, seen.lifted), (seen.transmission, -seen.normal, seen.lifted_behind())];
+        for (share, normal, origin) in sides.into_iter().filter(|side| side.0 != Vec3::ZERO) {
+            let surround = &self.world.surround;
+            light += share
+                * if self.options.ambient == Ambient::Occluded {
+                    let dir = towards_sky(normal, point(place, !set));
+                    self.open(origin, dir, f64::INFINITY, start, counts) * surround.radiance(dir)
+                } else {
+                    surround.light.irradiance(&of_normal(normal))
+                };
+        }
+        light
     }
 
     fn surface(&self, ray: &Ray, met: &Intersection) -> Surface {
@@ -164,7 +171,7 @@ impl<'a> Tracer<'a> {
             return self.world.mesh.surface(&self.world.scene.model, ray, &met.contact, 0.0);
         };
         let surface = copy.source.surface(ray, &copy.ray, &met.contact, 0.0);
-        Surface { albedo: surface.albedo * copy.tint, ..surface }
+        surface.tinted(copy.tint)
     }
 
     /// The share of light that comes from `distance` away.

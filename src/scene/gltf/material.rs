@@ -10,7 +10,7 @@ use gltf::json::validation::Checked;
 use serde_json::Value;
 
 use super::document::{Document, index};
-use super::{ReadOptions, extension};
+use super::{ReadOptions, extension, transmission};
 use crate::scene::alpha::AlphaSums;
 use crate::scene::image::Refused;
 use crate::scene::model::{Alpha, Material, Part, TextureRef};
@@ -46,8 +46,10 @@ pub fn read(
     for part in parts {
         let material = &materials[part.material];
         let texture = material.texture.as_ref().map(|t| t.tex_coord);
+        let through = material.transmission.iter().flat_map(|t| [&t.factor_texture, &t.color_texture]);
+        let through: Vec<usize> = through.flatten().map(|t| t.tex_coord).collect();
         let shell = material.shell.as_ref().filter(|_| part.uvw.is_none()).map(|s| s.tex_coord);
-        for set in [texture, shell].into_iter().flatten() {
+        for set in [texture, shell].into_iter().flatten().chain(through) {
             if set >= part.uvs.len() {
                 warnings.add("texture coordinates that a material asks for are missing; they are read as 0");
                 part.uvs.resize_with(set + 1, || vec![[0.0; 2]; part.positions.len()]);
@@ -101,13 +103,19 @@ fn material(
     let shell = extensions.and_then(|e| e.others.get(extension::NAME)).filter(|json| !extension::places_copies(json));
     let wind = shell.map(|json| extension::wind_of_shell(document, json, &at, texels, warnings)).transpose()?;
     let shell = shell.map(|json| extension::material(document, json, &at, texels, warnings)).transpose()?;
+    let unlit = extensions.is_some_and(|e| e.unlit.is_some());
+    let transmission = transmission::read(document, extensions.map(|e| &e.others), &at, |info| {
+        // Its alpha is what counts, or where a colour was cut out of its picture.
+        if images.options.textures { images.reference(info, false, &at, warnings) } else { Ok(None) }
+    })?;
     Ok(Material {
         name,
         base_color: base_color.map(|c| if c.is_finite() { c.max(0.0) } else { 0.0 }),
         texture,
         alpha,
         double_sided: json.double_sided,
-        unlit: extensions.is_some_and(|e| e.unlit.is_some()),
+        unlit,
+        transmission: transmission.filter(|_| !unlit).map(Box::new),
         shell: shell.map(Arc::new),
         wind: wind.flatten(),
     })

@@ -20,6 +20,7 @@ mod primitive;
 pub mod save;
 mod skin;
 mod support;
+mod transmission;
 #[cfg(test)]
 mod tests;
 #[cfg(feature = "bake")]

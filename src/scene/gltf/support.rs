@@ -11,6 +11,7 @@ const READ: &[&str] = &[
     "FB_ngon_encoding",
     "KHR_lights_punctual",
     "KHR_materials_pbrSpecularGlossiness",
+    "KHR_materials_diffuse_transmission",
     "KHR_materials_unlit",
     "KHR_mesh_quantization",
     "KHR_meshopt_compression",

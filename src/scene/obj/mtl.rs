@@ -284,6 +284,7 @@ impl Textures {
             alpha,
             // Faces of an OBJ have no culled side.
             double_sided: true,
+            transmission: None,
             ..Material::default()
         })
     }

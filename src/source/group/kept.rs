@@ -7,6 +7,11 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use crate::geom::DVec3;
 use crate::geom::polygon::Polygon;
 
+/// Bytes of facets that are kept between the copies that ask for them.
+pub const BYTES: usize = 32 << 20;
+/// Largest depth of a source's own grid.
+pub const MAX_DEPTH: usize = 12;
+
 /// Facets, without room for corners that they do not have.
 #[derive(Default)]
 pub struct List {

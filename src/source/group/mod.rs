@@ -17,7 +17,7 @@ use crate::geom::polygon::Polygon;
 use crate::geom::{Aabb, DAffine3, DVec3};
 use crate::progress::Progress;
 use crate::source::Medium;
-use crate::source::materials::{renamed, unite};
+use crate::source::materials::{renamed, unite, unite_surfaces};
 use crate::{Error, Result, Warnings, morton};
 
 /// One source at one place.
@@ -47,10 +47,6 @@ pub struct GroupSource {
 const FEW: [usize; 2] = [4, 2000];
 /// Factor by which the own grid of a source that answers for the middles of its voxels is finer than its largest copy.
 const FINER: f64 = 2.0;
-/// Largest depth of a source's own grid.
-const MAX_DEPTH: usize = 12;
-/// Bytes of facets that are kept between the copies that ask for them.
-const KEPT: usize = 32 << 20;
 /// Copies times the regions of one, summed up, up to which a group is laid out.
 const MAX_ENTRIES: u64 = 1 << 28;
 /// Bytes of memory that one of these takes while they are sorted by region.
@@ -126,6 +122,10 @@ impl Source for GroupSource {
         &self.materials
     }
 
+    fn surfaces(&self) -> Vec<crate::volume::surface::SurfaceMeans> {
+        unite_surfaces(self.sources.iter().map(|s| &**s).zip(&self.ids), self.materials.len())
+    }
+
     fn warnings(&self) -> &Warnings {
         &self.warnings
     }
@@ -141,7 +141,7 @@ impl Source for GroupSource {
             regions: Vec::new(),
             starts: Vec::new(),
             entries: Vec::new(),
-            kept: Kept::new(KEPT),
+            kept: Kept::new(kept::BYTES),
             kept_bytes: 0,
             levels: place.region_log2(),
             last: f64::from((place.side() >> place.region_log2()) - 1),
@@ -217,7 +217,7 @@ impl<'a> StagedCopies<'a> {
         let (least, extent) = (bounds.min - pad, extent + 2.0 * pad);
         let scale = largest * if source.exact_inside() { 1.0 } else { FINER };
         let want = libm::log2((extent * scale).max(1.0)).ceil();
-        let depth = (want as usize).min(MAX_DEPTH).min(place.depth + 1);
+        let depth = (want as usize).min(kept::MAX_DEPTH).min(place.depth + 1);
         let side = f64::from(1u32 << depth);
         // Voxels of just that size: a cube of a power of two has room to spare.
         let extent = extent.max(side / scale);

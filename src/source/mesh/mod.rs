@@ -1,5 +1,6 @@
 //! Triangles as a source: a model's instances laid into the grid, their colours and cut-outs looked up when asked.
 
+mod bsdf;
 mod interior;
 pub mod patch;
 
@@ -18,6 +19,7 @@ use crate::scene::far;
 use crate::scene::model::{Alpha, Material, Model, Part};
 use crate::scene::texture::Texture;
 use crate::source::materials::of_model;
+use crate::volume::surface::SurfaceMeans;
 use crate::{Error, Result, Warnings, morton, par};
 
 /// Options of a mesh source.
@@ -200,6 +202,10 @@ impl Source for MeshSource {
 
     fn materials(&self) -> &[String] {
         &self.names
+    }
+
+    fn surfaces(&self) -> Vec<SurfaceMeans> {
+        bsdf::means(&self.model, &self.ids, self.names.len())
     }
 
     fn warnings(&self) -> &Warnings {
@@ -434,7 +440,11 @@ impl Staged for StagedMesh<'_> {
             }
         }
         let alpha = m.alpha.share(rgba[3]);
-        Surface { albedo: [rgba[0], rgba[1], rgba[2]].map(|v| v.clamp(0.0, 1.0)), alpha }
+        let mut albedo = [rgba[0], rgba[1], rgba[2]];
+        if let Some(transmission) = &m.transmission {
+            albedo = bsdf::reflected(piece, index, transmission, (at, width), albedo);
+        }
+        Surface { albedo: albedo.map(|v| v.clamp(0.0, 1.0)), alpha }
     }
 
     fn material(&self, facet: u32) -> u16 {

@@ -21,7 +21,7 @@ use crate::source::layers::LayersSource;
 use crate::source::mesh::{MeshOptions, MeshSource};
 use crate::source::options::OpenOptions;
 use crate::source::paint;
-use crate::source::paint::{Paint, PaintedSource};
+use crate::source::paint::{Paint, PaintedSource, Translucency};
 use crate::source::traits::Source;
 use crate::{Error, Result, Warnings};
 
@@ -213,6 +213,7 @@ impl<'a> Compiler<'a> {
             opacity: node.opacity.map(|o| Arc::new(move |_| o.0) as paint::Varying<f64>),
             bump: node.bump.as_ref().map(bump),
             material: node.material.clone(),
+            translucency: node.translucency.iter().map(|t| Translucency { material: None, share: t.0 }).collect(),
         };
         let source = if is_plain(node) { source } else { Box::new(PaintedSource::new(source, paint)) };
         Ok(Drawn { source: Some(source), parts })
@@ -341,7 +342,8 @@ struct Drawn {
 
 /// Whether a node looks as its shape does.
 fn is_plain(node: &Node) -> bool {
-    node.albedo.is_none() && node.opacity.is_none() && node.bump.is_none() && node.material.is_none()
+    let coloured = node.albedo.is_some() || node.opacity.is_some() || node.translucency.is_some();
+    !coloured && node.bump.is_none() && node.material.is_none()
 }
 
 /// The name by which nodes of a run share a source.

@@ -11,7 +11,7 @@ use crate::scene::image::Refused;
 use crate::scene::{ReadOptions, files, image, text};
 use crate::source::noise;
 use crate::source::paint;
-use crate::source::paint::{Colouring, Paint, PaintedSource};
+use crate::source::paint::{Colouring, Paint, PaintedSource, Translucency};
 use crate::source::traits::Source;
 use crate::{Error, Result};
 
@@ -25,6 +25,8 @@ pub struct Laid {
     pub tint: bool,
     /// Name of all its matter.
     pub material: Option<String>,
+    /// Light that comes through what the source does not say so of.
+    pub translucency: Vec<Translucency>,
 }
 
 /// Lay it on. A picture that is not placed fits the source's box.
@@ -38,10 +40,17 @@ pub fn lay(source: Box<dyn Source>, laid: &Laid, read: &ReadOptions) -> Result<B
     if laid.material.as_ref().is_some_and(String::is_empty) {
         return Err(Error::Options("option `material` needs a name".into()));
     }
-    if laid.albedo.is_none() && laid.material.is_none() {
+    let translucency = laid.translucency.clone();
+    if laid.albedo.is_none() && laid.material.is_none() && translucency.is_empty() {
         return Ok(source);
     }
-    let mut paint = Paint { material: laid.material.clone(), tint: laid.tint, ..Paint::default() };
+    let names = source.materials();
+    let unknown = |name: &&String| !names.contains(name);
+    if let Some(name) = translucency.iter().filter_map(|t| t.material.as_ref()).find(unknown) {
+        let known = if names.is_empty() { "it names none".to_owned() } else { format!("there are: {}", names.join(", ")) };
+        return Err(Error::Options(format!("--translucency {name}=…: the source has no such material; {known}")));
+    }
+    let mut paint = Paint { material: laid.material.clone(), tint: laid.tint, translucency, ..Paint::default() };
     if let Some(text) = &laid.albedo {
         let spec = Spec::of(text)?;
         let albedo = spec.albedo(&source.bounds(), source.up())?;

@@ -98,6 +98,8 @@ pub struct RawNode {
     /// Name of all its matter, whatever names it has: a landscape can restyle it by this name.
     #[cfg_attr(test, schemars(extend("minLength" = 1)))]
     pub material: Option<String>,
+    /// Share of the light that comes through, as through leaves, where the shape says nothing of it; at most 0.9.
+    pub translucency: Option<Unit>,
 }
 
 /// Operation by which a node is drawn onto the matter that is there.
@@ -134,6 +136,7 @@ pub struct Node {
     pub opacity: Option<Unit>,
     pub bump: Option<Bump>,
     pub material: Option<String>,
+    pub translucency: Option<Unit>,
 }
 
 #[cfg(test)]
@@ -217,6 +220,9 @@ impl TryFrom<RawNode> for Node {
         if raw.material.as_ref().is_some_and(String::is_empty) {
             return Err("a material has a name".into());
         }
+        if raw.translucency.is_some_and(|t| t.0 > 0.9) {
+            return Err("a translucency is at most 0.9".into());
+        }
         if matches!(raw.mode, Mode::Opacity | Mode::Threshold) && raw.opacity.is_none() {
             return Err("the modes opacity and threshold need an opacity".into());
         }
@@ -234,6 +240,7 @@ impl TryFrom<RawNode> for Node {
             opacity: raw.opacity,
             bump: raw.bump,
             material: raw.material,
+            translucency: raw.translucency,
         })
     }
 }

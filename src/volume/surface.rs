@@ -1,0 +1,290 @@
+//! How the matter of a texel's materials reflects and lets light through, beyond its albedo.
+//!
+//! Based on: the glTF extension `KHR_materials_diffuse_transmission` (a thin sheet that reflects diffusely on the side of the
+//! light and shines diffusely on the other).
+//!
+//! META says it by material, so files and readers that know nothing of it stay as they were. A voxel has the mix of what its
+//! materials have: what it transmits is as bright, against their mean, as what it reflects.
+
+use serde_json::{Map, Value, json};
+
+use super::{Info, Mix};
+use crate::geom::Vec3;
+
+/// META's key: an array of objects, one for each of `materials`, or one alone where there are none.
+pub const META_KEY: &str = "surfaces";
+
+/// What a material is besides its albedo. The default is a matt and opaque sheet.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct SurfaceParams {
+    /// Mean linear albedo of diffuse transmission, each in [0, 1]; of a texel without materials, over that of reflection.
+    pub transmission: [f64; 3],
+    /// Share that shows its albedo whatever the light, in [0, 1].
+    pub unlit: f64,
+}
+
+impl SurfaceParams {
+    /// Whether it is matt and opaque, and lit.
+    pub fn is_plain(&self) -> bool {
+        *self == SurfaceParams::default()
+    }
+}
+
+/// A material as a source has it.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct SurfaceMeans {
+    /// Mean linear albedo of reflection.
+    pub reflected: [f64; 3],
+    /// The rest, `transmission` on the same scale as `reflected`.
+    pub params: SurfaceParams,
+}
+
+impl SurfaceMeans {
+    /// Transmission over reflection, by channel; 0 where nothing is reflected.
+    pub fn ratio(&self) -> [f64; 3] {
+        let part = |k: usize| if self.reflected[k] > 0.0 { self.params.transmission[k] / self.reflected[k] } else { 0.0 };
+        [0, 1, 2].map(part)
+    }
+
+    /// The parameters of a material whose visible mean albedo is `albedo`; `None`: of a texel without materials.
+    pub fn seen(&self, albedo: Option<[f64; 3]>) -> SurfaceParams {
+        let ratio = self.ratio();
+        let transmission = match albedo {
+            None => ratio,
+            // What reflects nothing has no scale but its own.
+            Some(m) => [0, 1, 2].map(|k| {
+                let own = self.params.transmission[k];
+                if self.reflected[k] > 0.0 { m[k] * ratio[k] } else { own }
+            }),
+        };
+        SurfaceParams { transmission, ..self.params }
+    }
+
+    /// The mean of several; the default of none.
+    pub fn mean(of: &[SurfaceMeans]) -> SurfaceMeans {
+        let n = of.len().max(1) as f64;
+        let mean = |get: &dyn Fn(&SurfaceMeans) -> f64| of.iter().map(get).sum::<f64>() / n;
+        SurfaceMeans {
+            reflected: [0, 1, 2].map(|k| mean(&|m| m.reflected[k])),
+            params: SurfaceParams {
+                transmission: [0, 1, 2].map(|k| mean(&|m| m.params.transmission[k])),
+                unlit: mean(&|m| m.params.unlit),
+            },
+        }
+    }
+}
+
+/// Store the parameters of all materials in META, where any is not plain; numbers are rounded to four places.
+pub fn store(surfaces: &[SurfaceParams], meta: &mut Map<String, Value>) {
+    if surfaces.iter().all(SurfaceParams::is_plain) {
+        return;
+    }
+    let round = |v: f64| (v * 1e4).round() / 1e4;
+    let entry = |s: &SurfaceParams| {
+        let mut entry = Map::new();
+        if s.transmission != [0.0; 3] {
+            entry.insert("transmission".into(), json!(s.transmission.map(round)));
+        }
+        if s.unlit > 0.0 {
+            entry.insert("unlit".into(), round(s.unlit).into());
+        }
+        Value::Object(entry)
+    };
+    meta.insert(META_KEY.into(), surfaces.iter().map(entry).collect());
+}
+
+/// The parameters that META has, as many as there are; empty where all are plain. Whatever META holds is brought into range.
+pub fn read(info: &Info) -> Vec<SurfaceParams> {
+    /// Of a texel without materials: a ratio.
+    const MOST_RATIO: f64 = 1e3;
+    let most = if info.materials.is_empty() { MOST_RATIO } else { 1.0 };
+    let number = |v: Option<&Value>, most: f64| {
+        v.and_then(Value::as_f64).filter(|v| v.is_finite()).map_or(0.0, |v| v.clamp(0.0, most))
+    };
+    let entry = |v: &Value| SurfaceParams {
+        transmission: [0, 1, 2].map(|k| number(v.get("transmission").and_then(|t| t.get(k)), most)),
+        unlit: number(v.get("unlit"), 1.0),
+    };
+    let stored = info.meta.get(META_KEY).and_then(Value::as_array).map_or(&[][..], Vec::as_slice);
+    let all: Vec<SurfaceParams> = stored.iter().take(info.materials.len().max(1)).map(entry).collect();
+    if all.iter().all(SurfaceParams::is_plain) { Vec::new() } else { all }
+}
+
+/// What a voxel is besides its albedo, as codes. The default is matt, opaque and lit.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct VoxelSurface {
+    /// Linear albedo of diffuse transmission = (code / 255)^2.
+    transmission: [u8; 3],
+    /// Share that is unlit = code / 255.
+    unlit: u8,
+}
+
+impl VoxelSurface {
+    /// From linear values, clamped to [0, 1].
+    pub fn new(transmission: Vec3, unlit: f32) -> VoxelSurface {
+        let root = |v: f32| (v.clamp(0.0, 1.0).sqrt() * 255.0).round() as u8;
+        VoxelSurface {
+            transmission: transmission.to_array().map(root),
+            unlit: (unlit.clamp(0.0, 1.0) * 255.0).round() as u8,
+        }
+    }
+
+    /// Linear albedo of diffuse transmission, each channel in [0, 1].
+    pub fn transmission(&self) -> Vec3 {
+        let decode = |c: u8| (f32::from(c) / 255.0) * (f32::from(c) / 255.0);
+        Vec3::from_array(self.transmission.map(decode))
+    }
+
+    /// Share that shows its albedo whatever the light, in [0, 1].
+    pub fn unlit(&self) -> f32 {
+        f32::from(self.unlit) / 255.0
+    }
+}
+
+/// Materials of a texel, some of which are more than matt and opaque.
+pub struct SurfaceTable {
+    /// By id: mean albedo and the rest.
+    entries: Vec<(Vec3, SurfaceParams)>,
+}
+
+/// A material's part in a voxel: its share of what is seen, the mean albedo and transmission that it is shown with, and whether
+/// these follow the voxel's own albedo.
+#[derive(Clone, Copy)]
+pub struct Shown {
+    /// In [0, 1].
+    pub share: f32,
+    /// Linear.
+    pub transmission: Vec3,
+    /// Whether it varies as the voxel's albedo does.
+    pub follows: bool,
+}
+
+impl SurfaceTable {
+    /// `None` where all materials are plain.
+    pub fn new(info: &Info) -> Option<SurfaceTable> {
+        let surfaces = read(info);
+        if surfaces.is_empty() {
+            return None;
+        }
+        let mean = |i: usize| info.materials.get(i).map_or(Vec3::ONE, |m| Vec3::from_array(m.albedo.map(|v| v as f32)));
+        let at = |i: usize| (mean(i), surfaces.get(i).copied().unwrap_or_default());
+        Some(SurfaceTable { entries: (0..info.materials.len().max(1)).map(at).collect() })
+    }
+
+    /// Mean albedo and parameters of the material `id`.
+    pub fn entry(&self, id: u8) -> (Vec3, SurfaceParams) {
+        self.entries.get(usize::from(id)).copied().unwrap_or_default()
+    }
+
+    /// Whether voxels differ by more than their albedo.
+    pub fn needs_mixes(&self) -> bool {
+        self.entries.len() > 1
+    }
+
+    /// The surface of a voxel of the albedo `albedo` that shows `mix`, in the colours `shown` of its materials; where it then
+    /// reflects `restyled`.
+    pub fn of(
+        &self,
+        albedo: Vec3,
+        mix: &Mix,
+        restyled: Vec3,
+        shown: impl Fn(u8, Vec3, &SurfaceParams) -> (Vec3, bool),
+    ) -> VoxelSurface {
+        let (mut all, mut own, mut fresh) = (Vec3::ZERO, Vec3::ZERO, Vec3::ZERO);
+        let (mut unlit, mut bright) = (0.0, 0.0);
+        for (id, share) in mix.weights() {
+            let ((mean, params), share) = (self.entry(id), share as f32);
+            let (transmission, follows) = shown(id, mean, &params);
+            all += share * mean;
+            if follows {
+                own += share * transmission;
+            } else {
+                fresh += share * transmission;
+            }
+            let weight = share * mean.element_sum().max(1e-6);
+            unlit += weight * params.unlit as f32;
+            bright += weight;
+        }
+        let scale = |k: usize| if all[k] > 0.0 { albedo[k] / all[k] } else { 1.0 };
+        let transmission = own * Vec3::new(scale(0), scale(1), scale(2)) + fresh;
+        // No more light leaves than arrives.
+        VoxelSurface::new(transmission.min(Vec3::ONE - restyled), if bright > 0.0 { unlit / bright } else { 0.0 })
+    }
+
+    /// [`SurfaceTable::of`] in the materials' own colours.
+    pub fn plain(&self, albedo: Vec3, mix: &Mix) -> VoxelSurface {
+        self.of(albedo, mix, albedo, |_, _, params| (mean_transmission(params), true))
+    }
+}
+
+/// In 32 bits.
+pub fn mean_transmission(params: &SurfaceParams) -> Vec3 {
+    Vec3::from_array(params.transmission.map(|v| v as f32))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::volume::Material;
+    use crate::volume::material::FINE;
+
+    fn info(materials: &[[f64; 3]], surfaces: &[SurfaceParams]) -> Info {
+        let of = |(i, albedo): (usize, &[f64; 3])| Material { name: i.to_string(), albedo: *albedo, share: 0.5 };
+        let mut info = Info { materials: materials.iter().enumerate().map(of).collect(), ..Info::default() };
+        store(surfaces, &mut info.meta);
+        info
+    }
+
+    #[test]
+    fn a_mix_transmits_what_its_materials_do() {
+        let leaf = SurfaceParams { transmission: [0.1, 0.3, 0.05], ..SurfaceParams::default() };
+        let info = info(&[[0.2, 0.1, 0.05], [0.1, 0.4, 0.1]], &[SurfaceParams::default(), leaf]);
+        assert_eq!(read(&info), [SurfaceParams::default(), leaf]);
+        let table = SurfaceTable::new(&info).unwrap();
+        let mixed = |s: f32| Vec3::new(0.2, 0.1, 0.05).lerp(Vec3::new(0.1, 0.4, 0.1), s);
+        for s in [0.0f32, 0.5, 1.0] {
+            let mix = Mix::new([(0, f64::from(1.0 - s)), (1, f64::from(s))], FINE);
+            let found = table.plain(mixed(s), &mix).transmission();
+            // Half a step of the code's root at .3: 2 · sqrt(.3) / 510, and of a share: half of 1/63, twice.
+            let want = s * Vec3::new(0.1, 0.3, 0.05);
+            assert!((found - want).abs().max_element() < 0.003 + 0.3 / 63.0, "{s}: {found} {want}");
+            // Half as bright, half the light comes through.
+            let dark = table.plain(0.5 * mixed(s), &mix).transmission();
+            assert!((dark - 0.5 * want).abs().max_element() < 0.003 + 0.3 / 63.0, "{s}: {dark}");
+        }
+    }
+
+    #[test]
+    fn no_more_light_leaves_than_arrives() {
+        let bright = SurfaceParams { transmission: [0.5; 3], ..SurfaceParams::default() };
+        let table = SurfaceTable::new(&info(&[[0.5; 3]], &[bright])).unwrap();
+        for albedo in [0.0, 0.3, 0.5, 0.8, 1.0] {
+            let through = table.plain(Vec3::splat(albedo), &Mix::one(0)).transmission().x;
+            // A step of the code at most.
+            assert!(albedo + through <= 1.0 + 1.0 / 255.0, "{albedo} {through}");
+        }
+    }
+
+    #[test]
+    fn whatever_meta_holds_is_bounded() {
+        let mut info = info(&[[0.5; 3]], &[]);
+        assert!(!info.meta.contains_key(META_KEY) && SurfaceTable::new(&info).is_none());
+        for hostile in ["7", "[]", "[null]", r#"[{"transmission":[-1,"x",1e300],"unlit":-3}]"#, r#"[{"unlit":[]}]"#] {
+            info.meta.insert(META_KEY.into(), serde_json::from_str(hostile).unwrap());
+            for s in read(&info) {
+                assert!(s.transmission.iter().chain([&s.unlit]).all(|v| (0.0..=1.0).contains(v)), "{hostile}: {s:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn means_are_taken_to_what_is_seen() {
+        let means = SurfaceMeans {
+            reflected: [0.2, 0.0, 0.4],
+            params: SurfaceParams { transmission: [0.1, 0.3, 0.4], ..SurfaceParams::default() },
+        };
+        assert_eq!(means.seen(None).transmission, [0.5, 0.0, 1.0]);
+        assert_eq!(means.seen(Some([0.1, 0.0, 0.2])).transmission, [0.05, 0.3, 0.2]);
+        assert_eq!(SurfaceMeans::mean(&[means, SurfaceMeans::default()]).reflected, [0.1, 0.0, 0.2]);
+    }
+}
