@@ -194,11 +194,8 @@ fn leaves_lit_from_behind_shine_as_their_triangles_do() {
 }
 
 fn vtex(folder: &Path, arguments: &[&str]) -> (i32, String) {
-    let output = std::process::Command::new(env!("CARGO_BIN_EXE_vtex"))
-        .args(arguments)
-        .current_dir(folder)
-        .output()
-        .unwrap();
+    let output =
+        std::process::Command::new(env!("CARGO_BIN_EXE_vtex")).args(arguments).current_dir(folder).output().unwrap();
     (output.status.code().unwrap(), String::from_utf8(output.stderr).unwrap())
 }
 
@@ -237,7 +234,8 @@ fn the_commands_say_what_is_wrong() {
 /// A triangle whose material has the extension `said`.
 fn triangle(folder: &Path, said: serde_json::Value) -> vtex::Result<Model> {
     use base64::Engine;
-    let positions: Vec<u8> = [0.0f32, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0].iter().flat_map(|v| v.to_le_bytes()).collect();
+    let positions: Vec<u8> =
+        [0.0f32, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0].iter().flat_map(|v| v.to_le_bytes()).collect();
     let uri = format!("data:application/octet-stream;base64,{}", base64::prelude::BASE64_STANDARD.encode(positions));
     let json = serde_json::json!({
         "asset": {"version": "2.0"}, "extensionsUsed": ["KHR_materials_diffuse_transmission"],
@@ -281,7 +279,10 @@ fn the_extension_is_read_and_its_ranges_are_checked() {
         (serde_json::json!({"diffuseTransmissionFactor": -1}), "-1 is not in [0, 1]"),
         (serde_json::json!({"diffuseTransmissionColorFactor": [0, 2, 0]}), "2 is not in [0, 1]"),
         (serde_json::json!({"diffuseTransmissionColorFactor": [0, 0]}), "invalid length"),
-        (serde_json::json!({"diffuseTransmissionFactor": 1, "diffuseTransmissionTexture": {"index": 9}}), "does not exist"),
+        (
+            serde_json::json!({"diffuseTransmissionFactor": 1, "diffuseTransmissionTexture": {"index": 9}}),
+            "does not exist",
+        ),
         (serde_json::json!(7), "KHR_materials_diffuse_transmission"),
     ] {
         let error = triangle(folder, bad).err().unwrap().to_string();

@@ -180,7 +180,11 @@ mod tests {
     #[test]
     fn what_was_baked_to_let_light_through_does() {
         use crate::volume::surface::{SurfaceParams, store};
-        let named = |name: &str| crate::scene::Material { name: name.into(), base_color: [0.5, 0.8, 0.1, 1.0], ..Default::default() };
+        let named = |name: &str| crate::scene::Material {
+            name: name.into(),
+            base_color: [0.5, 0.8, 0.1, 1.0],
+            ..Default::default()
+        };
         let mut model = Model { materials: vec![named("bark"), named("leaf"), named("moss")], ..Model::default() };
         let of = |name: &str| crate::volume::Material { name: name.into(), albedo: [0.3, 0.48, 0.06], share: 0.5 };
         let mut info = Info { materials: vec![of("bark"), of("leaf")], ..Info::default() };

@@ -17,8 +17,8 @@ use crate::geom::{Aabb, DAffine3, DMat3, DVec3, directions13};
 use crate::progress::Progress;
 use crate::source::Medium;
 use crate::volume::chord::{Chords, Lanes, MAX_RATE};
-use crate::volume::voxel::{RATE_MAX, rate_table};
 use crate::volume::surface::{self, SurfaceMeans};
+use crate::volume::voxel::{RATE_MAX, rate_table};
 use crate::volume::{Depth, Info, Mix, Sggx, Volume, Voxel};
 use crate::{Error, Result, Warnings, morton};
 

@@ -42,7 +42,8 @@ pub struct SurfaceMeans {
 impl SurfaceMeans {
     /// Transmission over reflection, by channel; 0 where nothing is reflected.
     pub fn ratio(&self) -> [f64; 3] {
-        let part = |k: usize| if self.reflected[k] > 0.0 { self.params.transmission[k] / self.reflected[k] } else { 0.0 };
+        let part =
+            |k: usize| if self.reflected[k] > 0.0 { self.params.transmission[k] / self.reflected[k] } else { 0.0 };
         [0, 1, 2].map(part)
     }
 

@@ -20,9 +20,9 @@ mod primitive;
 pub mod save;
 mod skin;
 mod support;
-mod transmission;
 #[cfg(test)]
 mod tests;
+mod transmission;
 #[cfg(feature = "bake")]
 mod write;
 

@@ -47,7 +47,8 @@ pub fn lay(source: Box<dyn Source>, laid: &Laid, read: &ReadOptions) -> Result<B
     let names = source.materials();
     let unknown = |name: &&String| !names.contains(name);
     if let Some(name) = translucency.iter().filter_map(|t| t.material.as_ref()).find(unknown) {
-        let known = if names.is_empty() { "it names none".to_owned() } else { format!("there are: {}", names.join(", ")) };
+        let known =
+            if names.is_empty() { "it names none".to_owned() } else { format!("there are: {}", names.join(", ")) };
         return Err(Error::Options(format!("--translucency {name}=…: the source has no such material; {known}")));
     }
     let mut paint = Paint { material: laid.material.clone(), tint: laid.tint, translucency, ..Paint::default() };
