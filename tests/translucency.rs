@@ -219,7 +219,7 @@ fn the_commands_say_what_is_wrong() {
     }
     let (code, errors) = vtex(folder, &["bake", sample, "-r", "8", "-o", "a.vtex", "--translucency", "0.4"]);
     assert_eq!(code, 0, "{errors}");
-    let volume = vtex::format::Reader::open(&folder.join("a.vtex"), &Default::default()).unwrap().read_all().unwrap();
+    let volume = vtex::format::Reader::open(folder.join("a.vtex"), &Default::default()).unwrap().read_all().unwrap();
     let surfaces = surface::read(&volume.info);
     for (material, surface) in volume.info.materials.iter().zip(&surfaces) {
         for k in 0..3 {
