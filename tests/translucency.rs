@@ -148,9 +148,9 @@ fn a_bake_keeps_what_comes_through() {
 /// A cloud of leaves lit from behind, as voxels and as the triangles that they were baked from.
 #[test]
 fn leaves_lit_from_behind_shine_as_their_triangles_do() {
-    let bright = |material: Material, resolution: u32, towards: DVec3| {
+    let bright = |material: Material, shadows: bool| {
         let model = cloud(700, material);
-        let volume = baked(model.clone(), resolution);
+        let volume = baked(model.clone(), 32);
         let source = SourceMesh::new(model, &volume.info, &mut vtex::Warnings::default());
         let shell = ShellMaterial {
             tex_coord: 0,
@@ -167,12 +167,13 @@ fn leaves_lit_from_behind_shine_as_their_triangles_do() {
             parts: vec![part],
             materials: vec![ground],
             instances: vec![instance(0)],
-            lights: vec![sun(towards)],
+            lights: vec![sun(DVec3::new(0.2, 0.3, -1.0))],
             ..Model::default()
         };
         let texels = vec![TexelRef { name: "leaves".into(), ..TexelRef::default() }];
-        let scene = Scene { model, texels, environment: environment(0.2), ..Scene::default() };
-        let options = looking(DVec3::new(0.0, 1.0, 12.0), DVec3::Y, 0.2, 48);
+        let scene = Scene { model, texels, environment: environment(0.05), ..Scene::default() };
+        let camera = looking(DVec3::new(0.0, 1.0, 12.0), DVec3::Y, 0.2, 48);
+        let options = RenderOptions { shadows, ..camera };
         let tree = || vec![Some(Octree::new(volume.clone()).unwrap())];
         let drawn = render_with(&scene, tree(), &options, &Quiet).unwrap().film;
         let traced = reference_with(&scene, tree(), &[Some(source)], &options, 0..16, &Quiet).unwrap().film;
@@ -181,16 +182,15 @@ fn leaves_lit_from_behind_shine_as_their_triangles_do() {
         };
         (mean(&drawn), mean(&traced))
     };
-    let behind = DVec3::new(0.2, 0.3, -1.0);
-    for resolution in [16, 64] {
-        let (drawn, traced) = bright(leaf(), resolution, behind);
-        let ratio = drawn / traced;
-        // The bar of this texel's own brightness: the means of an opaque one agree to some percent (shadows of voxels).
-        assert!((ratio - 1.0).abs().max_element() < 0.08, "{resolution}: {drawn} {traced}");
-        let opaque = Material { transmission: None, ..leaf() };
-        let (dark, _) = bright(opaque, resolution, behind);
-        assert!(drawn.x > 1.3 * dark.x, "{resolution}: {drawn} {dark}");
-    }
+    let (drawn, traced) = bright(leaf(), false);
+    // The eight normals' own error is .017 of 2/3, and the covered area's .03.
+    assert!((drawn / traced - 1.0).abs().max_element() < 0.06, "{drawn} {traced}");
+    // What comes from behind has crossed the whole cloud, of an optical depth about 2: a few hundredths of opacity, the
+    // texel's own error, are a tenth and more of that light. A shadow ray that began on the wrong side would lose most of it.
+    let (drawn, traced) = bright(leaf(), true);
+    assert!((drawn / traced - 1.0).abs().max_element() < 0.25, "{drawn} {traced}");
+    let (dark, _) = bright(Material { transmission: None, ..leaf() }, true);
+    assert!(drawn.x > 2.0 * dark.x, "{drawn} {dark}");
 }
 
 fn vtex(folder: &Path, arguments: &[&str]) -> (i32, String) {
