@@ -49,7 +49,9 @@ pub fn lay(source: Box<dyn Source>, laid: &Laid, read: &ReadOptions) -> Result<B
     if let Some(name) = translucency.iter().filter_map(|t| t.material.as_ref()).find(unknown) {
         let known =
             if names.is_empty() { "it names none".to_owned() } else { format!("there are: {}", names.join(", ")) };
-        return Err(Error::Options(format!("option `translucency`: the source has no such material as {name:?}; {known}")));
+        return Err(Error::Options(format!(
+            "option `translucency`: the source has no such material as {name:?}; {known}"
+        )));
     }
     let mut paint = Paint { material: laid.material.clone(), tint: laid.tint, translucency, ..Paint::default() };
     if let Some(text) = &laid.albedo {
