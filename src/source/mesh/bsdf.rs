@@ -18,7 +18,7 @@ pub fn reflected(
     base: [f32; 3],
 ) -> [f32; 3] {
     let corners = piece.part.triangles[index].map(|i| i as usize);
-    let places = corners.map(|i| piece.corners[i]);
+    let places = corners.map(|i| piece.corner(i as u32));
     let w = barycentric(places, at);
     let sample = |t: &TextureRef| {
         let Some(uvs) = piece.part.uvs.get(t.tex_coord) else { return [1.0; 4] };
