@@ -42,3 +42,104 @@ fn what_is_no_texel_or_no_page_is_refused_in_one_line() {
         assert!(std::fs::read_dir(dir.path()).unwrap().next().is_none(), "{arguments:?} left a file");
     }
 }
+
+/// The last float of a `.ply` file's header is followed by this many bytes of data.
+fn after<'a>(bytes: &'a [u8], header: &str) -> &'a [u8] {
+    let at = bytes.windows(header.len()).position(|w| w == header.as_bytes()).unwrap();
+    &bytes[at + header.len()..]
+}
+
+/// A ball of radius 1 at (3, 2, 1).
+fn ball(folder: &std::path::Path) {
+    let recipe =
+        "metres_per_unit = 1.0\n[[draw]]\nsphere = { radius = 1.0, centre = [3, 2, 1] }\nalbedo = [0.5, 0.25, 0.125]\n";
+    std::fs::write(folder.join("ball.toml"), recipe).unwrap();
+    let done = vtex(&["bake", "ball.toml", "-r", "32", "-q"], folder);
+    assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+}
+
+#[test]
+fn blocks_enclose_the_volume_of_a_ball_where_it_was() {
+    let dir = tempfile::tempdir().unwrap();
+    ball(dir.path());
+    let done = vtex(&["export", "ball.vtex", "-o", "ball.glb", "--depth", "5", "--json"], dir.path());
+    assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+    let read = vtex::scene::gltf::read(&dir.path().join("ball.glb"), &Default::default()).unwrap();
+    let part = &read.model.parts[0];
+    let (positions, indices) = (&part.positions, part.triangles.iter().flatten().copied().collect::<Vec<u32>>());
+    let at = |k: u32| glam::Vec3::from(positions[k as usize]).as_dvec3() - glam::DVec3::new(3.0, 2.0, 1.0);
+    // The divergence theorem: the signed volume of all faces.
+    let volume: f64 = indices.chunks(3).map(|t| at(t[0]).dot(at(t[1]).cross(at(t[2]))) / 6.0).sum();
+    let exact = 4.0 / 3.0 * std::f64::consts::PI;
+    // Blocks are the boxes of matter: they hold the ball, and reach beyond it by less than half a voxel on the whole
+    // (voxels are 2/32 m wide, the ball's area is 4π).
+    assert!(volume > exact && volume < exact + 4.0 * std::f64::consts::PI / 32.0, "{volume} {exact}");
+    for p in positions {
+        let r = (glam::Vec3::from(*p) - glam::Vec3::new(3.0, 2.0, 1.0)).length();
+        assert!(r < 1.0 + 2.0 / 32.0 * 1.74, "{p:?}");
+    }
+    let color = part.colors.as_ref().unwrap()[0];
+    // Albedo has 255 steps of its root.
+    assert!((color[0] - 0.5).abs() < 0.006 && (color[2] - 0.125).abs() < 0.003, "{color:?}");
+    let done = vtex(&["export", "ball.vtex", "-o", "points.glb", "--form", "points", "--depth", "3"], dir.path());
+    assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+    let bytes = std::fs::read(dir.path().join("points.glb")).unwrap();
+    assert!(String::from_utf8_lossy(&bytes).contains("\"mode\":0"), "points");
+}
+
+#[test]
+fn splats_lie_flat_on_a_ball_and_cover_it() {
+    let dir = tempfile::tempdir().unwrap();
+    ball(dir.path());
+    let done = vtex(&["export", "ball.vtex", "-o", "ball.ply"], dir.path());
+    assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+    let bytes = std::fs::read(dir.path().join("ball.ply")).unwrap();
+    let header = String::from_utf8_lossy(&bytes[..400]).into_owned();
+    let count: usize = header.split_once("element vertex ").unwrap().1.lines().next().unwrap().parse().unwrap();
+    let data = after(&bytes, "end_header\n");
+    assert_eq!(data.len(), count * 17 * 4);
+    let floats: Vec<f32> = data.chunks(4).map(|b| f32::from_le_bytes(b.try_into().unwrap())).collect();
+    let (mut facing, mut surface) = (0.0, 0);
+    for s in floats.chunks(17) {
+        let centre = glam::Vec3::new(s[0] - 3.0, s[1] - 2.0, s[2] - 1.0);
+        assert!(centre.length() < 1.06, "{centre}");
+        let q = glam::Quat::from_xyzw(s[14], s[15], s[16], s[13]);
+        assert!((q.length() - 1.0).abs() < 1e-5);
+        let thin = (0..3).min_by(|a, b| s[10 + a].total_cmp(&s[10 + b])).unwrap();
+        let flat = (s[10 + thin] - s[10..13].iter().copied().fold(f32::MIN, f32::max)).exp();
+        if centre.length() > 0.9 && flat < 0.5 {
+            facing += f64::from((q * glam::Vec3::AXES[thin]).dot(centre.normalize()).abs());
+            surface += 1;
+        }
+    }
+    // Most voxels of the rind hold one patch of the sphere, which a splat lies along: the cosine of a tenth of a radian is
+    // .995, and voxels of 1/16 radius hold normals that differ by less than that.
+    assert!(surface > count / 3 && facing / f64::from(surface as u32) > 0.98, "{surface} {count} {facing}");
+}
+
+#[test]
+fn a_scene_of_mitsuba_has_grids_of_the_texel() {
+    let dir = tempfile::tempdir().unwrap();
+    ball(dir.path());
+    let done = vtex(&["export", "ball.vtex", "-o", "ball.xml", "--depth", "4", "--json"], dir.path());
+    assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+    let said: serde_json::Value = serde_json::from_slice(&done.stdout).unwrap();
+    assert_eq!(said["more"].as_array().unwrap().len(), 3, "{said}");
+    for (name, channels) in [("density", 1), ("albedo", 3), ("sggx", 6)] {
+        let grid = std::fs::read(dir.path().join(format!("ball-{name}.vol"))).unwrap();
+        assert_eq!(&grid[..4], b"VOL\x03");
+        assert_eq!(grid.len(), 48 + 16 * 16 * 16 * channels * 4, "{name}");
+    }
+    let scene = std::fs::read_to_string(dir.path().join("ball.xml")).unwrap();
+    scene_is_whole(&scene);
+    let done = vtex(&["export", "ball.vtex", "-o", "ball.glb", "--depth", "9"], dir.path());
+    assert_eq!(done.status.code(), Some(2));
+    assert!(String::from_utf8_lossy(&done.stderr).contains("finest is 5"));
+}
+
+/// Every tag that opens closes.
+fn scene_is_whole(text: &str) {
+    assert_eq!(text.matches("<volume").count(), 3);
+    assert_eq!(text.matches("</volume>").count(), 3);
+    assert!(text.trim_end().ends_with("</scene>"));
+}

@@ -1,5 +1,5 @@
 #!/bin/sh
-# The lawn of 1996: 1 400 patches, 22 000 blades in Vs, some 700 flowers, leaning and uneven by noise.
+# The lawn of 1996: 1 400 quads, 22 000 blades in Vs, some 700 flowers, leaning and uneven by noise.
 # `vtex demo lawn`, or in a folder of its own: sh .../samples/landscapes/lawn.sh
 set -e
 S=${S:-$(dirname "$0")/..}

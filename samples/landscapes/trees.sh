@@ -1,5 +1,5 @@
 #!/bin/sh
-# 512 spaced trees over 1 024 patches, each turned, mirrored, moved, of its own size and green; grass between them.
+# 512 spaced trees over 1 024 quads, each turned, mirrored, moved, of its own size and green; grass between them.
 # `vtex demo trees`, or in a folder of its own: sh .../samples/landscapes/trees.sh
 set -e
 S=${S:-$(dirname "$0")/..}

@@ -17,7 +17,7 @@ use crate::{Error, Result};
 
 /// log2 of how many voxels a page holds in memory.
 pub const PAGE_LOG2: u32 = 12;
-const PAGE: usize = 1 << PAGE_LOG2;
+pub(crate) const PAGE: usize = 1 << PAGE_LOG2;
 /// Most nodes of a depth.
 const MAX_NODES: usize = u32::MAX as usize - 1;
 

@@ -1,6 +1,10 @@
-//! `vtex export`: a texel for other programs. Today: one page to look at it in a browser.
+//! `vtex export`: a texel for other programs, which are told apart by the output's extension.
 
+mod mitsuba;
 mod page;
+mod solid;
+mod splats;
+mod voxels;
 
 use std::path::{Path, PathBuf};
 
@@ -10,22 +14,36 @@ use super::depfile::DepfileArgs;
 use super::results::{print, shown};
 use super::{Ui, outputs};
 use crate::format::{Limits, Reader, save};
+use crate::volume::Pages;
 use crate::{Error, Result};
+use solid::Form;
 
 /// Largest file that is put into a page: browsers hold its text twice while they read it.
 const MOST_BYTES: u64 = 256 << 20;
+/// Most voxels of a mesh or of splats: their file has some gigabytes then.
+const MOST_VOXELS: usize = 1 << 24;
 
-/// Write a texel as one page that a browser shows: turn, zoom, depths, channels, sun, cuts. It needs no network
+/// Write a texel for other programs: a page for any browser (.html), a mesh of blocks or points (.glb), Gaussian splats (.ply),
+/// a scene of Mitsuba 3 (.xml)
 #[derive(clap::Args)]
 pub struct Args {
     /// The .vtex file
     file: PathBuf,
-    /// The page to write, .html
-    #[arg(long, short, value_name = "FILE.html")]
+    /// The file to write: .html, .glb, .ply or .xml
+    #[arg(long, short, value_name = "FILE")]
     output: PathBuf,
-    /// Name that the page shows; by default the file's
+    /// Name that a page shows; by default the file's
     #[arg(long)]
     title: Option<String>,
+    /// Depth that is written, all but pages: 2^DEPTH voxels along each side [default: .glb 5, .xml 7, .ply 8, or the finest]
+    #[arg(long, value_name = "DEPTH")]
+    depth: Option<u8>,
+    /// What stands for a voxel in a .glb
+    #[arg(long, value_enum, default_value_t = Form::Blocks)]
+    form: Form,
+    /// Voxels that take a smaller share of the light are left out of a .glb
+    #[arg(long, value_name = "SHARE", default_value_t = 0.1, value_parser = share)]
+    least_opacity: f64,
     #[command(flatten)]
     depfile: DepfileArgs,
     /// Print a summary as JSON
@@ -33,17 +51,53 @@ pub struct Args {
     json: bool,
 }
 
+/// What was written.
+struct Written {
+    bytes: u64,
+    /// What a person is told of it.
+    said: String,
+    /// Files besides the output.
+    more: Vec<PathBuf>,
+}
+
 pub fn run(args: &Args, ui: &Ui) -> Result<()> {
-    let html = |path: &Path| path.extension().is_some_and(|e| e.eq_ignore_ascii_case("html"));
-    if !html(&args.output) {
-        return Err(Error::Options(format!(
-            "{}: only a page can be written so far; give it a name that ends in .html",
-            args.output.display()
-        )));
-    }
     let writes = [Some(args.output.as_path()), args.depfile.path()];
+    let kind = args.output.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
+    let export = match kind.as_str() {
+        "html" => to_page,
+        "glb" => to_mesh,
+        "ply" => to_splats,
+        "xml" => to_mitsuba,
+        _ => {
+            let known = ".html (a page), .glb (blocks or points), .ply (splats) or .xml (Mitsuba 3)";
+            return Err(Error::Options(format!("{}: give it a name that ends in {known}", args.output.display())));
+        }
+    };
     outputs::check(std::slice::from_ref(&args.file), writes.into_iter().flatten())?;
     let reader = Reader::open(&args.file, &Limits::default())?;
+    let written = export(args, &reader)?;
+    args.depfile.write([(args.output.as_path(), vec![args.file.clone()])], ui)?;
+    let (input, output) = (shown(&args.file), shown(&args.output));
+    if !args.json {
+        ui.say(&format!("{output}: {}", written.said));
+    }
+    let more: Vec<_> = written.more.iter().map(|path| shown(path)).collect();
+    let mut summary = json!({ "input": input, "output": output, "file_bytes": written.bytes });
+    if !more.is_empty() {
+        summary["more"] = json!(more);
+    }
+    print(summary, args.json, ui)
+}
+
+fn share(text: &str) -> std::result::Result<f64, String> {
+    text.parse().ok().filter(|v| (0.0..=1.0).contains(v)).ok_or_else(|| "must lie between 0 and 1".into())
+}
+
+fn own_name(path: &Path) -> String {
+    path.file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default()
+}
+
+fn to_page(args: &Args, reader: &Reader) -> Result<Written> {
     if reader.file_bytes() > MOST_BYTES {
         return Err(Error::Limit {
             what: format!("the texel in a page ({} keeps its coarser depths)", "vtex truncate"),
@@ -52,17 +106,52 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
         });
     }
     let texel = std::fs::read(&args.file).map_err(|e| Error::input(&args.file, "", e.to_string()))?;
-    let own = || args.file.file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
-    let page = page::of(&texel, &args.title.clone().unwrap_or_else(own));
+    let page = page::of(&texel, &args.title.clone().unwrap_or_else(|| own_name(&args.file)));
     save(&args.output, page.as_bytes())?;
-    args.depfile.write([(args.output.as_path(), vec![args.file.clone()])], ui)?;
-    let (input, output, bytes) = (shown(&args.file), shown(&args.output), page.len());
-    if !args.json {
-        ui.say(&format!(
-            "{output}: {} kB, of which {} kB are the texel",
-            bytes.div_ceil(1000),
-            texel.len().div_ceil(1000)
-        ));
+    let said = format!("{} kB, of which {} kB are the texel", page.len().div_ceil(1000), texel.len().div_ceil(1000));
+    Ok(Written { bytes: page.len() as u64, said, more: Vec::new() })
+}
+
+/// The voxels of the depth that was asked for, or of `otherwise`, or of the finest.
+fn voxels(args: &Args, reader: &Reader, otherwise: u8) -> Result<voxels::Voxels> {
+    let finest = reader.counts().len().saturating_sub(1);
+    if let Some(depth) = args.depth.filter(|depth| usize::from(*depth) > finest) {
+        let file = args.file.display();
+        return Err(Error::Options(format!("{file} has no depth {depth}: its finest is {finest}")));
     }
-    print(json!({ "input": input, "output": output, "file_bytes": bytes }), args.json, ui)
+    voxels::of(reader, args.depth.unwrap_or(otherwise).into(), MOST_VOXELS)
+}
+
+fn to_mesh(args: &Args, reader: &Reader) -> Result<Written> {
+    let voxels = voxels(args, reader, 5)?;
+    let count = solid::write(&voxels, args.form, args.least_opacity, &own_name(&args.file), &args.output)?;
+    let bytes = std::fs::metadata(&args.output).map_err(|e| Error::io(&args.output, e))?.len();
+    let form = if args.form == Form::Blocks { "blocks" } else { "points" };
+    let said =
+        format!("{count} {form}, {} along the cube; opacity and normals within a voxel are lost", voxels.resolution);
+    Ok(Written { bytes, said, more: Vec::new() })
+}
+
+fn to_splats(args: &Args, reader: &Reader) -> Result<Written> {
+    let voxels = voxels(args, reader, 8)?;
+    let (bytes, count) = splats::of(&voxels);
+    save(&args.output, &bytes)?;
+    let said =
+        format!("{count} splats in the texel's own colours, without light; depths and block correlation are lost");
+    Ok(Written { bytes: bytes.len() as u64, said, more: Vec::new() })
+}
+
+fn to_mitsuba(args: &Args, reader: &Reader) -> Result<Written> {
+    let voxels = voxels(args, reader, 7)?;
+    if voxels.resolution > mitsuba::MOST {
+        return Err(Error::Limit {
+            what: "the edge of the grids, in voxels (--depth takes a coarser one)".into(),
+            needed: voxels.resolution.into(),
+            allowed: mitsuba::MOST.into(),
+        });
+    }
+    let more = mitsuba::write(&voxels, &args.output)?;
+    let bytes = std::fs::metadata(&args.output).map_err(|e| Error::io(&args.output, e))?.len();
+    let said = format!("with {} grids of {}³; block correlation and depths are lost", more.len(), voxels.resolution);
+    Ok(Written { bytes, said, more })
 }

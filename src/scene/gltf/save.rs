@@ -46,6 +46,26 @@ pub fn save(model: &Model, output: &Path, warnings: &mut Warnings) -> Result<()>
     file.save(output, &Saved::default())
 }
 
+/// Store points, each of a linear RGBA colour that light does not change, as `.glb` or `.gltf`.
+///
+/// # Errors
+/// As [`save`].
+pub fn save_points(name: &str, positions: &[[f32; 3]], colors: &[[f32; 4]], output: &Path) -> Result<()> {
+    let mut file = Editor::new(output);
+    if positions.is_empty() {
+        return Err(Error::input(output, "", "nothing is drawn"));
+    }
+    let attributes = json!({"POSITION": file.add_floats(positions, true)?, "COLOR_0": file.add_floats(colors, true)?});
+    file.use_extension("KHR_materials_unlit")?;
+    let material = file.push("materials", json!({"name": name, "extensions": {"KHR_materials_unlit": {}}}))?;
+    let primitive = json!({"attributes": attributes, "material": material, "mode": 0});
+    let mesh = file.push("meshes", json!({"name": name, "primitives": [primitive]}))?;
+    let node = file.push("nodes", json!({"name": name, "mesh": mesh}))?;
+    file.push("scenes", json!({"nodes": [node]}))?;
+    file.json["scene"] = json!(0);
+    file.save(output, &Saved::default())
+}
+
 /// What nodes are relative to: 0, where the scene lies near that.
 fn middle(model: &Model) -> DVec3 {
     let n = model.instances.len() as f64;

@@ -1,0 +1,12 @@
+#!/bin/sh
+# Round trips with a real Blender (the bpy package, some 370 MB), outside of CI: blender/tests/run.sh [FOLDER for the pictures]
+# PYTHON is a Python that the chosen bpy has a wheel for: 3.11 for bpy 4.2 to 5.0, 3.13 for 5.1 and later. BPY is its version.
+set -e
+here=$(cd "$(dirname "$0")" && pwd)
+work=$(mktemp -d)
+trap 'rm -rf "$work"' EXIT
+(cd "$here/../.." && cargo build --release --bin vtex)
+"${PYTHON:-python3.11}" -m venv "$work/venv"
+"$work/venv/bin/pip" install -q "bpy==${BPY:-5.0.1}"
+zip=$("$here/../build.sh")
+VTEX="${VTEX:-$here/../../target/release/vtex}" "$work/venv/bin/python" "$here/roundtrip.py" "$here/../../$zip" "$@"
