@@ -20,7 +20,7 @@ fn commands() -> Vec<Command> {
 
 /// What stands under headings of its own, and only in commands that open a source.
 const GROUPS: [(&str, &[&str]); 4] = [
-    ("Sources", &["albedo", "tint", "material", "fill", "line-width", "scene", "include", "exclude"]),
+    ("Sources", &["albedo", "tint", "material", "translucency", "fill", "line-width", "scene", "include", "exclude"]),
     ("Curves", &["section", "curve", "width-scale", "curve-colours"]),
     ("Image stacks", &["iso", "window", "transfer", "sigma", "spacing", "series", "channel", "frame"]),
     ("L-systems", &["iterations", "seed", "angle", "string", "max-symbols"]),
@@ -52,7 +52,7 @@ fn each_argument_stands_under_a_heading_that_fits() {
             continue;
         }
         // How colours are laid is not asked where they are measured.
-        let laid = ["albedo", "tint", "material"];
+        let laid = ["albedo", "tint", "material", "translucency"];
         let wanted = GROUPS.map(|(heading, names)| {
             let known = |name: &&&str| command.get_name() == "bake" || !laid.contains(*name);
             (heading, names.iter().filter(known).copied().collect())
@@ -142,7 +142,8 @@ fn no_option_takes_nan_or_infinity() {
 }
 
 /// Options of `bake` that are of every source, or decide nothing of what is read of it.
-const OF_EVERY_SOURCE: [&str; 25] = [
+const OF_EVERY_SOURCE: [&str; 26] = [
+    "translucency",
     "output",
     "resolution",
     "voxel-size",

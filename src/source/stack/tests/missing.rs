@@ -87,7 +87,7 @@ fn otsu_parts_only_the_values_that_there_are() {
     for path in stacks(&dir, "otsu", &values) {
         let source = source(&path, TransferSpec::default());
         let note = source.notes().join(" ");
-        let threshold: f64 = note.split([' ', ':']).nth(1).unwrap().parse().unwrap();
+        let threshold: f64 = note.split([' ', ':']).nth(3).unwrap().parse().unwrap();
         assert!((3.6..4.0).contains(&threshold), "{}: {note}", path.display());
         // The upper half of the block alone.
         assert!(source.bounds().min.x > 5.0 && source.bounds().max.x < 9.0, "{:?}", source.bounds());
