@@ -24,8 +24,8 @@ pub mod transmission;
 pub(crate) mod triangulate;
 pub mod wind;
 
-pub use model::{Alpha, Camera, Instance, Light, LightKind, Material, Model, Part, Projection, TextureRef};
-pub use texture::{Texture, Wrap};
+pub use model::{Alpha, Camera, Instance, Light, LightKind, Material, Model, Part, Projection};
+pub use texture::{Texture, TextureRef, Wrap};
 pub use transmission::Transmission;
 
 /// A landscape, ready to render: its geometry, and what its shells are filled with.

@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-use super::texture::Texture;
+use super::texture::TextureRef;
 use super::transmission::Transmission;
 use crate::Warnings;
 use crate::geom::DAffine3;
@@ -135,24 +135,6 @@ impl Default for Material {
             shell: None,
             wind: None,
         }
-    }
-}
-
-/// A texture as a material uses it.
-#[derive(Debug, Clone)]
-pub struct TextureRef {
-    /// The image.
-    pub texture: Arc<Texture>,
-    /// Index into [`Part::uvs`], after KHR_texture_transform's override.
-    pub tex_coord: usize,
-    /// uv' = rows · (u, v, 1): KHR_texture_transform, identity where absent.
-    pub transform: [[f32; 3]; 2],
-}
-
-impl TextureRef {
-    /// The transformed texture coordinate.
-    pub fn map(&self, uv: [f32; 2]) -> [f32; 2] {
-        self.transform.map(|r| r[0] * uv[0] + r[1] * uv[1] + r[2])
     }
 }
 

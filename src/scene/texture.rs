@@ -3,7 +3,7 @@
 //! Based on: Williams, *Pyramidal Parametrics*, 1983 (mip levels); Porter & Duff, *Compositing Digital Images*, 1984
 //! (colour is averaged weighted by alpha, so that what is not there does not tint what is).
 
-use std::sync::{LazyLock, OnceLock};
+use std::sync::{Arc, LazyLock, OnceLock};
 
 /// Continuation of a texture beyond [0, 1].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -15,6 +15,24 @@ pub enum Wrap {
     Mirror,
     /// The texels at the edge continue.
     Clamp,
+}
+
+/// A texture as a material uses it.
+#[derive(Debug, Clone)]
+pub struct TextureRef {
+    /// The image.
+    pub texture: Arc<Texture>,
+    /// Index into the part's sets of texture coordinates, after KHR_texture_transform's override.
+    pub tex_coord: usize,
+    /// uv' = rows · (u, v, 1): KHR_texture_transform, identity where absent.
+    pub transform: [[f32; 3]; 2],
+}
+
+impl TextureRef {
+    /// The transformed texture coordinate.
+    pub fn map(&self, uv: [f32; 2]) -> [f32; 2] {
+        self.transform.map(|r| r[0] * uv[0] + r[1] * uv[1] + r[2])
+    }
 }
 
 /// A decoded image: 8-bit RGBA, sRGB-encoded colour, linear alpha, row 0 at v = 0 (the top, as in glTF).

@@ -3,7 +3,7 @@
 //! Based on: the glTF extension `KHR_materials_diffuse_transmission`. Of the light that would be reflected diffusely the share
 //! `factor` comes out on the other side, in a colour of its own.
 
-use super::model::TextureRef;
+use super::texture::TextureRef;
 
 /// Diffuse transmission of a material.
 #[derive(Debug, Clone, Default)]

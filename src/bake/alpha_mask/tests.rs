@@ -7,8 +7,9 @@ use crate::bake::clip::for_each_piece;
 use crate::bake::measure::Gather;
 use crate::geom::{Aabb, DAffine3, DMat3};
 use crate::progress::Quiet;
-use crate::scene::model::{Alpha, Instance, Material, Model, Part, TextureRef};
+use crate::scene::model::{Alpha, Instance, Material, Model, Part};
 use crate::scene::texture::Texture;
+use crate::scene::texture::TextureRef;
 use crate::source::mesh::{MeshOptions, MeshSource};
 use crate::source::{Placement, Source};
 

@@ -5,7 +5,7 @@ use serde_json::Value;
 
 use super::document::Document;
 use crate::Result;
-use crate::scene::model::TextureRef;
+use crate::scene::texture::TextureRef;
 use crate::scene::transmission::Transmission;
 
 /// Name of the extension.

@@ -2,7 +2,8 @@
 
 use super::{Piece, barycentric, texels_per_voxel};
 use crate::geom::DVec3;
-use crate::scene::model::{Material, Model, Part, TextureRef};
+use crate::scene::model::{Material, Model, Part};
+use crate::scene::texture::TextureRef;
 use crate::scene::transmission::Transmission;
 use crate::volume::surface::{SurfaceMeans, SurfaceParams};
 

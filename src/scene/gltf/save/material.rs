@@ -8,7 +8,8 @@ use image::codecs::png::PngEncoder;
 use serde_json::{Value, json};
 
 use crate::scene::gltf::write::Editor;
-use crate::scene::model::{Alpha, Material, Model, TextureRef};
+use crate::scene::model::{Alpha, Material, Model};
+use crate::scene::texture::TextureRef;
 use crate::scene::texture::{Texture, Wrap};
 use crate::{Error, Result, Warnings};
 
