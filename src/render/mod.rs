@@ -290,14 +290,14 @@ fn film(world: &World<'_>, options: &Options, progress: &dyn Progress) -> (Film,
 /// Lanes that are added to one or two for which a texel's source was traced: triangles are not filtered.
 const NEAR_LANES: u32 = 2;
 
-/// Where the two outermost lanes see the same, in the display's white, the others are left out; but not among triangles,
+/// Where the two outermost lanes see the same, in the display's white, the others are left out; but not among triangles or cards,
 /// which may be thinner than what is between lanes.
 const ALIKE: f32 = 1.0 / 256.0;
 
 /// The mean over the pixel's lanes, before exposure.
 fn pixel_of(tracer: &mut Tracer<'_>, x: u32, y: u32) -> [f32; 4] {
     let lanes = tracer.options.lanes;
-    tracer.uses_source_geometry = false;
+    (tracer.uses_source_geometry, tracer.uses_fine_rays) = (false, false);
     let mut sum = Vec4::ZERO;
     let mut count = 0;
     let mut add = |tracer: &mut Tracer<'_>, lane: u32, lanes: u32| {
@@ -310,7 +310,8 @@ fn pixel_of(tracer: &mut Tracer<'_>, x: u32, y: u32) -> [f32; 4] {
     if lanes > 1 {
         let last = add(tracer, lanes - 1, lanes);
         let apart = (first - last).abs() * Vec3::splat((tracer.options.exposure as f32).exp2()).extend(1.0);
-        if tracer.uses_source_geometry || apart.max_element() > ALIKE {
+        let uneven = tracer.uses_source_geometry || tracer.uses_fine_rays;
+        if uneven || apart.max_element() > ALIKE {
             (1..lanes - 1).for_each(|lane| {
                 add(tracer, lane, lanes);
             });

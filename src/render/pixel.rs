@@ -46,6 +46,8 @@ pub struct Tracer<'w> {
     pub trace: Option<Trace>,
     /// Set where a texel's source was traced; also where the ray missed it, or else edges would be drawn too light.
     pub uses_source_geometry: bool,
+    /// Set where a lane's fine rays looked for cards: what other lanes see cannot be told from it.
+    pub uses_fine_rays: bool,
     heap: Vec<Pending>,
     waiting: Vec<Waiting>,
     pub(super) lists: EventLists,
@@ -92,6 +94,7 @@ impl<'w> Tracer<'w> {
             counts: Counts::default(),
             trace: None,
             uses_source_geometry: false,
+            uses_fine_rays: false,
             heap: Vec::new(),
             waiting: Vec::new(),
             lists: EventLists::default(),
@@ -122,6 +125,7 @@ impl<'w> Tracer<'w> {
         let fine = self.fine_rays(lane, cone, contact.as_ref());
         let mut end = contact.map_or(f64::INFINITY, |c| c.t);
         if let Some(rays) = fine {
+            self.uses_fine_rays = true;
             end = self.gather_cards(rays, cone);
             contact = None;
         }
