@@ -394,7 +394,7 @@ fn limits_are_kept() {
     // 9 cells of 80 triangles.
     let few = ExpandOptions { max_triangles: 700, ..ExpandOptions::default() };
     let error = Plan::new(&made, &few).err().unwrap().to_string();
-    assert!(error.contains("needs 720") && error.contains("--camera"), "{error}");
+    assert!(error.contains("needs 720") && error.contains("option `camera`"), "{error}");
     let little = ExpandOptions { max_bytes: 1000, ..ExpandOptions::default() };
     assert!(Plan::new(&made, &little).err().unwrap().to_string().contains("memory"));
     // An estimate that is within the limit, and more in the end: triangles are cut.
