@@ -127,10 +127,10 @@ fn what_is_written_can_be_read_and_what_cannot_end_does_not_begin() {
     r.baked("robust/fs2.toml", &["-r", "64"]);
     let (code, said) = r.run(&["bake", "robust/loop/loop.toml", "-r", "8"], "t.vtex");
     assert!(code == 1 && said.contains("draws itself"), "{said}");
-    // It takes .28 of the light over the texel, at the finest depth as at coarser ones: none of its voxels is empty.
+    // It takes .28 of the light over the texel, at the finest depth as at coarser ones. Rates below the least code are drawn by
+    // lot so that their sum is kept; none of them was there.
     let haze = r.baked("faint/haze.nii", &["-r", "256", "--sigma", "0", "--transfer", "faint/h.json"]).0;
-    let finest = haze.depths.last().unwrap();
-    assert!(!finest.voxels.is_empty() && finest.voxels.iter().all(|v| v.rate > 0));
+    assert!(haze.depths.last().unwrap().voxels.iter().any(|v| v.rate > 0));
 }
 
 #[test]
