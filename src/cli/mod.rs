@@ -32,6 +32,7 @@ mod depfile;
 mod error;
 #[cfg(all(feature = "bake", feature = "render"))]
 mod expand;
+#[cfg(feature = "bake")]
 mod export;
 mod flags;
 #[cfg_attr(not(feature = "bake"), allow(dead_code))]
@@ -134,6 +135,7 @@ enum Command {
     Error(Box<error::Args>),
     #[cfg(all(feature = "bake", feature = "render"))]
     Expand(Box<expand::Args>),
+    #[cfg(feature = "bake")]
     Export(export::Args),
     Inspect(inspect::Args),
     #[cfg(feature = "bake")]
@@ -201,6 +203,7 @@ fn run(command: Command, ui: &Ui) -> crate::Result<()> {
         Command::Error(args) => error::run(&args, ui),
         #[cfg(all(feature = "bake", feature = "render"))]
         Command::Expand(args) => expand::run(&args, ui),
+        #[cfg(feature = "bake")]
         Command::Export(args) => export::run(&args, ui),
         Command::Inspect(args) => inspect::run(&args, ui),
         #[cfg(feature = "bake")]

@@ -7,7 +7,7 @@ use super::jitter::stretch;
 pub use super::layer::{TexelChoice, TexelLayer, row};
 use super::placement::PlacedCopy;
 use super::shell::{Foot, ShellSegment};
-use crate::geom::{Aabb, DAffine3, DMat3, DVec3, Ray, Vec3};
+use crate::geom::{Aabb, DMat3, DVec3, Ray, Vec3};
 use crate::scene::shell::CellWrap;
 
 /// A copy of a texel that a ray hits, and the straight segment of the ray in the copy's cell.
@@ -195,11 +195,12 @@ impl TexelLayer {
     }
 
     /// The copy in `cell`, and the map of the layer's texel coordinates into its cube; `None` where the cell is empty.
-    pub fn placed(&self, cell: [i64; 3]) -> Option<(PlacedCopy, DAffine3)> {
+    #[cfg(feature = "bake")]
+    pub fn placed(&self, cell: [i64; 3]) -> Option<(PlacedCopy, crate::geom::DAffine3)> {
         let (copy, sign) = (self.place(cell)?, self.flip(cell));
         let matrix3 = copy.linear * DMat3::from_diagonal(sign);
         let translation = copy.linear * (0.5 - sign * (whole(cell) + 0.5)) + copy.offset;
-        Some((copy, DAffine3 { matrix3, translation }))
+        Some((copy, crate::geom::DAffine3 { matrix3, translation }))
     }
 
     /// −1 along the axes in which the cell is mirrored, else 1.

@@ -109,6 +109,7 @@ fn over_patch(corners: &[Corner; 4], name: &str, warnings: &mut Warnings) -> Opt
 }
 
 /// A face of a shell: a triangle, or a bilinear patch whose corners stand in a ring.
+#[cfg(feature = "bake")]
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Face {
     Triangle([Corner; 3]),
@@ -116,6 +117,7 @@ pub enum Face {
 }
 
 /// The faces over which [`boxes`] has boxes; what is a parallelogram comes as two triangles.
+#[cfg(feature = "bake")]
 pub fn faces(
     part: &Part,
     range: (&ShellMaterial, [f64; 2], f64),

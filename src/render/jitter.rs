@@ -70,6 +70,7 @@ impl JitterNoise {
     }
 
     /// Where a point, in the layer's texel coordinates, is bent to, and its height in the shell as a share of the height vector.
+    #[cfg(feature = "bake")]
     pub fn bend(&self, p: &ShellPoint) -> (DVec3, f64) {
         let bent = self.at(p);
         (bent.q, bent.height)
