@@ -75,7 +75,10 @@ mod tests {
             let null = Path::new("/dev/null");
             check(&[null.to_path_buf()], [null, null]).unwrap();
         }
-        assert!(same(&input, &dir.path().join("./in")) && same(&output, &dir.path().join("./out")));
-        assert!(!same(&input, &output));
+        #[cfg(feature = "bake")]
+        {
+            assert!(same(&input, &dir.path().join("./in")) && same(&output, &dir.path().join("./out")));
+            assert!(!same(&input, &output));
+        }
     }
 }
