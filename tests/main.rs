@@ -40,5 +40,6 @@ mod reference;
 mod render;
 mod reported;
 mod stack;
+mod tiles;
 mod translucency;
 mod vectors;

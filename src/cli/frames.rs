@@ -28,13 +28,14 @@ impl Frames {
     }
 }
 
-/// `A..B`, both included, or `N` for 0 to N − 1.
+/// `A..B` or `A-B`, both included, or `N` for 0 to N − 1.
 pub fn parse(text: &str) -> std::result::Result<Frames, String> {
     let number = |s: &str| {
         let value: Option<u32> = s.trim().parse().ok().filter(|n| *n <= MOST);
         value.ok_or_else(|| format!("{s:?} is not a whole number from 0 to {MOST}"))
     };
-    let frames = match text.split_once("..") {
+    // Render farms say 5-8.
+    let frames = match text.split_once("..").or_else(|| text.split_once('-')) {
         Some((a, b)) => Frames { first: number(a)?, last: number(b.trim_start_matches('='))?, counted: false },
         None => match number(text)? {
             0 => return Err("at least one frame is needed".into()),
@@ -116,8 +117,10 @@ mod tests {
         assert_eq!(parse("24"), Ok(Frames { first: 0, last: 23, counted: true }));
         assert_eq!(parse("5..8"), Ok(Frames { first: 5, last: 8, counted: false }));
         assert_eq!(parse("5..=8").unwrap().count(), 4);
+        assert_eq!(parse("5-8"), parse("5..8"));
+        assert_eq!(parse("5-5").unwrap().count(), 1);
         assert!(parse("5..2").unwrap_err().contains("frame 5 comes after frame 2"));
-        for wrong in ["", "0", "-1", "a..b", "1..", "1.5", "0..999999", "9999999"] {
+        for wrong in ["", "0", "-1", "5-", "1-2-3", "a..b", "1..", "1.5", "0..999999", "9999999"] {
             assert!(parse(wrong).is_err(), "{wrong}");
         }
     }

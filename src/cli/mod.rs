@@ -69,10 +69,14 @@ mod shapes;
 #[cfg(feature = "bake")]
 mod source;
 #[cfg(feature = "render")]
+mod stitch;
+#[cfg(feature = "render")]
 mod stress;
 #[cfg(all(test, feature = "bake", feature = "render", feature = "plot"))]
 mod tests;
 mod text;
+#[cfg(feature = "render")]
+mod tile;
 mod truncate;
 mod ui;
 mod verify;
@@ -148,6 +152,8 @@ enum Command {
     /// Render a landscape: one cone a pixel, the texels read only as far as they are seen
     #[cfg(feature = "render")]
     Render(Box<render::Args>),
+    #[cfg(feature = "render")]
+    Stitch(stitch::Args),
     /// Cast rays through hostile geometry and count what goes wrong
     #[cfg(feature = "render")]
     Stress(stress::Args),
@@ -214,6 +220,8 @@ fn run(command: Command, ui: &Ui) -> crate::Result<()> {
         Command::Recipe(args) => recipe::run(&args, ui),
         #[cfg(feature = "render")]
         Command::Render(args) => render::run(&args, ui),
+        #[cfg(feature = "render")]
+        Command::Stitch(args) => stitch::run(&args, ui),
         #[cfg(feature = "render")]
         Command::Stress(args) => stress::run(&args, ui),
         Command::Verify(args) => verify::run(&args, ui),

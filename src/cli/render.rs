@@ -9,12 +9,13 @@ use super::depfile::{self, DepfileArgs};
 use super::quantity::{bytes, finite, positive};
 use super::results::{each, output_for, shown};
 use super::sequence::{MotionArgs, Said};
+use super::tile::{self, Picture};
 use super::ui::put_json;
 use super::{Ui, outputs, reference};
 use crate::geom::DVec3;
 use crate::progress::Progress;
 use crate::render;
-use crate::render::{Ambient, CameraChoice, Options, Sky, SourceLod, Stats, SunPosition, Tone, TraceEvent};
+use crate::render::{Ambient, CameraChoice, CropWindow, Options, Sky, SourceLod, Stats, SunPosition, Tone, TraceEvent};
 use crate::scene::files::extension;
 use crate::scene::{Scene, gltf};
 use crate::{Error, Result};
@@ -31,6 +32,9 @@ pub struct Args {
     /// Pixels; by default the longer side has 1280, and the shape is the camera's in the file, or else 16:9
     #[arg(long, value_name = "WxH", value_parser = size)]
     size: Option<[u32; 2]>,
+    /// Render only this part of the picture, pixels from the upper left; `vtex stitch` puts the parts together
+    #[arg(long, value_name = "X,Y,WIDTH,HEIGHT", conflicts_with_all = ["pixel", "reference"])]
+    tile: Option<CropWindow>,
     /// A camera of the file, by name or number; the first by default
     #[arg(long, value_name = "NAME", conflicts_with_all = ["eye", "frame"])]
     camera: Option<String>,
@@ -243,6 +247,7 @@ impl Args {
         };
         Ok(Options {
             size,
+            crop: self.tile,
             camera,
             sky: self.sky.clone(),
             background: self.background,
@@ -268,6 +273,11 @@ impl Args {
         })
     }
 
+    /// The picture of the sky, if one is asked for.
+    pub fn sky_picture(&self) -> Option<&Path> {
+        if let Some(Sky::Picture(path)) = &self.sky { Some(path) } else { None }
+    }
+
     /// The curve that the output gets.
     fn tone(&self, output: &Path) -> Tone {
         match self.tonemap {
@@ -276,6 +286,18 @@ impl Args {
             ToneArg::Neutral => Tone::Neutral,
             ToneArg::None => Tone::None,
         }
+    }
+
+    /// The part of the picture that is made, at a time of a sequence or as asked for.
+    fn tile(
+        &self,
+        landscape: &Path,
+        output: &Path,
+        options: &Options,
+        time: Option<f64>,
+    ) -> Result<Option<render::Tile>> {
+        let said = format!("{:?} {} {time:?} {:?}", self.scene, self.motion.moment(), self.tone(output));
+        tile::tile(landscape, options, &said)
     }
 
     /// What is to be known of the lights' units, in a line.
@@ -315,24 +337,28 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
     } else if args.pixel.is_some() {
         return Err(Error::Options("--pixel is of one landscape".into()));
     }
+    let sky = args.sky_picture().map(Path::to_path_buf);
+    let files =
+        |path: &PathBuf| -> Vec<PathBuf> { depfile::of_landscape(path).into_iter().chain(sky.clone()).collect() };
     if let (Some(output), [landscape]) = (&args.output, &args.landscapes[..])
-        && let Some(sequence) = args.motion.sequence(output)?
+        && let Some(sequence) = args.motion.sequence(output, args.tile.map(|t| t.size).or(args.size))?
     {
         if args.stats || args.json || args.depfile.path().is_some() {
             return Err(Error::Options("--stats, --json and --depfile are of a picture, not of --frames".into()));
         }
+        if args.tile.is_some() && sequence.is_one_file() {
+            let what = format!("{}: --tile makes a .png or .exr, not a part of a picture that moves", output.display());
+            return Err(Error::Options(what));
+        }
         let mut said = Said::default();
-        let mut film = |time| film(args, (landscape, output), time, &mut said, ui);
-        return sequence.run(&depfile::of_landscape(landscape), ui, &mut film);
+        let mut frame = |time| frame(args, (landscape, output), time, &mut said, ui);
+        return sequence.run(&files(landscape), ui, &mut frame);
     }
     args.motion.only_one()?;
     let several = args.landscapes.len() > 1;
     let named = |path: &PathBuf| output_for(path, args.output.as_deref(), several, "png");
     let pictures = args.landscapes.iter().map(named).collect::<Result<Vec<_>>>()?;
     pictures.iter().try_for_each(|path| render::Film::check_name(path))?;
-    let sky = if let Some(Sky::Picture(path)) = &args.sky { Some(path.clone()) } else { None };
-    let files =
-        |path: &PathBuf| -> Vec<PathBuf> { depfile::of_landscape(path).into_iter().chain(sky.clone()).collect() };
     let reads: Vec<_> = args.landscapes.iter().map(files).collect();
     outputs::check(&reads.concat(), pictures.iter().map(PathBuf::as_path).chain(args.depfile.path()))?;
     let (mut rules, mut left) = (Vec::new(), pictures.iter().zip(reads));
@@ -377,7 +403,7 @@ fn render_film(
 }
 
 /// The picture of one time of a sequence, by itself: no other frame has a part in it.
-fn film(args: &Args, (landscape, output): (&Path, &Path), time: f64, said: &mut Said, ui: &Ui) -> Result<render::Film> {
+fn frame(args: &Args, (landscape, output): (&Path, &Path), time: f64, said: &mut Said, ui: &Ui) -> Result<Picture> {
     let scene = read(args, landscape, Some(time), said, ui)?;
     let options = args.options(&scene, output)?;
     if let Some(line) = args.said_of_lights(&scene, &options) {
@@ -386,14 +412,14 @@ fn film(args: &Args, (landscape, output): (&Path, &Path), time: f64, said: &mut 
     let Some(samples) = args.reference else {
         let mut film = render_film((&scene, &options), (args.tone(output), output), said, ui)?.film;
         args.tone(output).apply(&mut film);
-        return Ok(film);
+        return Ok(Picture { film, tile: args.tile(landscape, output, &options, Some(time))? });
     };
     let mut done = render::reference::reference(&scene, &options, 0..samples, ui)?;
     ui.finish();
     done.notes.iter().for_each(|note| said.say(ui, note));
     said.warn(ui, &done.warnings)?;
     args.tone(output).apply(&mut done.film);
-    Ok(done.film)
+    Ok(Picture { film: done.film, tile: None })
 }
 
 /// One picture, and what is told of it.
@@ -406,8 +432,11 @@ fn picture(args: &Args, landscape: &Path, output: &Path, ui: &Ui) -> Result<Valu
     if let Some(line) = args.said_of_lights(&scene, &options) {
         ui.say(&line);
     }
-    let [width, height] = options.size;
+    let [width, height] = options.window().size;
     let mut told = json!({ "input": shown(landscape), "output": shown(output), "width": width, "height": height });
+    if let Some(tile) = options.crop {
+        told["tile"] = json!({ "x": tile.at[0], "y": tile.at[1], "of": options.size });
+    }
     if let Some(samples) = args.reference {
         let job = reference::Job {
             landscape,
@@ -430,7 +459,7 @@ fn picture(args: &Args, landscape: &Path, output: &Path, ui: &Ui) -> Result<Valu
     let mut done = render_film((&scene, &options), (args.tone(output), output), &mut said, ui)?;
     let saving = Instant::now();
     args.tone(output).apply(&mut done.film);
-    done.film.save(output)?;
+    Picture { film: done.film, tile: args.tile(landscape, output, &options, None)? }.save(output)?;
     done.stats.times.insert(0, ("read", reading));
     done.stats.times.push(("save", saving.elapsed()));
     if args.stats && !args.json {

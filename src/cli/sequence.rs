@@ -7,9 +7,11 @@ use image::codecs::gif::{GifEncoder, Repeat};
 use image::{Delay, RgbaImage};
 
 use super::frames::{self, Frames};
+use super::tile::Picture;
 use super::{Ui, outputs};
 use crate::format::PartFile;
-use crate::render::{Film, image_io};
+use crate::render::Film;
+use crate::render::image_io::{self, Image};
 use crate::{Error, Result, Warnings};
 
 /// When a picture is, and which moments a sequence has.
@@ -60,11 +62,11 @@ impl MotionArgs {
         if self.frames.is_some() { Err(Error::Options(what.into())) } else { Ok(()) }
     }
 
-    /// The sequence that goes to `output`, if one is asked for.
+    /// The sequence that goes to `output`, if one is asked for; `size`: what is known of its pictures.
     ///
     /// # Errors
     /// `Options` where the name of the output is not one of a sequence, or a single picture's name is one.
-    pub fn sequence<'a>(&self, output: &'a Path) -> Result<Option<Sequence<'a>>> {
+    pub fn sequence<'a>(&self, output: &'a Path, size: Option<[u32; 2]>) -> Result<Option<Sequence<'a>>> {
         let Some(frames) = self.frames else {
             if Kind::of(output) != Kind::Still {
                 let what = format!("{}: --frames is needed for a picture that moves", output.display());
@@ -84,7 +86,7 @@ impl MotionArgs {
                 return Err(Error::Options(what));
             }
         }
-        Ok(Some(Sequence { frames, fps: self.fps, force: self.force, output, kind }))
+        Ok(Some(Sequence { frames, fps: self.fps, force: self.force, output, kind, size }))
     }
 }
 
@@ -114,6 +116,8 @@ pub struct Sequence<'a> {
     force: bool,
     output: &'a Path,
     kind: Kind,
+    /// Pixels, where they are asked for.
+    size: Option<[u32; 2]>,
 }
 
 /// Lines that were said already: a sequence says each once.
@@ -137,14 +141,19 @@ impl Said {
 }
 
 impl Sequence<'_> {
-    /// Render and store all of it: `film` makes the picture of a time. `inputs`: the files that are read.
+    /// Whether all frames go to one file.
+    pub fn is_one_file(&self) -> bool {
+        self.kind != Kind::Still
+    }
+
+    /// Render and store all of it: `frame` makes the picture of a time. `inputs`: the files that are read.
     ///
     /// # Errors
-    /// What `film` gives, and `Io` where a file cannot be written. Pictures that were stored before stay.
-    pub fn run(&self, inputs: &[PathBuf], ui: &Ui, film: &mut dyn FnMut(f64) -> Result<Film>) -> Result<()> {
+    /// What `frame` gives, and `Io` where a file cannot be written. Pictures that were stored before stay.
+    pub fn run(&self, inputs: &[PathBuf], ui: &Ui, frame: &mut dyn FnMut(f64) -> Result<Picture>) -> Result<()> {
         match self.kind {
-            Kind::Still => self.numbered(inputs, ui, film),
-            Kind::Gif | Kind::Apng => self.animated(inputs, ui, film),
+            Kind::Still => self.numbered(inputs, ui, frame),
+            Kind::Gif | Kind::Apng => self.animated(inputs, ui, frame),
         }
     }
 
@@ -152,18 +161,18 @@ impl Sequence<'_> {
         f64::from(frame) / self.fps
     }
 
-    fn numbered(&self, inputs: &[PathBuf], ui: &Ui, film: &mut dyn FnMut(f64) -> Result<Film>) -> Result<()> {
+    fn numbered(&self, inputs: &[PathBuf], ui: &Ui, frame: &mut dyn FnMut(f64) -> Result<Picture>) -> Result<()> {
         let files: Vec<PathBuf> = self.frames.numbers().map(|n| frames::file(self.output, n)).collect();
         outputs::check(inputs, files.iter().map(PathBuf::as_path))?;
         let newest = inputs.iter().filter_map(|p| modified(p)).max();
         let mut kept = 0;
         for (number, file) in self.frames.numbers().zip(&files) {
-            if !self.force && is_kept(file, newest) {
+            if !self.force && is_kept(file, newest, self.size) {
                 kept += 1;
                 continue;
             }
             let start = std::time::Instant::now();
-            let picture = film(self.time(number))?;
+            let picture = frame(self.time(number))?;
             ui.finish();
             picture.save(file)?;
             let done = number - self.frames.first + 1;
@@ -176,15 +185,15 @@ impl Sequence<'_> {
         Ok(())
     }
 
-    fn animated(&self, inputs: &[PathBuf], ui: &Ui, film: &mut dyn FnMut(f64) -> Result<Film>) -> Result<()> {
+    fn animated(&self, inputs: &[PathBuf], ui: &Ui, frame: &mut dyn FnMut(f64) -> Result<Picture>) -> Result<()> {
         outputs::check(inputs, [self.output])?;
         let start = std::time::Instant::now();
         let mut part = PartFile::create(self.output)?;
-        let mut next = |frame: u32| -> Result<Film> {
-            let picture = film(self.time(frame))?;
+        let mut next = |number: u32| -> Result<Film> {
+            let picture = frame(self.time(number))?;
             ui.finish();
-            ui.say(&format!("{} of {}", frame - self.frames.first + 1, self.frames.count()));
-            Ok(picture)
+            ui.say(&format!("{} of {}", number - self.frames.first + 1, self.frames.count()));
+            Ok(picture.film)
         };
         let first = next(self.frames.first)?;
         let (width, height) = (first.width, first.height);
@@ -260,8 +269,9 @@ fn modified(path: &Path) -> Option<SystemTime> {
     std::fs::metadata(path).ok()?.modified().ok()
 }
 
-/// Whether a frame's file is whole, and no older than the inputs.
-fn is_kept(file: &Path, newest: Option<SystemTime>) -> bool {
+/// Whether a frame's file is whole, of the size that is asked for, and no older than the inputs.
+fn is_kept(file: &Path, newest: Option<SystemTime>, size: Option<[u32; 2]>) -> bool {
     let Some(made) = modified(file) else { return false };
-    newest.is_none_or(|newest| made >= newest) && image_io::read(file).is_ok()
+    let fits = |there: Image| size.is_none_or(|size| [there.width, there.height] == size.map(|n| n as usize));
+    newest.is_none_or(|newest| made >= newest) && image_io::read(file).is_ok_and(fits)
 }

@@ -125,6 +125,37 @@ fn read_png(path: &Path) -> Result<Image> {
     Ok(Image { width: width as usize, height: height as usize, rgba })
 }
 
+/// An 8-bit RGB picture as its file has it.
+pub struct Rgb8 {
+    /// Width and height, pixels.
+    pub size: [u32; 2],
+    /// sRGB, row by row from the top.
+    pub rgb: Vec<u8>,
+    /// The text that was asked for.
+    pub text: Option<String>,
+}
+
+/// Read a `.png` of 8-bit RGB without decoding its values, and the text that stands under the name `text` in it.
+///
+/// # Errors
+/// As [`read`]; `Unsupported` where pixels are stored otherwise.
+pub fn read_rgb8(path: &Path, text: &str) -> Result<Rgb8> {
+    let broken = |e: png::DecodingError| Error::input(path, "", format!("cannot be read as a PNG: {e}"));
+    let bytes = read_file(path, MAX_BYTES)?;
+    let limits = png::Limits { bytes: MAX_BYTES as usize };
+    let mut reader = png::Decoder::new_with_limits(Cursor::new(&bytes), limits).read_info().map_err(broken)?;
+    let info = reader.info();
+    check_size(path, info.width.into(), info.height.into(), bytes.len() as u64)?;
+    if (info.color_type, info.bit_depth) != (png::ColorType::Rgb, png::BitDepth::Eight) {
+        return Err(Error::unsupported(path, "a PNG of other pixels than 8-bit RGB as a tile"));
+    }
+    let size = [info.width, info.height];
+    let text = info.uncompressed_latin1_text.iter().find(|t| t.keyword == text).map(|t| t.text.clone());
+    let mut rgb = vec![0; reader.output_buffer_size().unwrap_or_default()];
+    reader.next_frame(&mut rgb).map_err(broken)?;
+    Ok(Rgb8 { size, rgb, text })
+}
+
 fn read_hdr(path: &Path) -> Result<Image> {
     use image::{DynamicImage, ImageDecoder, codecs::hdr::HdrDecoder};
     let broken = |e: image::ImageError| Error::input(path, "", format!("cannot be read as a Radiance HDR: {e}"));

@@ -44,6 +44,7 @@ pub mod stress;
 mod surround;
 #[cfg(test)]
 mod tests;
+mod tile;
 mod tone;
 mod trace;
 
@@ -54,10 +55,11 @@ use std::time::Instant;
 pub use environment::DEFAULT_TURBIDITY;
 pub use film::Film;
 pub use light::{LUMENS_PER_WATT, photometric};
-pub use options::{Ambient, CameraChoice, Options, Sky, SourceLod, SunPosition};
+pub use options::{Ambient, CameraChoice, CropWindow, Options, Sky, SourceLod, SunPosition};
 pub use placement::hash;
 pub use prepare::picture_size;
 pub use stats::{Counts, Stats, peak_memory};
+pub use tile::{Tile, stitch};
 pub use tone::Tone;
 pub use trace::{Trace, TraceEvent};
 
@@ -163,7 +165,13 @@ fn check(options: &Options) -> Result<()> {
     if !(1..=65_536).contains(&width) || !(1..=65_536).contains(&height) {
         return Err(Error::Options(format!("a picture of {width}×{height} pixels: each side must be 1 … 65536")));
     }
-    let pixels = u64::from(width) * u64::from(height);
+    let window = options.window();
+    if !window.is_within(options.size) {
+        let [x, y, w, h] = [window.at[0], window.at[1], window.size[0], window.size[1]];
+        let what = format!("a tile of {w}×{h} pixels at {x},{y} does not lie in the picture of {width}×{height}");
+        return Err(Error::Options(what));
+    }
+    let pixels = u64::from(window.size[0]) * u64::from(window.size[1]);
     if pixels > image_io::MAX_PIXELS {
         return Err(Error::Limit {
             what: "the picture's pixels".into(),
@@ -255,7 +263,7 @@ impl Opened {
 const TILE: u32 = 16;
 
 fn film(world: &World<'_>, options: &Options, progress: &dyn Progress) -> (Film, Counts) {
-    let [width, height] = options.size;
+    let CropWindow { at: [left, top], size: [width, height] } = options.window();
     let (across, down) = (width.div_ceil(TILE), height.div_ceil(TILE));
     let tiles = across as usize * down as usize;
     progress.stage("render", tiles as u64);
@@ -265,7 +273,7 @@ fn film(world: &World<'_>, options: &Options, progress: &dyn Progress) -> (Film,
         let mut pixels = Vec::with_capacity((TILE * TILE) as usize);
         for y in y0..(y0 + TILE).min(height) {
             for x in x0..(x0 + TILE).min(width) {
-                pixels.push(pixel_of(&mut tracer, x, y));
+                pixels.push(pixel_of(&mut tracer, left + x, top + y));
             }
         }
         progress.advance(1);

@@ -1,5 +1,8 @@
 //! What a caller chooses about a picture.
 
+use std::fmt;
+use std::str::FromStr;
+
 use crate::geom::DVec3;
 pub use crate::scene::shell::Sky;
 
@@ -8,6 +11,8 @@ pub use crate::scene::shell::Sky;
 pub struct Options {
     /// Pixels, width and height, each 1 … 65 536.
     pub size: [u32; 2],
+    /// Part of the picture that is rendered; by default all of it.
+    pub crop: Option<CropWindow>,
     /// Camera that the picture is seen from.
     pub camera: CameraChoice,
     /// What lights the scene from all around; over the file's. By default a clear sky that fits the sun.
@@ -47,6 +52,7 @@ impl Default for Options {
     fn default() -> Self {
         Options {
             size: [1280, 720],
+            crop: None,
             camera: CameraChoice::Default,
             sky: None,
             background: None,
@@ -67,6 +73,47 @@ impl Default for Options {
     }
 }
 
+/// A rectangle of a picture's pixels, as text `X,Y,WIDTH,HEIGHT`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct CropWindow {
+    /// Column and row of its upper left pixel, from the picture's upper left.
+    pub at: [u32; 2],
+    /// Pixels, width and height.
+    pub size: [u32; 2],
+}
+
+impl CropWindow {
+    /// Whether it has pixels, all of them in a picture of this width and height.
+    pub fn is_within(&self, picture: [u32; 2]) -> bool {
+        let fits = |k: usize| self.size[k] > 0 && self.at[k] < picture[k] && self.size[k] <= picture[k] - self.at[k];
+        fits(0) && fits(1)
+    }
+
+    /// Whether two windows of one picture have a pixel in common.
+    pub fn overlaps(&self, other: &CropWindow) -> bool {
+        let meet = |k: usize| self.at[k] < other.at[k] + other.size[k] && other.at[k] < self.at[k] + self.size[k];
+        meet(0) && meet(1)
+    }
+}
+
+impl fmt::Display for CropWindow {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let ([x, y], [width, height]) = (self.at, self.size);
+        write!(f, "{x},{y},{width},{height}")
+    }
+}
+
+impl FromStr for CropWindow {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<CropWindow, String> {
+        let number = |s: &str| s.trim().parse().map_err(|_| format!("{s:?} is not a number of pixels"));
+        let list: Vec<u32> = text.split(',').map(number).collect::<Result<_, _>>()?;
+        let [x, y, width, height] = list[..] else { return Err("wanted X,Y,WIDTH,HEIGHT, as 640,0,640,360".into()) };
+        Ok(CropWindow { at: [x, y], size: [width, height] })
+    }
+}
+
 /// A direction to the sun, degrees.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SunPosition {
@@ -77,6 +124,11 @@ pub struct SunPosition {
 }
 
 impl Options {
+    /// The pixels that are rendered.
+    pub fn window(&self) -> CropWindow {
+        self.crop.unwrap_or(CropWindow { at: [0, 0], size: self.size })
+    }
+
     /// What measurements and comparisons use: every point sees all of the sky, and the sun has no size.
     pub fn measuring() -> Self {
         Options { ambient: Ambient::Constant, sun_angle: Some(0.0), ..Options::default() }

@@ -16,7 +16,7 @@ pub use super::source_mesh::{SourceMesh, restyle};
 use trace::Tracer;
 
 use super::film::Film;
-use super::options::Options;
+use super::options::{CropWindow, Options};
 use super::prepare::World;
 use super::stats::{Counts, Stats, peak_memory};
 use crate::progress::Progress;
@@ -109,7 +109,7 @@ pub fn reference_with(
 
 /// The mean of all samples, and of the even and the odd ones.
 fn films(tracer: &Tracer<'_>, samples: Range<u32>, progress: &dyn Progress) -> (Film, [Film; 2], Counts) {
-    let [width, height] = tracer.options.size;
+    let CropWindow { at: [left, top], size: [width, height] } = tracer.options.window();
     progress.stage("trace", height.into());
     let rows = par::map(height as usize, |y| {
         let mut counts = Counts::default();
@@ -117,7 +117,7 @@ fn films(tracer: &Tracer<'_>, samples: Range<u32>, progress: &dyn Progress) -> (
             let mut sums = [([0.0f64; 4], 0u32); 2];
             for index in samples.clone() {
                 let (sum, n) = &mut sums[index as usize & 1];
-                for (s, v) in sum.iter_mut().zip(tracer.sample(x, y as u32, index, &mut counts)) {
+                for (s, v) in sum.iter_mut().zip(tracer.sample(left + x, top + y as u32, index, &mut counts)) {
                     *s += f64::from(v);
                 }
                 *n += 1;
