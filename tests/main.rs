@@ -42,4 +42,5 @@ mod reported;
 mod stack;
 mod tiles;
 mod translucency;
+mod unchanged;
 mod vectors;

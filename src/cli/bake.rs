@@ -4,23 +4,22 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use serde_json::{Value, json};
-use sha2::{Digest, Sha256};
 
 use super::bake_frames::{FrameArgs, Shot};
 use super::clap_name;
 use super::depfile::DepfileArgs;
+use super::provenance::{Digests, Provenance};
 use super::quantity::{bytes, count, finite, size};
 use super::results::{each, output_for, shown};
 use super::source::SourceArgs;
-use super::{Ui, outputs};
+use super::{Ui, outputs, provenance};
 use crate::bake;
 use crate::bake::Estimate;
 use crate::bake::{DepthReport, MAX_REFINE, MAX_RESOLUTION, Options, REFINE};
 use crate::format;
-use crate::format::{Quality, WriteOptions};
+use crate::format::{Quality, Reader, WriteOptions};
 use crate::geom::{Aabb, DVec3};
 use crate::progress::Progress;
-use crate::scene::files::{hex, sha256};
 use crate::source;
 use crate::source::OpenOptions;
 use crate::source::paint::Translucency;
@@ -73,6 +72,10 @@ pub struct Args {
     threads: usize,
     #[command(flatten)]
     depfile: DepfileArgs,
+    /// Leave a texel as it is where a bake would write the same once more: the digests of all files that are read, the options
+    /// and the version of the program are those that its META has
+    #[arg(long, conflicts_with = "report")]
+    if_changed: bool,
     /// Write a report as JSON
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
@@ -167,21 +170,26 @@ impl Args {
         }
     }
 
-    /// What decides on the content, for the file's provenance.
-    fn provenance(&self, up: u8) -> Value {
-        let up = if up == 1 { "y" } else { "z" };
+    /// What decides on the file, as it was asked for.
+    fn provenance(&self) -> Value {
         let name = |v: &dyn clap_name::Name| v.name();
         let mut out = json!({
-            "model": name(&self.model), "quality": name(&self.quality), "up": up, "resolution": self.resolution,
-            "refine": self.refine,
+            "model": name(&self.model), "quality": name(&self.quality), "resolution": self.resolution, "refine": self.refine,
         });
+        self.up.iter().for_each(|up| out["up"] = name(up).into());
+        if self.compress != WriteOptions::default().level {
+            out["compress"] = self.compress.into();
+        }
         self.voxel_size.into_iter().for_each(|v| out["voxel_size"] = v.into());
         if !self.cyclic.is_empty() {
             out["cyclic"] = self.cyclic.clone().into();
         }
         self.source.provenance(&mut out);
         self.frames.provenance(&mut out);
-        self.albedo.iter().for_each(|v| out["albedo"] = v.as_str().into());
+        // META holds no absolute path; what is in the file is among the sources.
+        let kept =
+            |v: &str| Path::new(v).file_name().filter(|_| Path::new(v).is_absolute()).map(|n| shown(Path::new(n)));
+        self.albedo.iter().for_each(|v| out["albedo"] = kept(v).unwrap_or_else(|| v.clone()).into());
         if self.tint {
             out["tint"] = true.into();
         }
@@ -257,24 +265,61 @@ fn bake_all(args: &Args, ui: &Ui) -> Result<()> {
     if args.voxel_size.is_none() && !args.resolution.is_power_of_two() {
         ui.say(&format!("-r {} is rounded up to {}", args.resolution, args.resolution.next_power_of_two()));
     }
-    if is_sequence {
+    let mut digests = Digests::default();
+    if args.if_changed {
+        digests.read_ahead(jobs.iter().flat_map(|job| &job.files));
+    }
+    let asked = args.provenance();
+    // A file that cannot be read is told of where its source is opened.
+    let frames = if is_sequence { all_frames(&jobs, &mut digests).unwrap_or_default() } else { String::new() };
+    let mut provenance = |job: &Job| {
+        let sources = digests.sources(&job.shot.input, &job.files)?;
+        Ok(Provenance::new(sources, &asked, &frames, job.shot.animation.as_ref()))
+    };
+    let mut is_kept =
+        |job: &Job| args.if_changed && provenance(job).is_ok_and(|p| p.unchanged(&job.shot.output).is_ok());
+    if is_sequence && !jobs.iter().all(&mut is_kept) {
         let shared = shared_box(args, &jobs, ui)?;
         for (k, job) in jobs.iter_mut().enumerate() {
             (job.shared, job.speaks) = (Some(shared.clone()), k == 0);
         }
     }
-    let (mut rules, mut left) = (Vec::new(), jobs.iter());
+    let (mut rules, mut left, mut kept) = (Vec::new(), jobs.iter(), 0);
     let inputs: Vec<PathBuf> = jobs.iter().map(|job| job.shot.input.clone()).collect();
     let done = each(&inputs, args.json, ui, |_| {
         let Some(job) = left.next() else { return Ok(Value::Null) };
-        let summary = bake_file(args, job, ui)?;
+        let summary = bake_or_keep(args, job, provenance(job), ui)?;
+        kept += usize::from(summary["unchanged"] == true);
         rules.push((job.shot.output.as_path(), [job.files.clone(), args.source.files()].concat()));
         Ok(summary)
     });
+    if kept > 0 {
+        ui.say(&format!("{kept} of {} texels are unchanged", jobs.len()));
+    }
     if !rules.is_empty() {
         args.depfile.write(rules, ui)?;
     }
     done
+}
+
+/// A digest of what the cube is a function of that the frames share: their files and moments.
+fn all_frames(jobs: &[Job], digests: &mut Digests) -> Result<String> {
+    let mut all = Vec::new();
+    for job in jobs {
+        all.push(json!([job.shot.animation, digests.sources(&job.shot.input, &job.files)?]));
+    }
+    Ok(provenance::digest(&all.into()))
+}
+
+/// `provenance`: found before the source is read, so that a file which changes meanwhile is baked again the next time.
+fn bake_or_keep(args: &Args, job: &Job, provenance: Result<Provenance>, ui: &Ui) -> Result<Value> {
+    if let (true, Ok(provenance)) = (args.if_changed, &provenance) {
+        match provenance.unchanged(&job.shot.output) {
+            Ok(reader) => return Ok(kept(&job.shot, &reader)),
+            Err(change) => ui.say(&format!("{}: {change}", job.shot.output.display())),
+        }
+    }
+    bake_file(args, job, provenance, ui)
 }
 
 fn shot(args: &Args, input: &Path, options: &OpenOptions) -> Result<Shot> {
@@ -321,8 +366,8 @@ fn shared_box(args: &Args, jobs: &[Job], ui: &Ui) -> Result<Options> {
     Ok(Options { cube: Some(place.bounds), resolution: place.side(), voxel_size: None, ..options })
 }
 
-fn bake_file(args: &Args, job: &Job, ui: &Ui) -> Result<Value> {
-    let Job { shot: Shot { input, output, animation, .. }, files, shared, speaks } = job;
+fn bake_file(args: &Args, job: &Job, provenance: Result<Provenance>, ui: &Ui) -> Result<Value> {
+    let Job { shot: Shot { input, output, animation, .. }, shared, speaks, .. } = job;
     let start = Instant::now();
     ui.stage("read", 0);
     let source = open(args, &job.shot)?;
@@ -350,8 +395,7 @@ fn bake_file(args: &Args, job: &Job, ui: &Ui) -> Result<Value> {
     }
     ui.warn(&report.warnings)?;
     let bake_time = start.elapsed() - read_time;
-    volume.info.meta.insert("options".into(), args.provenance(volume.info.up));
-    volume.info.meta.insert("sources".into(), sources(input, files)?);
+    provenance?.store(&mut volume.info.meta);
     if let Some(animation) = animation {
         volume.info.meta.insert("animation".into(), animation.clone());
     }
@@ -362,18 +406,12 @@ fn bake_file(args: &Args, job: &Job, ui: &Ui) -> Result<Value> {
     };
     let written = format::write(&volume, output, &WriteOptions { level: args.compress, quality })?;
     ui.finish();
-    let bits = 8.0 * written.file_bytes as f64 / written.finest_voxels.max(1) as f64;
     let seconds = start.elapsed().as_secs_f64();
-    let summary = json!({
-        "input": shown(input),
-        "output": shown(output),
-        "resolution": volume.resolution(),
-        "voxel_size": volume.info.bounds.size().x / f64::from(volume.resolution()),
-        "finest_voxels": written.finest_voxels,
-        "file_bytes": written.file_bytes,
-        "bits_per_finest_voxel": bits,
-        "seconds": { "read": read_time.as_secs_f64(), "bake": bake_time.as_secs_f64(), "total": seconds },
-    });
+    let voxel_size = volume.info.bounds.size().x / f64::from(volume.resolution());
+    let mut summary = described(&job.shot, volume.resolution(), voxel_size, written.finest_voxels, written.file_bytes);
+    summary["unchanged"] = false.into();
+    let [read_time, bake_time] = [read_time, bake_time].map(|t| t.as_secs_f64());
+    summary["seconds"] = json!({ "read": read_time, "bake": bake_time, "total": seconds });
     if let Some(path) = &args.report {
         let mut full = summary.clone();
         full["warnings"] = report.warnings.iter().map(|(text, n)| json!({ "message": text, "count": n })).collect();
@@ -386,14 +424,42 @@ fn bake_file(args: &Args, job: &Job, ui: &Ui) -> Result<Value> {
     }
     if !args.json {
         ui.say(&format!(
-            "{}: {} voxels at {}^3, {}, {bits:.1} bits a voxel, {seconds:.1} s",
+            "{}: {} voxels at {}^3, {}, {:.1} bits a voxel, {seconds:.1} s",
             output.display(),
             count(written.finest_voxels),
             volume.resolution(),
-            size(written.file_bytes)
+            size(written.file_bytes),
+            bits_per(written.file_bytes, written.finest_voxels)
         ));
     }
     Ok(summary)
+}
+
+/// What is told of a texel.
+fn described(shot: &Shot, resolution: u32, voxel_size: f64, finest_voxels: u64, file_bytes: u64) -> Value {
+    json!({
+        "input": shown(&shot.input),
+        "output": shown(&shot.output),
+        "resolution": resolution,
+        "voxel_size": voxel_size,
+        "finest_voxels": finest_voxels,
+        "file_bytes": file_bytes,
+        "bits_per_finest_voxel": bits_per(file_bytes, finest_voxels),
+    })
+}
+
+/// What is told of a texel that is left as it is.
+fn kept(shot: &Shot, reader: &Reader) -> Value {
+    let head = reader.head();
+    let voxel_size = head.info.bounds.size().x / f64::from(head.resolution());
+    let finest = head.depths.last().map_or(0, |d| d.nodes);
+    let mut summary = described(shot, head.resolution(), voxel_size, finest, reader.file_bytes());
+    summary["unchanged"] = true.into();
+    summary
+}
+
+fn bits_per(bytes: u64, voxels: u64) -> f64 {
+    8.0 * bytes as f64 / voxels.max(1) as f64
 }
 
 /// That what will be written has a place, and is none of the files that are read.
@@ -424,50 +490,4 @@ fn depths(volume: &Volume, reports: &[DepthReport]) -> Value {
         })
     };
     reports.iter().enumerate().map(row).collect()
-}
-
-/// Bytes of META that the list of sources may take: half of what META may have.
-const MAX_SOURCES: usize = 128 << 10;
-
-/// Names, relative to the input's folder, and digests.
-fn sources(input: &Path, files: &[PathBuf]) -> Result<Value> {
-    let folder = input.parent().unwrap_or(Path::new(""));
-    let mut list = Vec::new();
-    for file in files {
-        let name = file.strip_prefix(folder).ok().filter(|n| n.is_relative()).map(Path::to_path_buf);
-        let name = name.or_else(|| file.file_name().map(PathBuf::from)).unwrap_or_default();
-        list.push((name.to_string_lossy().replace('\\', "/"), sha256(file)?));
-    }
-    Ok(source_list(&list))
-}
-
-/// Names and digests as META keeps them. Where they take too much room, the first alone, and of the others their number and the
-/// digest of the list that `sha256sum` would print of them.
-fn source_list(files: &[(String, String)]) -> Value {
-    let entry = |(uri, sha256): &(String, String)| json!({ "uri": uri, "sha256": sha256 });
-    let list: Vec<Value> = files.iter().map(entry).collect();
-    let room: usize = list.iter().map(|entry| entry.to_string().len() + 1).sum();
-    let Some((first, rest)) = files.split_first().filter(|_| room > MAX_SOURCES) else { return list.into() };
-    let mut digest = Sha256::new();
-    for (uri, sha256) in rest {
-        digest.update(format!("{sha256}  {uri}\n"));
-    }
-    json!([entry(first), { "files": rest.len(), "sha256": hex(digest.finalize()) }])
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_long_list_of_sources_is_a_digest() {
-        let files = |n: usize| (0..n).map(|i| (format!("slice{i}.png"), format!("{i:064x}"))).collect::<Vec<_>>();
-        assert_eq!(source_list(&files(500)).as_array().unwrap().len(), 500);
-        let many = source_list(&files(3000));
-        assert_eq!(many[0], json!({ "uri": "slice0.png", "sha256": format!("{:064x}", 0) }));
-        let text: String = (1..3000).map(|i| format!("{i:064x}  slice{i}.png\n")).collect();
-        let all = hex(Sha256::digest(text));
-        assert_eq!(many[1], json!({ "files": 2999, "sha256": all }));
-        assert_eq!(many.as_array().unwrap().len(), 2);
-    }
 }

@@ -3,8 +3,8 @@
 //! Names are escaped as GCC does it (`mkdeps.cc`) and as both readers take it back: `\ ` with 2N+1 backslashes where N stand
 //! before the space, the same before `#` and `:`, and `$$`. Each prerequisite is also a target of its own without a recipe
 //! (`gcc -MP`), so that one that is gone makes its output anew and does not stop the build. As names, ninja's reader does
-//! not know `*`, `<`, `>`, `^`, a backtick, and a backslash before `#`, `:` or `$`: an output of such a file is made anew
-//! each time.
+//! not know `*`, `<`, `>`, `^`, a backtick, up to version 1.11 an apostrophe, and a backslash before `#`, `:` or `$`: an
+//! output of such a file is made anew each time.
 
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};

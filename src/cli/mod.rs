@@ -51,6 +51,8 @@ mod outputs;
 #[cfg(all(feature = "bake", feature = "render", feature = "plot"))]
 mod plot;
 mod progress_log;
+#[cfg(feature = "bake")]
+mod provenance;
 #[cfg_attr(not(feature = "bake"), allow(dead_code))]
 mod quantity;
 #[cfg(feature = "bake")]

@@ -142,7 +142,7 @@ fn no_option_takes_nan_or_infinity() {
 }
 
 /// Options of `bake` that are of every source, or decide nothing of what is read of it.
-const OF_EVERY_SOURCE: [&str; 26] = [
+const OF_EVERY_SOURCE: [&str; 27] = [
     "translucency",
     "output",
     "resolution",
@@ -157,6 +157,7 @@ const OF_EVERY_SOURCE: [&str; 26] = [
     "memory",
     "threads",
     "depfile",
+    "if-changed",
     "report",
     "json",
     "frames",

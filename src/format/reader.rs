@@ -60,7 +60,8 @@ pub struct Reader {
     file: File,
     file_bytes: u64,
     head: Head,
-    quantiser: Quantiser,
+    /// Made when the first page is decoded: its tables take longer than all else of opening a file.
+    quantiser: OnceLock<Quantiser>,
     /// Stream of the file behind each stream of the quantiser.
     known: Vec<usize>,
     /// The file's stream of materials, and how it is coded.
@@ -130,21 +131,26 @@ impl Reader {
         let known: Vec<usize> = (0..head.streams.len())
             .filter(|&s| head.streams[s].channel().is_some_and(|c| c != Channel::Material))
             .collect();
-        let quantiser = Quantiser::of(known.iter().filter_map(|&s| {
-            let stream = &head.streams[s];
-            Some((stream.channel()?, stream.quant_max as u8))
-        }));
         Ok(Reader {
             path: path.to_path_buf(),
             indices: head.sections.iter().map(|_| OnceLock::new()).collect(),
             bytes_read: AtomicU64::new(length as u64),
-            quantiser,
+            quantiser: OnceLock::new(),
             known,
             material,
             depths,
             head,
             file,
             file_bytes,
+        })
+    }
+
+    fn quantiser(&self) -> &Quantiser {
+        self.quantiser.get_or_init(|| {
+            Quantiser::of(self.known.iter().filter_map(|&s| {
+                let stream = &self.head.streams[s];
+                Some((stream.channel()?, stream.quant_max as u8))
+            }))
         })
     }
 
@@ -281,10 +287,10 @@ impl Reader {
     fn read_mixes(&self, depth: usize, page: usize) -> Result<Vec<Mix>, Broken> {
         let Some((stream, coding)) = &self.material else { return Ok(Vec::new()) };
         // Colours tell which material is likely.
-        let mut voxels = vec![Voxel::default(); self.in_page(depth, page)];
+        let (quantiser, mut voxels) = (self.quantiser(), vec![Voxel::default(); self.in_page(depth, page)]);
         let albedo = |&(_, &s): &(usize, &usize)| self.head.streams[s].channel() == Some(Channel::Albedo);
         if let Some((slot, &stream)) = self.known.iter().enumerate().find(albedo) {
-            self.fill(depth, stream, page, |i, codes| self.quantiser.put(slot, &mut voxels[i], codes))?;
+            self.fill(depth, stream, page, |i, codes| quantiser.put(slot, &mut voxels[i], codes))?;
         }
         let mut mixes = vec![Mix::default(); voxels.len()];
         self.fill(depth, *stream, page, |i, codes| mixes[i] = coding.mix(codes, voxels[i].albedo).unwrap_or_default())?;
@@ -336,9 +342,9 @@ impl Reader {
 
     /// Voxels `page << 12 ..` of `depth`, whatever the size of the file's pages.
     fn read_voxels(&self, depth: usize, page: usize) -> Result<Vec<Voxel>, Broken> {
-        let mut voxels = vec![Voxel::default(); self.in_page(depth, page)];
+        let (quantiser, mut voxels) = (self.quantiser(), vec![Voxel::default(); self.in_page(depth, page)]);
         for (slot, &stream) in self.known.iter().enumerate() {
-            self.fill(depth, stream, page, |i, codes| self.quantiser.put(slot, &mut voxels[i], codes))?;
+            self.fill(depth, stream, page, |i, codes| quantiser.put(slot, &mut voxels[i], codes))?;
         }
         voxels.iter_mut().for_each(|v| *v = canonical(v));
         Ok(voxels)
