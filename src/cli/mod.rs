@@ -41,6 +41,7 @@ mod inspect;
 mod interrupt;
 #[cfg(feature = "bake")]
 mod lsystem;
+mod man;
 #[cfg(feature = "bake")]
 mod map;
 #[cfg(feature = "bake")]
@@ -167,6 +168,7 @@ enum Command {
     /// Bake the built-in samples, cover the built-in valley with them, render it
     #[cfg(all(feature = "bake", feature = "render"))]
     Demo(demo::Args),
+    Man(man::Args),
     /// Print the completion script of a shell
     Completions {
         shell: clap_complete::Shell,
@@ -232,6 +234,7 @@ fn run(command: Command, ui: &Ui) -> crate::Result<()> {
         Command::Map(args) => map::run(&args, ui),
         #[cfg(all(feature = "bake", feature = "render"))]
         Command::Demo(args) => demo::run(&args, ui),
+        Command::Man(args) => man::run(&args, ui),
         Command::Completions { shell } => {
             let mut script = Vec::new();
             clap_complete::generate(shell, &mut Vtex::command(), "vtex", &mut script);

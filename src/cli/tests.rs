@@ -242,6 +242,29 @@ fn an_option_that_says_nothing_of_the_input_is_refused() {
 }
 
 #[test]
+fn every_command_has_a_manual_page() {
+    let dir = tempfile::tempdir().unwrap();
+    let man = |folder: &std::path::Path| {
+        let words = ["man".to_owned(), folder.display().to_string()];
+        super::run_words(&words, &Ui::new(true, false))
+    };
+    man(dir.path()).unwrap();
+    let mut pages = 1;
+    for command in commands() {
+        let page = std::fs::read_to_string(dir.path().join(format!("vtex-{}.1", command.get_name()))).unwrap();
+        for option in command.get_arguments().filter(|arg| !arg.is_hide_set()).filter_map(Arg::get_long) {
+            // roff would break a line at a bare hyphen.
+            let escaped = option.replace('-', "\\-");
+            assert!(page.contains(&format!("\\-\\-{escaped}")), "{}: --{option}", command.get_name());
+        }
+        pages += 1;
+    }
+    assert!(dir.path().join("vtex.1").exists());
+    assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), pages);
+    assert!(man(&dir.path().join("no")).unwrap_err().to_string().contains("folder does not exist"));
+}
+
+#[test]
 fn the_version_names_the_features() {
     assert_eq!(version(), format!("{} (bake, render, plot, parallel)", env!("CARGO_PKG_VERSION")));
     assert_eq!(Vtex::command().get_version(), Some(version()));
