@@ -17,6 +17,7 @@ mod depfile;
 mod error;
 mod expand;
 mod export;
+mod farm;
 mod files;
 mod golden;
 mod haze;

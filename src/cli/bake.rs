@@ -171,7 +171,7 @@ impl Args {
     }
 
     /// What decides on the file, as it was asked for.
-    fn provenance(&self) -> Value {
+    pub fn provenance(&self) -> Value {
         let name = |v: &dyn clap_name::Name| v.name();
         let mut out = json!({
             "model": name(&self.model), "quality": name(&self.quality), "resolution": self.resolution, "refine": self.refine,
@@ -341,6 +341,37 @@ fn open(args: &Args, shot: &Shot) -> Result<Box<dyn source::Source>> {
         true => source::lsystem::open(None, &options.lsystem, &options.read, &options.mesh)?,
     };
     source::lay(source, &args.laid(), &options.read)
+}
+
+/// The files that `vtex bake WORDS` reads for one texel, and what it is a function of.
+///
+/// # Errors
+/// `Options` where the words are not of a bake; `Io` where a file cannot be read.
+#[cfg(feature = "render")]
+pub fn provenance_of(words: impl Iterator<Item = String>) -> Result<(Vec<PathBuf>, Provenance)> {
+    let args = parse(words)?;
+    let options = args.source.options(args.memory);
+    let input = args.inputs.first().cloned().unwrap_or_else(|| PathBuf::from("string"));
+    let job = job(&args, shot(&args, &input, &options)?);
+    let sources = Digests::default().sources(&job.shot.input, &job.files)?;
+    Ok(([job.files, args.source.files()].concat(), Provenance::new(sources, &args.provenance(), "", None)))
+}
+
+/// [`Args::provenance`] where no option is given.
+#[cfg(feature = "render")]
+pub fn default_options() -> Value {
+    parse(["input".to_owned()].into_iter()).map(|args| args.provenance()).unwrap_or_default()
+}
+
+#[cfg(feature = "render")]
+fn parse(words: impl Iterator<Item = String>) -> Result<Box<Args>> {
+    use clap::Parser;
+    let all = ["vtex", "bake"].map(String::from).into_iter().chain(words);
+    match super::Vtex::try_parse_from(all).map(|cli| cli.command) {
+        Ok(super::Command::Bake(args)) => Ok(args),
+        Ok(_) => Err(Error::Options("not the words of a bake".into())),
+        Err(e) => Err(Error::Options(e.to_string())),
+    }
 }
 
 /// The options by which every frame is laid into the cube that all of them need.

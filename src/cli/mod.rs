@@ -34,6 +34,8 @@ mod error;
 mod expand;
 #[cfg(feature = "bake")]
 mod export;
+#[cfg(all(feature = "bake", feature = "render"))]
+mod farm;
 mod flags;
 #[cfg_attr(not(feature = "bake"), allow(dead_code))]
 mod frames;
@@ -144,6 +146,8 @@ enum Command {
     Expand(Box<expand::Args>),
     #[cfg(feature = "bake")]
     Export(export::Args),
+    #[cfg(all(feature = "bake", feature = "render"))]
+    Farm(farm::Args),
     Inspect(inspect::Args),
     #[cfg(feature = "bake")]
     Merge(merge::MergeArgs),
@@ -215,6 +219,8 @@ fn run(command: Command, ui: &Ui) -> crate::Result<()> {
         Command::Expand(args) => expand::run(&args, ui),
         #[cfg(feature = "bake")]
         Command::Export(args) => export::run(&args, ui),
+        #[cfg(all(feature = "bake", feature = "render"))]
+        Command::Farm(args) => farm::run(&args, ui),
         Command::Inspect(args) => inspect::run(&args, ui),
         #[cfg(feature = "bake")]
         Command::Merge(args) => merge::run_merge(&args, ui),

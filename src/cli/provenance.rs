@@ -112,6 +112,15 @@ impl Provenance {
         })
     }
 
+    /// Whether files of the same names are read as META says.
+    #[cfg(feature = "render")]
+    pub fn has_files_of(&self, meta: &Map<String, Value>) -> bool {
+        let names = |sources: &Value| -> Vec<Value> {
+            sources.as_array().into_iter().flatten().map(|entry| entry["uri"].clone()).collect()
+        };
+        meta.get("sources").is_some_and(|old| names(old) == names(&self.sources))
+    }
+
     /// What differs from the sources `old`, in words.
     fn difference(&self, old: &Value) -> String {
         let list = |value: &Value| value.as_array().cloned().unwrap_or_default();

@@ -374,6 +374,23 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
     done
 }
 
+/// The scene of a picture that others will make, at a time of a sequence or as asked for, and the picture's width and height.
+///
+/// # Errors
+/// `Options` where more than a picture is asked for; else as reading a scene.
+#[cfg(feature = "bake")]
+pub fn survey(args: &Args, time: Option<f64>, ui: &Ui) -> Result<(Scene, [u32; 2])> {
+    let [landscape] = &args.landscapes[..] else {
+        return Err(Error::Options("a job is of one landscape".into()));
+    };
+    if args.stats || args.json || args.depfile.path().is_some() {
+        return Err(Error::Options("--stats, --json and --depfile are not of a job's pictures".into()));
+    }
+    let scene = read(args, landscape, time, &mut Said::default(), ui)?;
+    let size = args.options(&scene, Path::new(""))?.size;
+    Ok((scene, size))
+}
+
 /// The landscape at a time of a sequence, or as asked for.
 fn read(args: &Args, landscape: &Path, time: Option<f64>, said: &mut Said, ui: &Ui) -> Result<Scene> {
     ui.stage("read", 0);
