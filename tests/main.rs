@@ -7,6 +7,7 @@ mod assets;
 mod bake;
 mod bake_cli;
 mod bench;
+mod builds;
 mod cards;
 mod circles;
 mod compare;
