@@ -23,8 +23,8 @@ fn check_keys(command: &str, value: &Value) {
     value.as_array().into_iter().flatten().for_each(|inner| check_keys(command, inner));
 }
 
-/// Commands without `--json`: a shell's script is all that this one prints.
-const WITHOUT: [&str; 1] = ["completions"];
+/// Commands without `--json`: a shell's script is all that the first prints, and the other writes manual pages.
+const WITHOUT: [&str; 2] = ["completions", "man"];
 /// Their JSON is checked where they are tested: they take long, or need more than the folder has.
 const ELSEWHERE: [&str; 3] = ["bench", "demo", "expand"];
 
@@ -32,7 +32,7 @@ const ELSEWHERE: [&str; 3] = ["bench", "demo", "expand"];
 fn every_command_prints_json() {
     let folder = Folder::with_landscape();
     folder.save("r.toml", b"[[draw]]\nsource = \"quad.obj\"\n");
-    let cases: [(&[&str], &[&str]); 20] = [
+    let cases: [(&[&str], &[&str]); 23] = [
         (
             &["bake", "quad.obj", "--voxel-size", "0.1", "--line-width", "1", "--section", "flat"],
             &["input", "output", "resolution", "voxel_size", "finest_voxels", "file_bytes", "seconds", "warnings"],
@@ -44,6 +44,12 @@ fn every_command_prints_json() {
         (&["resample", "quad.vtex", "-o", "s.vtex"], &["inputs", "output", "resolution", "file_bytes", "warnings"]),
         (&["recipe", "--check", "r.toml"], &["input", "nodes", "warnings"]),
         (&["render", "land.gltf", "--frame", "--size", "16x9"], &["input", "output", "width", "seconds", "warnings"]),
+        (
+            &["render", "land.gltf", "--frame", "--size", "16x9", "--tile", "0,0,16,9", "-o", "tile.png"],
+            &["tile", "width", "height"],
+        ),
+        (&["stitch", "tile.png", "-o", "whole.png"], &["output", "width", "height", "tiles", "warnings"]),
+        (&["farm", "land.gltf", "-o", "job.yaml"], &["input", "output", "pictures", "tiles", "bakes", "warnings"]),
         (&["render", "land.gltf", "--frame", "--size", "16x9", "--stats"], &["bytes_read", "cones", "peak_bytes"]),
         (&["render", "ground.gltf", "--frame", "--size", "16x9", "--reference", "2"], &["samples", "noise_rmse"]),
         (&["render", "land.gltf", "--frame", "--size", "16x9", "--pixel", "8,4"], &[]),
