@@ -220,9 +220,12 @@ fn a_job_that_cannot_be_is_one_line() {
         (&["-o", "job.yaml", "--tiles", "40x1", "--", "--size", "32x32"], "cannot be divided so"),
         (&["-o", "job.yaml", "--", "--nonsense"], "after --: unexpected argument '--nonsense'"),
         (&["-o", "job.yaml", "--", "-o", "x.png"], "cannot be used multiple times"),
-        (&["-o", "job.yaml", "--", "--stats"], "--stats, --json and --depfile"),
+        (&["-o", "job.yaml", "--", "--stats"], "--stats, --json, --tile and --depfile"),
+        (&["-o", "job.yaml", "--", "--tile", "0,0,1,1"], "--stats, --json, --tile and --depfile"),
+        (&["-o", "job.yaml", "--tiles", "2x1", "--", "--reference", "2"], "--reference is not made in tiles"),
         (&["-o", "job.yaml", "--", "other.gltf"], "a job is of one landscape"),
         (&["-o", "job.yaml", "--", "--camera", "{{x}}"], "no camera"),
+        (&["-o", "job.yaml", "--", "--scene", "0", "--sky", "a\n.exr"], "control character"),
     ] {
         let error = farm(more);
         assert!(error.contains(what), "{more:?}: {error}");

@@ -377,14 +377,17 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
 /// The scene of a picture that others will make, at a time of a sequence or as asked for, and the picture's width and height.
 ///
 /// # Errors
-/// `Options` where more than a picture is asked for; else as reading a scene.
+/// `Options` where something is asked for that others decide, or tiles of what is not made in tiles; else as reading a scene.
 #[cfg(feature = "bake")]
-pub fn survey(args: &Args, time: Option<f64>, ui: &Ui) -> Result<(Scene, [u32; 2])> {
+pub fn survey(args: &Args, time: Option<f64>, is_tiled: bool, ui: &Ui) -> Result<(Scene, [u32; 2])> {
     let [landscape] = &args.landscapes[..] else {
         return Err(Error::Options("a job is of one landscape".into()));
     };
-    if args.stats || args.json || args.depfile.path().is_some() {
-        return Err(Error::Options("--stats, --json and --depfile are not of a job's pictures".into()));
+    if args.stats || args.json || args.tile.is_some() || args.depfile.path().is_some() {
+        return Err(Error::Options("--stats, --json, --tile and --depfile are not of a job's pictures".into()));
+    }
+    if is_tiled && args.reference.is_some() {
+        return Err(Error::Options("--reference is not made in tiles".into()));
     }
     let scene = read(args, landscape, time, &mut Said::default(), ui)?;
     let size = args.options(&scene, Path::new(""))?.size;

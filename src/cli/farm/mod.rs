@@ -87,11 +87,13 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
         return Err(Error::Options(format!("{}: {what}", args.landscape.display())));
     };
     let how = render_args(args)?;
-    let (scene, size) = render::survey(&how, args.frames.map(|f| f64::from(f.first) / args.fps), ui)?;
+    let is_tiled = args.tiles != [1, 1];
+    let (scene, size) = render::survey(&how, args.frames.map(|f| f64::from(f.first) / args.fps), is_tiled, ui)?;
     let tiles = grid(size, args.tiles)?;
 
     let mut paths = Paths::new(&args.output)?;
-    let files = depfile::of_landscape(&args.landscape);
+    let mut files = depfile::of_landscape(&args.landscape);
+    files.retain(|file| file.is_file());
     outputs::check(&files, [args.output.as_path()])?;
     for file in files.iter().map(PathBuf::as_path).chain(how.sky_picture()) {
         paths.add(file, Flow::In)?;
@@ -125,11 +127,10 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
 fn tell(args: &Args, job: &Job, [width, height]: [u32; 2], ui: &Ui) -> Result<()> {
     let (bakes, tiles) = (job.bakes.len(), job.tiles.len());
     let pictures = args.frames.map_or(1, Frames::count);
+    let (path, in_tiles) =
+        (args.output.display(), if tiles > 1 { format!(" in {tiles} tiles each") } else { String::new() });
     ui.say(&format!(
-        "{}: {bakes} bakes, {pictures} pictures of {width}×{height} in {tiles} tiles each, {} frames a task; \
-         `openjd run` runs it",
-        args.output.display(),
-        args.chunk
+        "{path}: {bakes} bakes, {pictures} pictures of {width}×{height}{in_tiles}; `openjd run {path}` runs it"
     ));
     let texels: Vec<&str> = job.bakes.iter().map(|(texel, _)| texel.as_str()).collect();
     let summary = json!({
@@ -144,7 +145,8 @@ fn tell(args: &Args, job: &Job, [width, height]: [u32; 2], ui: &Ui) -> Result<()
 /// # Errors
 /// `Options` where an option is not known, or is the job's to say.
 fn render_args(args: &Args) -> Result<Box<render::Args>> {
-    let mut words: Vec<String> = ["vtex", "render", "-o", "x.png", "--tile", "0,0,1,1"].map(String::from).into();
+    let mut words: Vec<String> = ["vtex", "render", "-o"].map(String::from).into();
+    words.push(format!("x.####{}", args.format.extension()));
     if args.frames.is_some() {
         words.extend(["--frames".into(), "1".into(), "--fps".into(), args.fps.to_string()]);
     }
@@ -175,12 +177,20 @@ fn render_words(args: &Args, how: &render::Args, paths: &Paths) -> Result<Vec<St
             _ => (None, word.as_str()),
         };
         let value = sky.iter().find(|(path, _)| path == value).map_or(value, |(_, parameter)| parameter);
-        if value.contains("{{") && sky.iter().all(|(_, parameter)| parameter != value) {
-            return Err(Error::Options(format!("{word:?}: a job cannot say {{{{")));
+        if sky.iter().all(|(_, parameter)| parameter != value) {
+            check_word(value)?;
         }
         words.push(option.map_or(value.to_owned(), |option| format!("{option}={value}")));
     }
     Ok(words)
+}
+
+/// That a template can have the word as it is.
+fn check_word(word: &str) -> Result<()> {
+    if word.contains("{{") || word.contains(char::is_control) {
+        return Err(Error::Options(format!("{word:?}: a job cannot say {{{{ or a control character")));
+    }
+    Ok(())
 }
 
 /// Tiles row by row, as alike as can be.
@@ -231,12 +241,7 @@ fn step(bake: &Rebake, paths: &Paths) -> Result<(String, Vec<String>)> {
     if let Some(source) = &bake.source {
         words.push(paths.refer(source)?);
     }
-    if let Some(word) = bake.options.iter().find(|word| word.contains("{{")) {
-        return Err(Error::Options(format!(
-            "{}: was baked with {word:?}, and a job cannot say {{{{",
-            bake.texel.display()
-        )));
-    }
+    bake.options.iter().try_for_each(|word| check_word(word))?;
     words.extend(bake.options.iter().cloned());
     words.extend(["--if-changed".into(), "-o".into(), paths.refer(&bake.texel)?]);
     let name = bake.texel.file_name().unwrap_or_default().to_string_lossy().into_owned();
