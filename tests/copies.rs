@@ -49,7 +49,7 @@ fn copies(translation: [f32; 3], rotation: [f32; 4], scale: [f32; 3]) -> CopySet
     CopySet {
         node: "copies".into(),
         to_world: DAffine3::IDENTITY,
-        variants: vec![Variant { texel: 0, weight: 1.0, diffuse: [1.0; 3] }],
+        variants: vec![Variant::alone(0)],
         translations: vec![translation],
         rotations: vec![rotation],
         scales: vec![scale],
@@ -214,7 +214,7 @@ fn a_file_says_which_texel_and_colour_each_copy_has() {
     assert!(scene.model.instances.is_empty());
     let [set] = &scene.copies[..] else { panic!("{:?}", scene.copies) };
     let texels: Vec<usize> = set.variants.iter().map(|v| v.texel).collect();
-    assert_eq!((texels, set.variants[1].diffuse), (vec![0, 1], [0.5, 0.25, 0.5]));
+    assert_eq!((texels, set.variants[1].phong.diffuse), (vec![0, 1], [0.5, 0.25, 0.5]));
     // An index beyond the variants is the first; a factor below 0 is 1.
     assert_eq!((&set.choices[..], set.tints[2]), (&[1, 0, 0][..], [0.0, 1.0, 1.0]));
     assert_eq!(scene.model.warnings.iter().count(), 2);

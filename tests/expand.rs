@@ -13,6 +13,7 @@ use vtex::render::reference::{Reference, reference};
 use vtex::render::{Ambient, CameraChoice, Film, Options};
 use vtex::scene::copies::CopySet;
 use vtex::scene::gltf::{self, save::save};
+use vtex::scene::phong::Phong;
 use vtex::scene::shell::{
     CellWrap, Continuous, Discrete, Environment, Layer, Orientations, ShellMaterial, TexelRef, Variant,
 };
@@ -229,7 +230,7 @@ fn discrete_jitter() {
     let with = |discrete: Discrete| {
         scene(ground(0.1), vec![Layer { discrete: Some(discrete), ..Layer::default() }], plants.texels([false; 3]))
     };
-    let variant = |texel: usize, diffuse| Variant { texel, weight: 1.0 + texel as f64, diffuse };
+    let variant = |texel: usize, diffuse| Variant { texel, weight: 1.0 + texel as f64, phong: Phong::tint(diffuse) };
     for (k, orientations) in
         [Orientations::Identity, Orientations::W4, Orientations::W8, Orientations::Cube24, Orientations::Cube48]
             .into_iter()
@@ -288,8 +289,8 @@ fn copies(plants: &Plants, windy: bool) -> Scene {
         node: "plants".into(),
         to_world,
         variants: vec![
-            Variant { texel: 0, weight: 1.0, diffuse: [1.0; 3] },
-            Variant { texel: 1, weight: 1.0, diffuse: [0.5, 1.0, 0.7] },
+            Variant::alone(0),
+            Variant { phong: Phong::tint([0.5, 1.0, 0.7]), ..Variant::alone(1) },
         ],
         translations: (0..5).map(|i| [1.0 + 1.2 * i as f32, 0.0, 1.0 + shift]).collect(),
         rotations: (0..5).map(|i| [0.0, (0.3 * i as f32).sin(), 0.1, (0.3 * i as f32).cos()]).collect(),

@@ -8,6 +8,7 @@ use vtex::geom::{Aabb, DAffine3, DVec3};
 use vtex::morton;
 use vtex::progress::Quiet;
 use vtex::render::{Ambient, CameraChoice, Options, render_with};
+use vtex::scene::phong::Phong;
 use vtex::scene::shell::{
     CellWrap, Continuous, Discrete, Environment, Layer, Orientations, ShellMaterial, TexelRef, Variant,
 };
@@ -327,7 +328,7 @@ fn shadows_fall_between_meshes_and_texels() {
 fn boxes_overlap() {
     let mut leaning = square(1.2, 2.0, 1);
     leaning.heights = Some(vec![[0.7, 0.9, 0.0]; 4]);
-    let blue = Layer { diffuse: [0.4, 0.7, 1.0], ..Layer::default() };
+    let blue = Layer { phong: Phong::tint([0.4, 0.7, 1.0]), ..Layer::default() };
     let parts = vec![(square(1.2, 2.0, 0), up(0.0)), (leaning, up(0.15))];
     let materials = vec![shell(1.0, Layer::default()), shell(1.0, blue)];
     golden("overlap", parts, materials, vec![sun()], looking([1.0, 3.0, 4.0], [0.2, 0.4, 0.0]));
@@ -394,10 +395,10 @@ fn restyled() {
     let baking = vtex::bake::Options { resolution: 64, ..Default::default() };
     let tree = vtex::bake::bake(&source, &baking, &Quiet, &mut |_| ()).unwrap().0;
     let tree = super::readable::readable(tree);
-    let style = |name: &str, factor, keep| (name.to_owned(), Style { factor, keep });
+    let style = |name: &str, factor, keep| (name.to_owned(), Style { factor, keep, ..Style::OWN });
     let styles = [style("leaf", [0.7, 0.15, 0.03], false), style("bark", [0.4, 0.5, 0.8], true)].into();
     let tree = Octree::new(Restyled::new(tree, &Palette { styles, ..Palette::default() })).unwrap();
-    let variant = |weight, diffuse| Variant { texel: 0, weight, diffuse };
+    let variant = |weight, diffuse| Variant { weight, phong: Phong::tint(diffuse), ..Variant::alone(0) };
     let discrete = Discrete {
         seed: 4,
         orientations: Orientations::W8,

@@ -37,6 +37,7 @@ mod medium;
 mod near;
 mod outputs;
 mod patches;
+mod phong;
 mod readable;
 mod reference;
 mod render;

@@ -1,5 +1,6 @@
 //! `vtex map`: cover a plain mesh with texels.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use clap::ValueEnum;
@@ -22,7 +23,8 @@ use crate::scene::obj;
 use crate::scene::raster::Raster;
 use crate::scene::shell::{Continuous, Orientations};
 use crate::scene::texture::srgb_to_linear;
-use crate::volume::{Info, Style};
+use crate::volume::finish::MOST_SHININESS;
+use crate::volume::{Finish, Info, Style};
 use crate::{Error, Result};
 
 #[derive(clap::Args)]
@@ -152,6 +154,10 @@ pub struct Args {
     /// this one; may be given again
     #[arg(long, value_name = "NAME=[*]COLOUR", value_parser = restyled)]
     palette: Vec<(String, Style)>,
+    /// Give the texels' material NAME, or all, highlights: strength from 0 to 1 (or a colour), and shininess [default: 16]; may
+    /// be given again
+    #[arg(long, value_name = "[NAME=]STRENGTH[:SHININESS]", value_parser = glossy)]
+    gloss: Vec<(Option<String>, Finish)>,
     /// Whether the covered faces themselves are drawn
     #[arg(long, value_enum, default_value_t = Surface::Visible)]
     surface: Surface,
@@ -280,7 +286,8 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
         displace: args.displace.unwrap_or(preset.displace),
         presence: args.presence,
         seed: args.seed,
-        palette: args.palette.iter().cloned().collect(),
+        palette: palette(args),
+        finish: args.gloss.iter().rfind(|(name, _)| name.is_none()).map_or(Finish::PLAIN, |(_, finish)| *finish),
         surface_visible: args.surface == Surface::Visible,
         motion,
         patches: !args.no_patches,
@@ -457,7 +464,42 @@ fn restyled(text: &str) -> Result<(String, Style), String> {
     if factor.iter().any(|v| !(0.0..=most).contains(v)) {
         return Err(if keep { "factors are at least 0" } else { "a colour's numbers are from 0 to 1" }.into());
     }
-    Ok((name.to_owned(), Style { factor, keep }))
+    Ok((name.to_owned(), Style { factor, keep, ..Style::OWN }))
+}
+
+/// Colours and highlights of materials.
+fn palette(args: &Args) -> BTreeMap<String, Style> {
+    let mut palette: BTreeMap<String, Style> = args.palette.iter().cloned().collect();
+    for (name, finish) in &args.gloss {
+        if let Some(name) = name {
+            palette.entry(name.clone()).or_insert(Style::OWN).finish = *finish;
+        }
+    }
+    palette
+}
+
+/// `NAME=STRENGTH`, `STRENGTH`, either with `:SHININESS`; the strength is a number or a colour.
+fn glossy(text: &str) -> Result<(Option<String>, Finish), String> {
+    let (name, rest) = match text.rsplit_once('=') {
+        Some(("", _)) => return Err("a material's name is missing before the =".into()),
+        Some((name, rest)) => (Some(name.to_owned()), rest),
+        None => (None, text),
+    };
+    let (strength, shininess) = match rest.split_once(':') {
+        Some((strength, shininess)) => (strength, Some(finite(shininess)?)),
+        None => (rest, None),
+    };
+    let specular = match finite(strength) {
+        Ok(grey) => [grey; 3],
+        Err(_) => colour(strength)?,
+    };
+    if specular.iter().any(|v| !(0.0..=1.0).contains(v)) {
+        return Err("the strength of highlights is from 0 to 1".into());
+    }
+    if shininess.is_some_and(|s| !(0.0..=MOST_SHININESS).contains(&s)) {
+        return Err(format!("the shininess is from 0 to {MOST_SHININESS}"));
+    }
+    Ok((name, Finish { specular: Some(specular), shininess, ..Finish::PLAIN }))
 }
 
 /// `#rrggbb` (sRGB), or three linear numbers.

@@ -5,5 +5,6 @@
 pub mod calibrate;
 mod descent;
 pub mod shade;
+pub mod specular;
 pub mod transmittance;
 pub mod vndf;

@@ -3,8 +3,9 @@
 use crate::geom::{Mat3, Vec3};
 use crate::volume::brightness::BrightnessFactors;
 use crate::volume::octree::VoxelAddress;
-use crate::volume::{Octree, Sggx, Voxel};
+use crate::volume::{Gloss, Octree, Sggx, Voxel};
 
+use super::specular::SeenFacets;
 use super::transmittance::{Sink, VoxelHit};
 use super::vndf::{EQUAL, visible_normals};
 
@@ -26,7 +27,7 @@ pub struct ShadowGroup {
     pub voxel: f32,
     /// Weighted mean of the normals of what has an outside, in the space of the lights; as long as it is one-sided and flat.
     pub outside: Vec3,
-    /// Sum of weight · (albedo · E[max(0, n·l)] + transmission · E[max(0, −n·l)]), linear.
+    /// Sum of weight · (albedo · E[max(0, n·l)] + transmission · E[max(0, −n·l)] + highlights), linear.
     pub energy: Vec3,
 }
 
@@ -66,6 +67,26 @@ struct SolidSurface {
     position: Vec3,
 }
 
+/// What a landscape makes of the surfaces of a texel, at one place.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Look {
+    /// Multiplies albedo and transmission.
+    pub diffuse: Vec3,
+    /// Multiplies the light from around that is reflected.
+    pub ambient: Vec3,
+    /// Highlights of materials that say nothing of theirs.
+    pub gloss: Gloss,
+    /// What multiplies strength and shininess of those that do.
+    pub own_gloss: (Vec3, f32),
+}
+
+impl Look {
+    /// The texel's own, its colours multiplied by `tint`.
+    pub fn tinted(tint: Vec3) -> Look {
+        Look { diffuse: tint, ambient: Vec3::ONE, gloss: Gloss::NONE, own_gloss: (Vec3::ONE, 1.0) }
+    }
+}
+
 /// Distance within a solid at which its surface is still seen, in voxels.
 const SURFACE_SEEN_WITHIN: f32 = 3.0;
 
@@ -75,7 +96,8 @@ pub struct Shader<'a> {
     view: Vec3,
     lights: &'a [Vec3],
     warp: Option<Mat3>,
-    tint: Vec3,
+    /// Of the voxels that come next.
+    pub look: Look,
     brightness: &'a [BrightnessFactors],
     /// The texel, where its voxels are more than matt and opaque.
     surfaces: Option<&'a Octree>,
@@ -84,7 +106,7 @@ pub struct Shader<'a> {
     /// One a light, from the first voxel on.
     open: Vec<OpenGroup>,
     groups: &'a mut Vec<ShadowGroup>,
-    /// Sum of weight · albedo of what is lit: times the radiance of a constant sky, the ambient light reflected.
+    /// Sum of weight · albedo · ambient factor of what is lit: times the radiance of a constant sky, the ambient light reflected.
     pub albedo: Vec3,
     /// Sum of weight · transmission: alike, the ambient light that comes through.
     pub transmission: Vec3,
@@ -143,7 +165,7 @@ impl<'a> Shader<'a> {
             view,
             lights,
             warp,
-            tint,
+            look: Look::tinted(tint),
             brightness,
             surfaces: None,
             solid: None,
@@ -196,17 +218,24 @@ impl Sink for Shader<'_> {
         if voxel.one_sidedness() > 0.0 {
             self.solid = Some(SolidSurface { voxel, place, t, position });
         }
-        let mut albedo = voxel.albedo() * self.tint * hit.weight;
+        let Look { diffuse, mut ambient, gloss, .. } = self.look;
+        let mut albedo = voxel.albedo() * diffuse * hit.weight;
         let mut transmission = Vec3::ZERO;
+        let mut glosses = [Gloss { specular: gloss.specular * hit.weight, ..gloss }, Gloss::NONE];
         if let Some(tree) = self.surfaces {
             let surface = tree.surface(place);
-            transmission = surface.transmission() * self.tint * hit.weight;
+            transmission = surface.transmission() * diffuse * hit.weight;
             let unlit = surface.unlit() * albedo;
             albedo -= unlit;
             self.unlit += unlit;
-            self.transmission += transmission;
+            ambient *= surface.ambient();
+            self.transmission += ambient * transmission;
+            let (own, factor, lit) = (surface.gloss(), self.look.own_gloss, 1.0 - surface.unlit());
+            glosses[0].specular *= lit * surface.without_gloss();
+            let specular = own.specular * factor.0 * (lit * hit.weight);
+            glosses[1] = Gloss { specular, shininess: own.shininess * factor.1 };
         }
-        self.albedo += albedo;
+        self.albedo += ambient * albedo;
         self.weight += hit.weight;
         if self.lights.is_empty() && self.normals.is_none() {
             return;
@@ -233,6 +262,15 @@ impl Sink for Shader<'_> {
             let square = std::array::from_fn(|k| square[k] + flat * (one[k] - square[k]));
             sums.add(albedo.max_element().max(transmission.max_element()), (middle.lerp(mean, flat), square));
         }
+        let seen = SeenFacets {
+            ndf: &s,
+            normals: &normals,
+            weights: &weights,
+            mean,
+            one_sidedness: share,
+            flat,
+            view: self.view,
+        };
         let translucent = transmission != Vec3::ZERO;
         let factors = self.brightness.get(usize::from(hit.depth)).unwrap_or(&BrightnessFactors::PLAIN);
         for light in 0..self.lights.len() {
@@ -261,6 +299,9 @@ impl Sink for Shader<'_> {
             open.voxel += lit * edge;
             open.outside += hit.weight * (cosine - behind) * share * mean;
             open.energy += albedo * cosine + transmission * behind;
+            for gloss in glosses.iter().filter(|g| !g.is_none()) {
+                open.energy += gloss.specular * (factor * seen.highlight(gloss, towards));
+            }
             if open.weight >= GROUP_WEIGHT {
                 self.close(light);
             }

@@ -74,11 +74,25 @@ pub type Weights = [f32; POINTS];
 /// All alike: facets seen from both sides.
 pub const EQUAL: Weights = [1.0 / POINTS as f32; POINTS];
 
+/// Seen from inside the matter every normal is hidden; they are then all alike.
+const LEAST_SEEN: f32 = 1e-3;
+
 impl Normals {
     /// Shares of the normals where facets have a front: `mean` is the unit direction of the mean area vector and
     /// `one_sidedness` in [0, 1] its length over the area. A normal m then counts (1 + k m·mean), with k such that the
     /// normals' mean becomes what was measured, and hidden back faces count 0.
     pub fn one_sided(&self, mean: Vec3, one_sidedness: f32) -> Weights {
+        self.tilted(mean, one_sidedness).0
+    }
+
+    /// By how much more than in the mean of all a normal `m` counts where facets have a front, see [`Normals::one_sided`].
+    pub fn one_sided_density(&self, mean: Vec3, one_sidedness: f32, m: Vec3) -> f32 {
+        let (_, slope, sum) = self.tilted(mean, one_sidedness);
+        if sum < LEAST_SEEN { 1.0 } else { (1.0 + slope * m.dot(mean)).max(0.0) * (POINTS as f32 / sum) }
+    }
+
+    /// Shares of the normals, k, and the sum of what the shares are in proportion to.
+    fn tilted(&self, mean: Vec3, one_sidedness: f32) -> (Weights, f32, f32) {
         let mut cosine = [0.0; POINTS];
         let mut square = 0.0;
         for (i, cosine) in cosine.iter_mut().enumerate() {
@@ -89,8 +103,7 @@ impl Normals {
         let k = one_sidedness / square.max(0.05);
         let weight = cosine.map(|c| (1.0 + k * c).max(0.0));
         let sum: f32 = weight.iter().sum();
-        // Seen from inside the matter every normal is hidden; they are then all alike.
-        if sum < 1e-3 { EQUAL } else { weight.map(|w| w / sum) }
+        (if sum < LEAST_SEEN { EQUAL } else { weight.map(|w| w / sum) }, k, sum)
     }
 
     /// Mean of the normals, and mean of their squares: xx, yy, zz, xy, yz, zx.

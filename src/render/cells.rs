@@ -16,6 +16,8 @@ pub struct CopyHit {
     pub texel: usize,
     /// Multiplies the texel's albedo.
     pub tint: Vec3,
+    /// What else is made of its surfaces, see [`super::layer::TexelChoice::phong`].
+    pub phong: u32,
     /// The cell that holds the copy, or for a rigid copy its number: what tells copies apart.
     pub cell: [i64; 3],
     pub t0: f64,
@@ -190,8 +192,8 @@ impl TexelLayer {
         let p = ((q - middle).clamp(DVec3::splat(-0.5), DVec3::splat(0.5))) * sign + 0.5;
         let linear = copy.linear * DMat3::from_diagonal(sign);
         let origin = copy.linear * p + copy.offset;
-        let PlacedCopy { texel, tint, zoom, .. } = copy;
-        Some(CopyHit { texel, tint, cell, t0, t1, origin, dir: linear * dir, linear, zoom })
+        let PlacedCopy { texel, tint, phong, zoom, .. } = copy;
+        Some(CopyHit { texel, tint, phong, cell, t0, t1, origin, dir: linear * dir, linear, zoom })
     }
 
     /// The copy in `cell`, and the map of the layer's texel coordinates into its cube; `None` where the cell is empty.
@@ -218,8 +220,8 @@ impl TexelLayer {
         let (origin, dir) = (copy.linear * p + copy.offset, linear * dir);
         let (near, far) = span_in_unit_cube(&Ray { origin, dir }, t1 - t0)?;
         let origin = (origin + near * dir).clamp(DVec3::ZERO, DVec3::ONE);
-        let PlacedCopy { texel, tint, zoom, .. } = copy;
-        Some(CopyHit { texel, tint, cell, t0: t0 + near, t1: t0 + far, origin, dir, linear, zoom })
+        let PlacedCopy { texel, tint, phong, zoom, .. } = copy;
+        Some(CopyHit { texel, tint, phong, cell, t0: t0 + near, t1: t0 + far, origin, dir, linear, zoom })
     }
 }
 

@@ -3,6 +3,7 @@
 
 use super::cells;
 use super::cells::CopyHit;
+use super::phong::PhongTable;
 use crate::geom::{Aabb, DAffine3, DMat3, DVec3, Ray, Vec3};
 use crate::scene::Scene;
 use crate::scene::copies::{CopySet, to_texel};
@@ -44,6 +45,7 @@ struct CopyVariant {
     frames: u32,
     cycle: Option<Cycle>,
     tint: Vec3,
+    phong: u32,
     /// A copy's own space → the texel's cube, and the content's box in the copy's own space.
     to_texel: DAffine3,
     content: Aabb,
@@ -55,6 +57,8 @@ pub struct RigidCopy {
     index: u32,
     pub texel: usize,
     pub tint: Vec3,
+    /// See [`CopyHit::phong`].
+    phong: u32,
     /// The renderer's space → the texel's cube.
     pub to_texel: DAffine3,
 }
@@ -63,12 +67,13 @@ pub struct RigidCopy {
 const CELL: i64 = i64::MIN;
 
 impl<'a> Copies<'a> {
-    /// `info(i)`: what the file of the scene's texel i says, if it is open; `place` takes world space to the renderer's.
+    /// `phongs`: the scene's; `info(i)`: what the file of the scene's texel i says, if it is open; `place` takes world space to the renderer's.
     ///
     /// # Errors
     /// [`Error::Options`] where a texel that is used is not open.
     pub fn new<'i>(
         scene: &'a Scene,
+        phongs: &PhongTable,
         info: impl Fn(usize) -> Option<&'i Info>,
         place: impl Fn(DAffine3) -> DAffine3,
     ) -> Result<Copies<'a>> {
@@ -82,12 +87,14 @@ impl<'a> Copies<'a> {
                 let row = cells::row(v.texel, frames, &info)?.ok_or_else(missing)?;
                 let map = to_texel(row.info);
                 let content = row.content.transformed(map.inverse());
-                let tint = Vec3::from_array(v.diffuse.map(|d| d as f32));
+                let tint = Vec3::from_array(v.phong.diffuse.map(|d| d as f32));
+                let phong = phongs.number(&v.phong);
                 Ok(CopyVariant {
                     texel: v.texel,
                     frames,
                     cycle: said.and_then(|t| t.cycle),
                     tint,
+                    phong,
                     to_texel: map,
                     content,
                 })
@@ -136,7 +143,8 @@ impl<'a> Copies<'a> {
             let ahead = placed.set.phases.get(i).map_or_else(|| cycle.ahead(lot, place()), |p| f64::from(*p));
             cycle.frame(kind.frames, ahead, lot)
         });
-        let found = RigidCopy { index: index as u32, texel: kind.texel + frame as usize, tint, to_texel };
+        let (texel, phong) = (kind.texel + frame as usize, kind.phong);
+        let found = RigidCopy { index: index as u32, texel, tint, phong, to_texel };
         to_texel.is_finite().then_some(found)
     }
 }
@@ -154,6 +162,7 @@ impl RigidCopy {
         CopyHit {
             texel: self.texel,
             tint: self.tint,
+            phong: self.phong,
             cell: [i64::from(self.index), 0, CELL],
             t0,
             t1,
@@ -169,11 +178,12 @@ impl RigidCopy {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scene::phong::Phong;
     use crate::scene::shell::Variant;
 
     #[test]
     fn copies_are_found_by_their_numbers_and_lie_in_their_bounds() {
-        let variant = |texel: usize| Variant { texel, weight: 1.0, diffuse: [0.5, 1.0, 2.0] };
+        let variant = |texel: usize| Variant { phong: Phong::tint([0.5, 1.0, 2.0]), ..Variant::alone(texel) };
         let set = |n: usize, texel: usize| CopySet {
             node: String::new(),
             to_world: DAffine3::from_scale(DVec3::new(2.0, 1.0, 1.0)),
@@ -192,7 +202,7 @@ mod tests {
             content: Aabb::new(DVec3::new(0.2, 0.3, 0.0), DVec3::new(0.6, 0.9, 0.7)),
             ..Info::default()
         };
-        let copies = Copies::new(&scene, |_| Some(&info), |world| world).unwrap();
+        let copies = Copies::new(&scene, &PhongTable::new(&scene), |_| Some(&info), |world| world).unwrap();
         assert_eq!(copies.len(), 5);
         let texels: Vec<usize> = (0..5).map(|i| copies.get(i).unwrap().texel).collect();
         assert_eq!(texels, [0, 1, 0, 1, 0]);
@@ -209,6 +219,6 @@ mod tests {
             let end = hit.origin + (t1 - t0) * hit.dir;
             assert!((end.clamp(DVec3::ZERO, DVec3::ONE) - end).abs().max_element() < 1e-9, "{i}: {end}");
         }
-        assert!(Copies::new(&scene, |i| Some(&info).filter(|_| i == 0), |world| world).is_err());
+        assert!(Copies::new(&scene, &PhongTable::new(&scene), |i| Some(&info).filter(|_| i == 0), |world| world).is_err());
     }
 }

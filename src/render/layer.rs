@@ -33,13 +33,15 @@ pub struct TexelChoice {
     pub content: Aabb,
     /// Multiplies its albedo.
     pub tint: Vec3,
+    /// What else is made of its surfaces: a number of the scene's [`super::phong::PhongTable`].
+    pub phong: u32,
 }
 
 impl TexelChoice {
     /// The scene's first texel, still and in its own colours, whose content fills `content`.
     #[cfg(test)]
     pub fn plain(content: Aabb) -> TexelChoice {
-        TexelChoice { texel: 0, frames: 1, cycle: None, cumulative: 1.0, content, tint: Vec3::ONE }
+        TexelChoice { texel: 0, frames: 1, cycle: None, cumulative: 1.0, content, tint: Vec3::ONE, phong: 0 }
     }
 
     /// The texel that `cell` shows: of one that has frames, one of them.

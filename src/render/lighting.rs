@@ -14,7 +14,8 @@ use super::source_mesh::CopyRay;
 use super::surround::{of_means, of_normal};
 use super::trace::TraceEvent;
 use crate::geom::{DMat3, DVec3, Mat3, Ray, Vec3};
-use crate::march::shade::Shader;
+use super::segments::CopySegment;
+use crate::march::shade::{Look, Shader};
 use crate::march::transmittance::{DepthChoice, Sink, VoxelHit};
 
 /// Contributions below this, where the display's white is 1, are not tested for shadows.
@@ -65,7 +66,7 @@ impl Tracer<'_> {
         let width = state.cone.width_at(event.t);
         let copy = CopyRay { ray: segment.hit.ray(), t0: segment.hit.t0, to_texel: segment.to_texel };
         let surface = source.surface(&state.cone.ray, &copy, &contact, width * segment.scale);
-        let surface = surface.tinted(segment.hit.tint);
+        let surface = surface.shown(&self.look(&segment, &state.cone.ray, event.t, width));
         let start = SelfHit { triangle: contact.triangle, copy: Some((segment.hit.texel, segment.hit.cell)) };
         self.shade_surface(state, &surface, Seen { start, width, weight: event.alpha, places: &[] });
     }
@@ -84,18 +85,20 @@ impl Tracer<'_> {
         }
         let transmission = weight * surface.transmission;
         let normals = of_normal(surface.normal);
-        state.radiance += albedo * self.sky_light(surface.point, &normals, surface.normal, width);
+        state.radiance += albedo * surface.ambient * self.sky_light(surface.point, &normals, surface.normal, width);
         if transmission != Vec3::ZERO {
             let normals = of_normal(-surface.normal);
-            state.radiance += transmission * self.sky_light(surface.point, &normals, -surface.normal, width);
+            let light = self.sky_light(surface.point, &normals, -surface.normal, width);
+            state.radiance += transmission * surface.ambient * light;
         }
         for light in &world.lights {
             let Some(incident) = light.incident(surface.point) else { continue };
             let cosine = surface.normal.dot(incident.dir) as f32;
             let (share, origin) =
                 if cosine > 0.0 { (albedo, surface.lifted) } else { (transmission, surface.lifted_behind()) };
-            if share != Vec3::ZERO {
-                let radiance = share * incident.irradiance * (cosine.abs() * FRAC_1_PI);
+            let reflected = share * cosine.abs() + weight * surface.highlight(-state.cone.ray.dir, incident.dir);
+            if reflected != Vec3::ZERO {
+                let radiance = reflected * incident.irradiance * FRAC_1_PI;
                 let ray = Ray { origin, dir: incident.dir };
                 let growth = 2.0 * incident.radius;
                 let cone = ShadowCone { ray, end: incident.distance, start: Some(start), width, growth };
@@ -142,6 +145,9 @@ impl Tracer<'_> {
         for event in events {
             if let EventOrigin::Voxel { voxel, depth, rank, t, position, .. } = &event.origin {
                 let (t, depth, rank, position) = (*t, *depth, *rank, *position);
+                if hit.phong != 0 {
+                    shader.look = self.look(&segment, &cone.ray, event.t, cone.width_at(event.t));
+                }
                 shader.voxel(&VoxelHit { t, weight: event.alpha, depth, voxel, rank, position });
             }
         }
@@ -173,6 +179,11 @@ impl Tracer<'_> {
         state.fade(before, world.surround.air(cone.ray.dir, mean), weight);
         self.groups = groups;
         self.local_light_dirs = lights;
+    }
+
+    /// What the landscape makes of the surfaces of a copy at the distance `t`, where the cone is `width` wide.
+    fn look(&self, segment: &CopySegment, ray: &Ray, t: f64, width: f64) -> Look {
+        self.world.look(&segment.hit, segment.coords.as_ref(), ray, (t, width))
     }
 
     /// Add the radiance that is reflected of a light, as far as the light is seen along `cone`, where meshes leave the share

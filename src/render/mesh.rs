@@ -11,7 +11,9 @@ use super::bvh::Bvh;
 use super::curved::{self, Piece};
 use super::mask::{Lookup, Masks};
 use crate::geom::{Aabb, DMat3, DVec3, Ray, Vec3};
+use crate::march::shade::Look;
 use crate::scene::{Alpha, Material, Model, Part};
+use crate::volume::{Finish, Gloss};
 
 /// A triangle of the scene in the renderer's space.
 #[derive(Debug, Clone, Copy)]
@@ -93,13 +95,32 @@ pub struct Surface {
     pub albedo: Vec3,
     /// Albedo of diffuse transmission, linear.
     pub transmission: Vec3,
+    /// Share of the light from around that is reflected, of what would be else.
+    pub ambient: Vec3,
+    /// Highlights, where the material says something of them.
+    pub gloss: Option<Gloss>,
     pub unlit: bool,
 }
 
 impl Surface {
-    /// With its colours multiplied by `tint`.
-    pub fn tinted(self, tint: Vec3) -> Surface {
-        Surface { albedo: self.albedo * tint, transmission: self.transmission * tint, ..self }
+    /// As a landscape shows it.
+    pub fn shown(self, look: &Look) -> Surface {
+        let (strength, width) = look.own_gloss;
+        let own = |g: Gloss| Gloss { specular: g.specular * strength, shininess: g.shininess * width };
+        Surface {
+            albedo: self.albedo * look.diffuse,
+            transmission: self.transmission * look.diffuse,
+            ambient: self.ambient * look.ambient,
+            gloss: Some(self.gloss.map_or(look.gloss, own)),
+            ..self
+        }
+    }
+
+    /// What it reflects in its highlight of a light in the unit direction `light`, in units of the irradiance over π of a surface
+    /// that faces the light; `view`: unit, towards the viewer.
+    pub fn highlight(&self, view: DVec3, light: DVec3) -> Vec3 {
+        let Some(gloss) = self.gloss.filter(|g| !g.is_none()) else { return Vec3::ZERO };
+        gloss.specular * gloss.facet(self.normal.as_vec3(), view.as_vec3(), light.as_vec3())
     }
 
     /// Start of shadow rays on the side that is not seen.
@@ -429,7 +450,17 @@ impl Mesh {
         let cosine = facing(&self.corners(triangle), ray.dir);
         let [r, g, b, _] = self.color(part, material, triangle, contact, width / cosine);
         let (albedo, transmission) = self.reflected(part, material, triangle, contact, (width / cosine, [r, g, b]));
-        Surface { point, lifted, normal, albedo, transmission, unlit: material.unlit }
+        let Finish { ambient, .. } = material.finish;
+        Surface {
+            point,
+            lifted,
+            normal,
+            albedo,
+            transmission,
+            ambient: Vec3::from_array(ambient.map(|v| v as f32)),
+            gloss: material.finish.has_gloss().then(|| material.finish.gloss()),
+            unlit: material.unlit,
+        }
     }
 
     /// Where a contact of `ray` is.

@@ -27,6 +27,7 @@ mod mask;
 mod mesh;
 pub mod metrics;
 mod options;
+mod phong;
 mod pixel;
 mod placement;
 mod prepare;

@@ -47,6 +47,8 @@ pub struct PlacedCopy {
     pub texel: usize,
     /// Multiplies its albedo.
     pub tint: Vec3,
+    /// See [`super::layer::TexelChoice::phong`].
+    pub phong: u32,
     /// Cell → texel: x = linear · y + offset.
     pub linear: DMat3,
     pub offset: DVec3,
@@ -59,8 +61,8 @@ impl TexelLayer {
     pub fn place(&self, cell: [i64; 3]) -> Option<PlacedCopy> {
         let Some(discrete) = &self.layer.discrete else {
             let first = self.choices.first()?;
-            let (texel, tint) = (first.shown(cell), first.tint);
-            return Some(PlacedCopy { texel, tint, linear: DMat3::IDENTITY, offset: DVec3::ZERO, zoom: 1.0 });
+            let (texel, tint, phong) = (first.shown(cell), first.tint, first.phong);
+            return Some(PlacedCopy { texel, tint, phong, linear: DMat3::IDENTITY, offset: DVec3::ZERO, zoom: 1.0 });
         };
         let h = hash(cell, discrete.seed).map(unit);
         if h[0] >= discrete.presence {
@@ -94,7 +96,8 @@ impl TexelLayer {
         let linear = turn.transpose() * (1.0 / scale);
         let ramp = self.ramp(discrete, cell);
         let offset = CENTRE - linear * shift;
-        Some(PlacedCopy { texel: choice.shown(cell), tint: choice.tint * ramp, linear, offset, zoom: 1.0 / scale })
+        let (tint, phong) = (choice.tint * ramp, choice.phong);
+        Some(PlacedCopy { texel: choice.shown(cell), tint, phong, linear, offset, zoom: 1.0 / scale })
     }
 
     /// The colour of the ramp that the hash chooses.

@@ -6,7 +6,7 @@
 use super::bvh::Bvh;
 use super::camera::View;
 use super::cells;
-use super::cells::{TexelChoice, TexelLayer};
+use super::cells::{CopyHit, TexelChoice, TexelLayer};
 use super::copies::{Copies, RigidCopy};
 use super::environment::environment;
 use super::faces;
@@ -14,6 +14,7 @@ use super::faces::Bend;
 use super::jitter;
 use super::light::PunctualLight;
 use super::mesh::{Mesh, MeshBuilder};
+use super::phong::{PhongTable, SurfaceCoords};
 use super::options::{CameraChoice, Options, SourceLod};
 use super::shell::ShellBox;
 use super::sky_cache::SkyCache;
@@ -21,6 +22,7 @@ use super::source_lod::LazySource;
 use super::source_mesh::SourceMesh;
 use super::surround::Surround;
 use crate::geom::{Aabb, DAffine3, DVec3, Ray, Vec3};
+use crate::march::shade::Look;
 use crate::scene::shell::{Layer, ShellMaterial, Variant};
 use crate::scene::{Camera, Part, Projection, Scene};
 use crate::volume::{Info, Octree};
@@ -56,6 +58,8 @@ pub struct World<'a> {
     /// Bilinear patches that two prisms stand for.
     pub split_patches: u64,
     pub copies: Copies<'a>,
+    /// What layers and copies make of surfaces.
+    pub phongs: PhongTable,
     /// For each box, its index into `layers`.
     pub box_layers: Vec<u32>,
     /// Over the boxes, and after them the copies.
@@ -109,7 +113,8 @@ impl<'a> World<'a> {
         let mut notes = Vec::new();
         let mut warnings = Warnings::default();
         let info = |i: usize| Some(texels.get(i)?.as_ref()?.info());
-        let copies = Copies::new(scene, info, |world| world)?;
+        let phongs = PhongTable::new(scene);
+        let copies = Copies::new(scene, &phongs, info, |world| world)?;
         let bounds = copies.bounds().filter(finite).fold(bounds(scene), Aabb::union);
         let view = view(scene, &bounds, options, &mut notes)?;
         let reach = (bounds.min - view.eye).abs().max((bounds.max - view.eye).abs()).max_element();
@@ -119,7 +124,7 @@ impl<'a> World<'a> {
         } else {
             1.0
         };
-        let copies = Copies::new(scene, info, |world| relative(world, view.eye, unit))?;
+        let copies = Copies::new(scene, &phongs, info, |world| relative(world, view.eye, unit))?;
         let texels: Vec<Option<Texel>> = texels
             .into_iter()
             .zip(&scene.texels)
@@ -144,6 +149,7 @@ impl<'a> World<'a> {
             boxes: Vec::new(),
             split_patches: 0,
             copies,
+            phongs,
             box_layers: Vec::new(),
             shells: Bvh::default(),
             layers: Vec::new(),
@@ -184,7 +190,7 @@ impl<'a> World<'a> {
                         let first = self.layers.len() as u32;
                         let info = |i: usize| Some(self.texels.get(i)?.as_ref()?.tree.info());
                         for &range in &ranges {
-                            self.layers.push(layers_in(self.scene, shell, range, &info)?);
+                            self.layers.push(layers_in((self.scene, &self.phongs), shell, range, &info)?);
                         }
                         first_layers[part.material] = Some(first);
                         first
@@ -221,6 +227,14 @@ impl<'a> World<'a> {
         }
         self.shells = Bvh::new(&bounds);
         Ok(())
+    }
+
+    /// What the scene makes of the surfaces of a copy, at the distance `t` of `ray`, over `width`; `coords`: where that varies.
+    pub fn look(&self, hit: &CopyHit, coords: Option<&SurfaceCoords>, ray: &Ray, (t, width): (f64, f64)) -> Look {
+        self.phongs.look(hit.phong, hit.tint, || {
+            let metres = ray.at(t) * self.unit + self.view.eye;
+            Some(coords?.at(t, metres, width, self.unit))
+        })
     }
 
     /// Number of boxes over bilinear patches; where all of a patch is affine, its box is a prism.
@@ -399,7 +413,7 @@ pub fn layer_ranges(shell: &ShellMaterial) -> Vec<([f64; 2], f64)> {
 
 /// The layers of `shell` that fill `range`; `info(i)`: what the file of the scene's texel i says, if it is open.
 pub fn layers_in<'i>(
-    scene: &Scene,
+    (scene, phongs): (&Scene, &PhongTable),
     shell: &ShellMaterial,
     range: ([f64; 2], f64),
     info: &dyn Fn(usize) -> Option<&'i Info>,
@@ -409,16 +423,16 @@ pub fn layers_in<'i>(
         .iter()
         .filter(|layer| range_of(layer) == range)
         .map(|layer| {
-            let listed = layer.discrete.iter().flat_map(|d| d.variants.iter().copied());
-            let mut variants: Vec<Variant> = listed.filter(|v| v.weight > 0.0).collect();
+            let listed = layer.discrete.iter().flat_map(|d| &d.variants);
+            let mut variants: Vec<Variant> = listed.filter(|v| v.weight > 0.0).cloned().collect();
             if variants.is_empty() {
-                variants.push(Variant { texel: layer.texel, weight: 1.0, diffuse: [1.0; 3] });
+                variants.push(Variant::alone(layer.texel));
             }
             let total: f64 = variants.iter().map(|v| v.weight).sum();
             let mut cumulative = 0.0;
             let choices = variants
                 .into_iter()
-                .map(|Variant { texel, weight, diffuse }| {
+                .map(|Variant { texel, weight, phong }| {
                     let said = scene.texels.get(texel);
                     let frames = said.map_or(1, |t| t.following + 1);
                     let missing =
@@ -426,8 +440,10 @@ pub fn layers_in<'i>(
                     let content = cells::row(texel, frames, info)?.ok_or_else(missing)?.content;
                     let cycle = said.and_then(|t| t.cycle);
                     cumulative += weight / total;
-                    let tint = std::array::from_fn(|k| (layer.diffuse[k] * diffuse[k]) as f32);
-                    Ok(TexelChoice { texel, frames, cycle, cumulative, content, tint: Vec3::from_array(tint) })
+                    let phong = phong.within(&layer.phong);
+                    let tint = Vec3::from_array(phong.diffuse.map(|v| v as f32));
+                    let phong = phongs.number(&phong);
+                    Ok(TexelChoice { texel, frames, cycle, cumulative, content, tint, phong })
                 })
                 .collect::<Result<Vec<_>>>()?;
             Ok(TexelLayer::new(layer.clone(), choices))

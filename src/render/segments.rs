@@ -5,6 +5,7 @@
 //! chords); J. Amanatides, *Ray Tracing with Cones*, SIGGRAPH 1984 (the footprint, and so how far a chord may stray).
 
 use super::cells::{CopyHit, TexelLayer};
+use super::phong::{SurfaceCoords, scale_across};
 use super::prepare::World;
 use super::shell::{ShellBox, ShellSegment};
 use crate::geom::{DMat3, DVec3, Ray, Vec3};
@@ -30,6 +31,8 @@ pub struct CopySegment {
     pub to_texel: DMat3,
     /// Cube edges per unit of length across the ray.
     pub scale: f64,
+    /// Where what it makes of surfaces varies.
+    pub coords: Option<SurfaceCoords>,
 }
 
 /// Distance by which a chord may stray from the ray's path, in widths of the cone.
@@ -53,7 +56,9 @@ pub fn for_each_segment(
         let Some(copy) = world.copy(index) else { return true };
         let matrix = copy.to_texel.matrix3;
         let cell = CellSpace { to_cell: matrix, scale: scale_across(&matrix, ray.dir), opacity_scale: 1.0 };
-        return cell.segment(world, copy.hit(ray, t0, t1), width_at).is_none_or(|s| each(&s));
+        let hit = copy.hit(ray, t0, t1);
+        let coords = || SurfaceCoords::of_copy(&hit, cell.scale);
+        return cell.segment(world, hit, width_at, &coords).is_none_or(|s| each(&s));
     };
     let layers = world.layers_of(index);
     let layers = layer.map_or(layers, |layer| layers.get(layer as usize).map_or(&[], std::slice::from_ref));
@@ -62,9 +67,11 @@ pub fn for_each_segment(
     let bent = |t: f64, m: &DMat3| (MAX_BENT_STRAY * width_at(t) * scale_across(m, ray.dir)).max(FREE_STRAY);
     shell.for_each_segment(ray, t0, t1, &tolerance, &mut |segment| {
         layers.iter().all(|layer| {
+            let across = || scale_across(&segment.to_texel, ray.dir);
+            let coords = || SurfaceCoords::of_layer(segment, layer, across());
             layer.for_each_chord(segment, &bent, &mut |chord| {
                 let cell = CellSpace::of(layer, chord, ray.dir);
-                layer.for_each_copy(chord, &mut |hit| cell.segment(world, *hit, width_at).is_none_or(|s| each(&s)))
+                layer.for_each_copy(chord, &mut |hit| cell.segment(world, *hit, width_at, &coords).is_none_or(|s| each(&s)))
             })
         })
     })
@@ -87,7 +94,13 @@ impl CellSpace {
     }
 
     /// A copy's segment, ready to be marched; `None` where it passes by the texel's content.
-    fn segment(&self, world: &World<'_>, hit: CopyHit, width_at: &dyn Fn(f64) -> f64) -> Option<CopySegment> {
+    fn segment(
+        &self,
+        world: &World<'_>,
+        hit: CopyHit,
+        width_at: &dyn Fn(f64) -> f64,
+        coords: &dyn Fn() -> SurfaceCoords,
+    ) -> Option<CopySegment> {
         let texel = world.texels.get(hit.texel)?.as_ref()?;
         if hit.misses(&texel.tree.info().content) {
             return None;
@@ -103,7 +116,8 @@ impl CellSpace {
             growth: ((w1 - w0) / length * scale) as f32,
             opacity_scale: self.opacity_scale,
         };
-        Some(CopySegment { hit, march, to_texel: hit.linear * self.to_cell, scale })
+        let coords = world.phongs.varies(hit.phong).then(coords);
+        Some(CopySegment { hit, march, to_texel: hit.linear * self.to_cell, scale, coords })
     }
 }
 
@@ -113,8 +127,3 @@ fn round_inside(origin: DVec3) -> Vec3 {
     Vec3::select(rounded.cmpeq(Vec3::ONE) & origin.cmplt(DVec3::ONE), Vec3::splat(1.0f32.next_down()), rounded)
 }
 
-/// Texel units per unit of length across the unit direction `d`: the root of the ratio of areas.
-fn scale_across(m: &DMat3, d: DVec3) -> f64 {
-    let along = (*m * d).length();
-    if along > 0.0 { (m.determinant().abs() / along).sqrt() } else { 0.0 }
-}

@@ -124,6 +124,7 @@ pub fn restyle(model: &mut Model, palette: &Palette) {
     for (material, style) in model.materials.iter_mut().zip(&styles) {
         let [r, g, b, alpha] = material.base_color;
         let [r, g, b] = style.of(Vec3::new(r, g, b)).to_array();
+        material.finish = style.finish;
         material.base_color = [r, g, b, alpha];
         if let Some(through) = &mut material.transmission {
             through.color = style.of(Vec3::from_array(through.color)).to_array();

@@ -3,6 +3,7 @@
 use super::*;
 use crate::geom::{DAffine3, DMat3, DVec3};
 use crate::progress::Quiet;
+use crate::scene::phong::Phong;
 use crate::scene::shell::{Environment, Layer, ShellMaterial, TexelRef};
 use crate::scene::{Instance, Light, LightKind, Material, Model, Part};
 use crate::volume::{Depth, Info, Volume, Voxel, voxel};
@@ -188,7 +189,7 @@ fn overlapping_boxes_interleave() {
     let tree = || vec![Some(texel(5, grey(0.0625), |_| true))];
     let mut material = shell(1.0, false);
     let one = material.shell.clone().unwrap();
-    let tinted = |diffuse| Layer { diffuse, ..one.layers[0].clone() };
+    let tinted = |diffuse| Layer { phong: Phong::tint(diffuse), ..one.layers[0].clone() };
     let layers = vec![tinted([1.0, 0.0, 0.0]), tinted([0.0, 0.0, 1.0])];
     material.shell = Some(Arc::new(ShellMaterial { layers, ..(*one).clone() }));
     let both = dark(scene(vec![square(9.0, 9.0, 0)], vec![material], vec![DAffine3::IDENTITY]));
@@ -210,7 +211,7 @@ fn layers_are_stacked_by_their_skin_ranges() {
     let tree = || vec![Some(texel(5, grey(0.0625), |_| true))];
     let ranged = |layers: Vec<([f64; 2], [f64; 3])>, thickness: f64| {
         let mut material = shell(thickness, false);
-        let layer = |(skin_range, diffuse)| Layer { skin_range, diffuse, ..Layer::default() };
+        let layer = |(skin_range, diffuse)| Layer { skin_range, phong: Phong::tint(diffuse), ..Layer::default() };
         let own =
             ShellMaterial { layers: layers.into_iter().map(layer).collect(), ..(*material.shell.unwrap()).clone() };
         material.shell = Some(Arc::new(own));

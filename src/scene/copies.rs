@@ -114,11 +114,11 @@ mod tests {
 
     #[test]
     fn what_is_absent_has_its_default() {
-        let variant = Variant { texel: 0, weight: 1.0, diffuse: [1.0; 3] };
+        let variant = Variant::alone(0);
         let set = CopySet {
             node: String::new(),
             to_world: DAffine3::IDENTITY,
-            variants: vec![variant; 2],
+            variants: vec![variant.clone(), variant],
             translations: vec![[1.0, 2.0, 3.0]; 2],
             rotations: vec![[0.0; 4]],
             scales: vec![],

@@ -11,6 +11,7 @@ pub(crate) mod image;
 pub mod model;
 #[cfg(feature = "bake")]
 pub mod obj;
+pub mod phong;
 #[cfg(feature = "bake")]
 pub mod raster;
 pub(crate) mod select;

@@ -7,6 +7,7 @@ use super::texture::TextureRef;
 use super::transmission::Transmission;
 use crate::Warnings;
 use crate::geom::DAffine3;
+use crate::volume::Finish;
 
 /// Everything that was found in the chosen scene of a file.
 #[derive(Debug, Clone, Default)]
@@ -114,6 +115,8 @@ pub struct Material {
     pub double_sided: bool,
     /// Shown in its base colour whatever the light.
     pub unlit: bool,
+    /// Light from around, and highlights: of a texel's source, where the landscape says something of them.
+    pub finish: Finish,
     /// Light that comes through; `None`: none does.
     pub transmission: Option<Box<Transmission>>,
     /// The `VTEX_volumetric_texture` extension, where the material carries it.
@@ -131,6 +134,7 @@ impl Default for Material {
             alpha: Alpha::Opaque,
             double_sided: false,
             unlit: false,
+            finish: Finish::PLAIN,
             transmission: None,
             shell: None,
             wind: None,

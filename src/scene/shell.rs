@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use super::cycle::Cycle;
+use super::phong::Phong;
 use crate::volume::{Palette, Volume};
 
 /// Name of the extension in glTF files.
@@ -134,8 +135,8 @@ pub struct Layer {
     pub skin_range: [f64; 2],
     /// Multiplies the rates, ≥ 0.
     pub opacity_scale: f64,
-    /// Multiplies the texel's albedo.
-    pub diffuse: [f64; 3],
+    /// What it makes of the texel's surfaces.
+    pub phong: Phong,
     /// Variation per cell; `None` where all cells are alike.
     pub discrete: Option<Discrete>,
     /// Noise that bends the texel coordinates; `None` where nothing does.
@@ -152,7 +153,7 @@ impl Default for Layer {
             scale: [1.0; 3],
             skin_range: [0.0, 1.0],
             opacity_scale: 1.0,
-            diffuse: [1.0; 3],
+            phong: Phong::default(),
             discrete: None,
             continuous: None,
         }
@@ -214,14 +215,21 @@ pub struct Continuous {
 }
 
 /// One of several texels of a layer.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Variant {
     /// Index into the root's texels.
     pub texel: usize,
     /// > 0.
     pub weight: f64,
-    /// Multiplies the texel's albedo, besides the layer's.
-    pub diffuse: [f64; 3],
+    /// What it makes of the texel's surfaces, within what the layer does.
+    pub phong: Phong,
+}
+
+impl Variant {
+    /// The only one, in its own colours.
+    pub fn alone(texel: usize) -> Variant {
+        Variant { texel, weight: 1.0, phong: Phong::default() }
+    }
 }
 
 /// Orientations that the objects of cells may take.

@@ -5,6 +5,7 @@
 pub mod brightness;
 #[cfg(feature = "bake")]
 pub(crate) mod chord;
+pub mod finish;
 pub mod material;
 pub mod ndf;
 pub mod octree;
@@ -13,6 +14,7 @@ pub mod palette;
 pub mod surface;
 pub mod voxel;
 
+pub use finish::{Finish, Gloss};
 pub use material::{Material, Mix};
 pub use ndf::Sggx;
 pub use octree::{Block, Octree, Pages};

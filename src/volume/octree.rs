@@ -37,7 +37,11 @@ pub trait Pages: Send + Sync {
     fn mixes(&self, _depth: usize, _page: usize) -> Result<Vec<Mix>> {
         Ok(Vec::new())
     }
-    /// What the `voxels` of a page are besides their albedo; `table`: that of [`Pages::info`].
+    /// What the materials are besides their albedo; `None` where all are matt, opaque and lit.
+    fn surface_table(&self) -> Option<SurfaceTable> {
+        SurfaceTable::new(self.info())
+    }
+    /// What the `voxels` of a page are besides their albedo; `table`: [`Pages::surface_table`].
     fn surfaces(&self, depth: usize, page: usize, voxels: &[Voxel], table: &SurfaceTable) -> Result<Vec<VoxelSurface>> {
         let mixes = if table.needs_mixes() { self.mixes(depth, page)? } else { Vec::new() };
         let of = |(i, v): (usize, &Voxel)| table.plain(v.albedo(), &mixes.get(i).copied().unwrap_or_default());
@@ -60,6 +64,9 @@ impl<P: Pages + ?Sized> Pages for Arc<P> {
     }
     fn mixes(&self, depth: usize, page: usize) -> Result<Vec<Mix>> {
         (**self).mixes(depth, page)
+    }
+    fn surface_table(&self) -> Option<SurfaceTable> {
+        (**self).surface_table()
     }
     fn surfaces(&self, depth: usize, page: usize, voxels: &[Voxel], table: &SurfaceTable) -> Result<Vec<VoxelSurface>> {
         (**self).surfaces(depth, page, voxels, table)
@@ -207,7 +214,7 @@ impl Octree {
             return limit(format!("the number of voxels at depth {depth} of the octree"), n, MAX_NODES);
         }
         let pages = counts.iter().map(|n| (0..n.div_ceil(PAGE)).map(|_| OnceLock::new()).collect()).collect();
-        let surfaces = SurfaceTable::new(source.info()).map(|table| {
+        let surfaces = source.surface_table().map(|table| {
             let pages = counts.iter().map(|n| (0..n.div_ceil(PAGE)).map(|_| OnceLock::new()).collect()).collect();
             Surfaces { table, pages }
         });

@@ -7,7 +7,7 @@
 use std::collections::BTreeMap;
 
 use super::surface::{SurfaceParams, SurfaceTable, VoxelSurface, mean_transmission};
-use super::{Info, Mix, Pages, Voxel};
+use super::{Finish, Gloss, Info, Mix, Pages, Voxel};
 use crate::Result;
 use crate::geom::Vec3;
 
@@ -18,13 +18,15 @@ pub struct Style {
     pub factor: [f64; 3],
     /// Whether the texel's own albedo stays.
     pub keep: bool,
+    /// How it reflects light from around, and highlights.
+    pub finish: Finish,
 }
 
 impl Style {
     /// No change.
-    pub const OWN: Style = Style { factor: [1.0; 3], keep: true };
+    pub const OWN: Style = Style { factor: [1.0; 3], keep: true, finish: Finish::PLAIN };
     /// White, for a factor to be put on.
-    pub const BLANK: Style = Style { factor: [1.0; 3], keep: false };
+    pub const BLANK: Style = Style { factor: [1.0; 3], keep: false, finish: Finish::PLAIN };
 
     /// The restyled albedo.
     pub fn of(&self, albedo: Vec3) -> Vec3 {
@@ -103,6 +105,40 @@ impl<P: Pages> Restyled<P> {
         (style.of(Vec3::ONE) * (1.0 - reflected_share(mean, params)), false)
     }
 
+    /// Whether a material has a finish of its own.
+    fn has_finishes(&self) -> bool {
+        self.materials.iter().any(|m| m.1.finish != Finish::PLAIN)
+    }
+
+    /// The surface with the finishes of the materials that it shows: ambient factors weighted by what they reflect, highlights by
+    /// their shares, and their width by strength.
+    fn finished(&self, surface: VoxelSurface, mix: &Mix) -> VoxelSurface {
+        let (mut ambient, mut all) = (Vec3::ZERO, Vec3::ZERO);
+        let (mut specular, mut without_gloss) = (Vec3::ZERO, 0.0);
+        let (mut width, mut strength) = (0.0, 0.0);
+        for (id, share) in mix.weights() {
+            let Some((mean, style)) = self.materials.get(usize::from(id)) else { continue };
+            let share = share as f32;
+            let reflected = share * style.of(*mean);
+            all += reflected;
+            ambient += reflected * Vec3::from_array(style.finish.ambient.map(|v| v as f32));
+            if !style.finish.has_gloss() {
+                without_gloss += share;
+                continue;
+            }
+            let gloss = style.finish.gloss();
+            let bright = share * gloss.specular.element_sum();
+            specular += share * gloss.specular;
+            // Variances of lobes, about 1 / s, add up.
+            width += bright / (gloss.shininess + 1.0);
+            strength += bright;
+        }
+        let part = |k: usize| if all[k] > 0.0 { ambient[k] / all[k] } else { 1.0 };
+        let shininess = if width > 0.0 { strength / width - 1.0 } else { 0.0 };
+        let ambient = Vec3::new(part(0), part(1), part(2));
+        surface.with_finish(ambient, &Gloss { specular, shininess }, without_gloss)
+    }
+
     fn restyle(&self, voxel: &mut Voxel, mix: &Mix) {
         let (mut all, mut kept, mut fresh, mut stays) = (Vec3::ZERO, Vec3::ZERO, Vec3::ZERO, Vec3::ZERO);
         for (id, share) in mix.weights() {
@@ -153,12 +189,18 @@ impl<P: Pages> Pages for Restyled<P> {
         self.inner.mixes(depth, page)
     }
 
+    fn surface_table(&self) -> Option<SurfaceTable> {
+        SurfaceTable::new(self.info()).or_else(|| self.has_finishes().then(|| SurfaceTable::always(self.info())))
+    }
+
     fn surfaces(&self, depth: usize, page: usize, voxels: &[Voxel], table: &SurfaceTable) -> Result<Vec<VoxelSurface>> {
         let own = self.inner.voxels(depth, page)?;
+        let has_finishes = self.has_finishes();
         let mixes = if table.needs_mixes() { self.inner.mixes(depth, page)? } else { Vec::new() };
         let of = |(i, (own, now)): (usize, (&Voxel, &Voxel))| {
             let mix = mixes.get(i).copied().unwrap_or_default();
-            table.of(own.albedo(), &mix, now.albedo(), |id, mean, params| self.shown(id, mean, params))
+            let surface = table.of(own.albedo(), &mix, now.albedo(), |id, mean, params| self.shown(id, mean, params));
+            if has_finishes { self.finished(surface, &mix) } else { surface }
         };
         Ok(own.iter().zip(voxels).enumerate().map(of).collect())
     }
@@ -204,13 +246,13 @@ mod tests {
         let shares = [0.0, 0.25, 0.5, 1.0];
         let texel = texel(&[("bark", bark), ("leaf", leaf)], &shares.map(|s| (mixed(s), mix(s))));
         let styled = |name: &str, style| Palette { styles: [(name.into(), style)].into(), ..Palette::default() };
-        let tinted = styled("leaf", Style { factor: [4.0, 0.5, 0.0], keep: true });
+        let tinted = styled("leaf", Style { factor: [4.0, 0.5, 0.0], keep: true, ..Style::OWN });
         for (s, found) in shares.iter().zip(seen(&texel, &tinted)) {
             let s = *s as f32;
             let want = [0.2 * (1.0 - s) + 0.4 * s, 0.1 * (1.0 - s) + 0.2 * s, 0.05 * (1.0 - s)];
             assert!(near(found, want), "{s}: {found} {want:?}");
         }
-        let replaced = styled("leaf", Style { factor: [0.8, 0.3, 0.0], keep: false });
+        let replaced = styled("leaf", Style { factor: [0.8, 0.3, 0.0], keep: false, ..Style::OWN });
         for (s, found) in shares.iter().zip(seen(&texel, &replaced)) {
             let s = *s as f32;
             let want = [0.2 * (1.0 - s) + 0.8 * s, 0.1 * (1.0 - s) + 0.3 * s, 0.05 * (1.0 - s)];
@@ -238,21 +280,40 @@ mod tests {
             let surfaces = restyled.surfaces(0, 0, &voxels, &table).unwrap();
             (voxels[0].albedo(), surfaces[0].transmission())
         };
-        let (reflected, through) = seen(Style { factor: [2.0, 0.5, 1.0], keep: true });
+        let (reflected, through) = seen(Style { factor: [2.0, 0.5, 1.0], keep: true, ..Style::OWN });
         assert!(near(reflected, [0.2, 0.2, 0.1]) && near(through, [0.2, 0.2, 0.05]), "{reflected} {through}");
         // A new colour is that of both, in the shares that the leaf has: half, half and two thirds reflected.
-        let (reflected, through) = seen(Style { factor: [0.8, 0.3, 0.6], keep: false });
+        let (reflected, through) = seen(Style { factor: [0.8, 0.3, 0.6], keep: false, ..Style::OWN });
         assert!(near(reflected, [0.4, 0.15, 0.4]) && near(through, [0.4, 0.15, 0.2]), "{reflected} {through}");
+    }
+
+    #[test]
+    fn materials_have_finishes_of_their_own() {
+        let mix = Mix::new([(0, 0.5), (1, 0.5)], FINE);
+        let texel = texel(&[("bark", [0.2; 3]), ("leaf", [0.4; 3])], &[([0.3; 3], mix), ([0.2; 3], Mix::one(0))]);
+        let finish = Finish { ambient: [0.0; 3], specular: Some([0.5; 3]), shininess: Some(30.0) };
+        let palette =
+            Palette { styles: [("leaf".into(), Style { finish, ..Style::OWN })].into(), ..Palette::default() };
+        assert!(!palette.is_plain());
+        let restyled = Restyled::new(texel, &palette);
+        let voxels = restyled.voxels(0, 0).unwrap();
+        let table = restyled.surface_table().unwrap();
+        let [mixed, bark] = restyled.surfaces(0, 0, &voxels, &table).unwrap()[..] else { panic!() };
+        // Half of the matter is leaf, and two thirds of what is reflected. Steps of shares (1/63) and of codes.
+        let near = |a: f32, b: f32| (a - b).abs() < 0.015;
+        assert!(near(mixed.ambient().x, 1.0 / 3.0) && near(mixed.gloss().specular.x, 0.25), "{mixed:?}");
+        assert!(near(mixed.without_gloss(), 0.5) && (mixed.gloss().shininess / 30.0 - 1.0).abs() < 0.02, "{mixed:?}");
+        assert_eq!(bark, VoxelSurface::default());
     }
 
     #[test]
     fn black_materials_and_no_materials() {
         let texel_of_none = texel(&[], &[([0.25, 1.0, 0.0], Mix::default())]);
-        let half = Palette { rest: Style { factor: [0.5; 3], keep: true }, ..Palette::default() };
+        let half = Palette { rest: Style { factor: [0.5; 3], keep: true, ..Style::OWN }, ..Palette::default() };
         assert!(near(seen(&texel_of_none, &half)[0], [0.125, 0.5, 0.0]));
         let black = texel(&[("a", [0.0; 3]), ("b", [0.0; 3])], &[([0.5; 3], Mix::new([(0, 1.0), (1, 3.0)], FINE))]);
         let half =
-            Palette { styles: [("b".into(), Style { factor: [0.0; 3], keep: true })].into(), ..Palette::default() };
+            Palette { styles: [("b".into(), Style { factor: [0.0; 3], keep: true, ..Style::OWN })].into(), ..Palette::default() };
         assert!(near(seen(&black, &half)[0], [0.125; 3]));
     }
 }

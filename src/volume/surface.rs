@@ -8,7 +8,8 @@
 
 use serde_json::{Map, Value, json};
 
-use super::{Info, Mix};
+use super::finish::MOST_SHININESS;
+use super::{Gloss, Info, Mix};
 use crate::geom::Vec3;
 
 /// META's key: an array of objects, one for each of `materials`, or one alone where there are none.
@@ -112,33 +113,106 @@ pub fn read(info: &Info) -> Vec<SurfaceParams> {
 }
 
 /// What a voxel is besides its albedo, as codes. The default is matt, opaque and lit.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct VoxelSurface {
     /// Linear albedo of diffuse transmission = (code / 255)^2.
     transmission: [u8; 3],
     /// Share that is unlit = code / 255.
     unlit: u8,
+    /// Share of the light from around that is reflected, of what would be else = code / 255.
+    ambient: [u8; 3],
+    /// Strength of highlights, times the share of the materials that have some = (code / 255)^2.
+    specular: [u8; 3],
+    /// Shininess + 1 = (most + 1)^(code / 255).
+    shininess: u8,
+    /// Share of the materials that say nothing of highlights = code / 255.
+    without_gloss: u8,
+}
+
+impl Default for VoxelSurface {
+    fn default() -> Self {
+        VoxelSurface {
+            transmission: [0; 3],
+            unlit: 0,
+            ambient: [255; 3],
+            specular: [0; 3],
+            shininess: 0,
+            without_gloss: 255,
+        }
+    }
+}
+
+/// The code of a share, clamped to [0, 1].
+fn share_code(v: f32) -> u8 {
+    (v.clamp(0.0, 1.0) * 255.0).round() as u8
+}
+
+/// The code of a colour's channel, clamped to [0, 1].
+fn root_code(v: f32) -> u8 {
+    share_code(v.clamp(0.0, 1.0).sqrt())
+}
+
+fn share(code: u8) -> f32 {
+    f32::from(code) / 255.0
+}
+
+fn colour(codes: [u8; 3]) -> Vec3 {
+    Vec3::from_array(codes.map(|c| share(c) * share(c)))
+}
+
+/// Logarithm of the largest shininess + 1.
+fn shininess_span() -> f32 {
+    (1.0 + MOST_SHININESS as f32).ln()
 }
 
 impl VoxelSurface {
     /// From linear values, clamped to [0, 1].
     pub fn new(transmission: Vec3, unlit: f32) -> VoxelSurface {
-        let root = |v: f32| (v.clamp(0.0, 1.0).sqrt() * 255.0).round() as u8;
         VoxelSurface {
-            transmission: transmission.to_array().map(root),
-            unlit: (unlit.clamp(0.0, 1.0) * 255.0).round() as u8,
+            transmission: transmission.to_array().map(root_code),
+            unlit: share_code(unlit),
+            ..VoxelSurface::default()
+        }
+    }
+
+    /// The same with an ambient factor, with highlights, and with the share of the materials that say nothing of them.
+    pub fn with_finish(self, ambient: Vec3, gloss: &Gloss, without_gloss: f32) -> VoxelSurface {
+        VoxelSurface {
+            ambient: ambient.to_array().map(share_code),
+            specular: gloss.specular.to_array().map(root_code),
+            shininess: share_code((1.0 + gloss.shininess).ln() / shininess_span()),
+            without_gloss: share_code(without_gloss),
+            ..self
         }
     }
 
     /// Linear albedo of diffuse transmission, each channel in [0, 1].
     pub fn transmission(&self) -> Vec3 {
-        let decode = |c: u8| (f32::from(c) / 255.0) * (f32::from(c) / 255.0);
-        Vec3::from_array(self.transmission.map(decode))
+        colour(self.transmission)
     }
 
     /// Share that shows its albedo whatever the light, in [0, 1].
     pub fn unlit(&self) -> f32 {
-        f32::from(self.unlit) / 255.0
+        share(self.unlit)
+    }
+
+    /// Share of the light from around that is reflected, of what would be else; each channel in [0, 1].
+    pub fn ambient(&self) -> Vec3 {
+        Vec3::from_array(self.ambient.map(share))
+    }
+
+    /// Highlights of the materials that say something of theirs, their strength times these materials' share.
+    pub fn gloss(&self) -> Gloss {
+        let specular = colour(self.specular);
+        // Most voxels have none.
+        let shininess =
+            if specular == Vec3::ZERO { 0.0 } else { (share(self.shininess) * shininess_span()).exp() - 1.0 };
+        Gloss { specular, shininess }
+    }
+
+    /// Share of the materials that say nothing of highlights, in [0, 1].
+    pub fn without_gloss(&self) -> f32 {
+        share(self.without_gloss)
     }
 }
 
@@ -164,12 +238,18 @@ impl SurfaceTable {
     /// `None` where all materials are plain.
     pub fn new(info: &Info) -> Option<SurfaceTable> {
         let surfaces = read(info);
-        if surfaces.is_empty() {
-            return None;
-        }
+        (!surfaces.is_empty()).then(|| SurfaceTable::with(info, &surfaces))
+    }
+
+    /// The table also where all materials are plain.
+    pub fn always(info: &Info) -> SurfaceTable {
+        SurfaceTable::with(info, &read(info))
+    }
+
+    fn with(info: &Info, surfaces: &[SurfaceParams]) -> SurfaceTable {
         let mean = |i: usize| info.materials.get(i).map_or(Vec3::ONE, |m| Vec3::from_array(m.albedo.map(|v| v as f32)));
         let at = |i: usize| (mean(i), surfaces.get(i).copied().unwrap_or_default());
-        Some(SurfaceTable { entries: (0..info.materials.len().max(1)).map(at).collect() })
+        SurfaceTable { entries: (0..info.materials.len().max(1)).map(at).collect() }
     }
 
     /// Mean albedo and parameters of the material `id`.
@@ -253,6 +333,19 @@ mod tests {
             let dark = table.plain(0.5 * mixed(s), &mix).transmission();
             assert!((dark - 0.5 * want).abs().max_element() < 0.003 + 0.3 / 63.0, "{s}: {dark}");
         }
+    }
+
+    #[test]
+    fn highlights_survive_their_code() {
+        let gloss = Gloss { specular: Vec3::new(0.04, 0.5, 1.0), shininess: 40.0 };
+        let found = VoxelSurface::default().with_finish(Vec3::new(0.0, 0.5, 1.0), &gloss, 0.25);
+        // Half a step of each code: 1/510 of a share, 2 √v / 510 of a square, and half of ln(10001) / 255 of the logarithm.
+        assert!((found.ambient() - Vec3::new(0.0, 0.5, 1.0)).abs().max_element() <= 1.0 / 509.0);
+        assert!((found.gloss().specular - gloss.specular).abs().max_element() <= 2.0 / 509.0);
+        assert!((found.gloss().shininess / 40.0 - 1.0).abs() < 0.02);
+        assert!((found.without_gloss() - 0.25).abs() <= 1.0 / 509.0);
+        let plain = VoxelSurface::default();
+        assert!(plain.gloss().is_none() && plain.ambient() == Vec3::ONE && plain.without_gloss() == 1.0);
     }
 
     #[test]

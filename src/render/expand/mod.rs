@@ -20,6 +20,7 @@ use super::copies::Copies;
 use super::faces::{Bend, Face, faces};
 use super::layer::TexelLayer;
 use super::options::CameraChoice;
+use super::phong::PhongTable;
 use super::prepare;
 use super::reference::SourceMesh;
 use super::shell::Corner;
@@ -139,7 +140,7 @@ impl<'a> Plan<'a> {
         let sources = sources(scene, &trees, &mut warnings)?;
         let cyclic = trees.iter().map(|t| t.as_ref().is_some_and(|t| t.info().cyclic.contains(&true))).collect();
         let info = |i: usize| Some(trees.get(i)?.as_ref()?.info());
-        let copies = Copies::new(scene, info, |world| world)?;
+        let copies = Copies::new(scene, &PhongTable::default(), info, |world| world)?;
         let mut notes = Vec::new();
         let bounds = copies.bounds().filter(prepare::finite).fold(prepare::bounds(scene), Aabb::union);
         let frustum = frustum(scene, &bounds, options, &mut notes)?;
@@ -480,7 +481,7 @@ fn shells(
             let reach = |face: &Face| Aabb::around(corners(face).iter().flat_map(|c| [c.p, c.p + c.h]));
             let faces: Vec<_> = all.into_iter().filter(|face| sees(&reach(face))).collect();
             if !faces.is_empty() {
-                found.push(ShellFaces { layers: prepare::layers_in(scene, shell, range, &info)?, faces });
+                found.push(ShellFaces { layers: prepare::layers_in((scene, &PhongTable::default()), shell, range, &info)?, faces });
             }
         }
     }

@@ -1,9 +1,11 @@
 //! One sample: the nearest surface along a ray, of the scene's meshes or of a texel's source in a shell, and its light.
 
 use crate::geom::{DMat3, DVec3, Ray, Vec3};
+use crate::march::shade::Look;
 use crate::render::cells::CopyHit;
 use crate::render::mesh::{Contact, Mesh, Surface};
 use crate::render::options::{Ambient, Options};
+use crate::render::phong::SurfaceCoords;
 use crate::render::prepare::World;
 use crate::render::shadow::SelfHit;
 use crate::render::source_mesh::{CopyRay, SourceMesh};
@@ -30,13 +32,22 @@ struct Intersection<'a> {
     copy: Option<SourceCopy<'a>>,
 }
 
+/// The space of a copy's cell.
+#[derive(Clone, Copy)]
+struct Space<'a> {
+    /// The linear part of the map from the world.
+    to_cell: &'a DMat3,
+    /// Texel coordinates along the ray, in a copy.
+    coords: &'a dyn Fn(&CopyHit) -> SurfaceCoords,
+}
+
 /// A copy of a texel's source, where a ray runs through it.
 struct SourceCopy<'a> {
     source: &'a SourceMesh,
     texel: usize,
     cell: [i64; 3],
     ray: CopyRay,
-    tint: Vec3,
+    look: Look,
 }
 
 impl<'a> Tracer<'a> {
@@ -74,7 +85,8 @@ impl<'a> Tracer<'a> {
         let limit = best.as_ref().map_or(f64::INFINITY, |met| met.t);
         world.shells.nearest(ray, limit, |index, limit| {
             let mut end = limit;
-            self.copies(index, ray, limit, counts, &mut |hit, to_cell| {
+            let world_ray = ray;
+            self.copies(index, ray, limit, counts, &mut |hit, Space { to_cell, coords }| {
                 if hit.t0 >= end {
                     return false;
                 }
@@ -89,7 +101,7 @@ impl<'a> Tracer<'a> {
                     texel: hit.texel,
                     cell: hit.cell,
                     ray: CopyRay { ray, t0: hit.t0, to_texel: hit.linear * *to_cell },
-                    tint: hit.tint,
+                    look: world.look(hit, Some(&coords(hit)), world_ray, (end, 0.0)),
                 };
                 best = Some(Intersection { t: end, contact, copy: Some(copy) });
                 // Copies that reach over others' cells may overlap this one, and begin before `end`.
@@ -101,20 +113,21 @@ impl<'a> Tracer<'a> {
     }
 
     /// The copies of texels that a ray runs through in a box, up to `t1`: layer by layer, each in order, until `each`
-    /// returns false, which ends the layer. `each` gets the linear part of the map from the world to the layer's cells, too.
+    /// returns false, which ends the layer.
     fn copies(
         &self,
         index: u32,
         ray: &Ray,
         t1: f64,
         counts: &mut Counts,
-        each: &mut dyn FnMut(&CopyHit, &DMat3) -> bool,
+        each: &mut dyn FnMut(&CopyHit, Space<'_>) -> bool,
     ) {
         let Some(shell) = self.world.boxes.get(index as usize) else {
             let copy = self.world.copy(index);
             if let Some((copy, (from, to))) = copy.and_then(|copy| Some((copy, copy.span(ray, t1)?))) {
                 counts.boxes += 1;
-                each(&copy.hit(ray, from, to), &copy.to_texel.matrix3);
+                let coords = |hit: &CopyHit| SurfaceCoords::of_copy(hit, 0.0);
+                each(&copy.hit(ray, from, to), Space { to_cell: &copy.to_texel.matrix3, coords: &coords });
             }
             return;
         };
@@ -123,8 +136,10 @@ impl<'a> Tracer<'a> {
             counts.boxes += 1;
             for layer in self.world.layers_of(index) {
                 shell.for_each_segment(ray, from, to, &tolerance, &mut |segment| {
+                    let coords = |_: &CopyHit| SurfaceCoords::of_layer(segment, layer, 0.0);
                     layer.for_each_chord(segment, &tolerance, &mut |chord| {
-                        layer.for_each_copy(chord, &mut |hit| each(hit, &chord.to_texel))
+                        let space = Space { to_cell: &chord.to_texel, coords: &coords };
+                        layer.for_each_copy(chord, &mut |hit| each(hit, space))
                     })
                 });
             }
@@ -145,10 +160,11 @@ impl<'a> Tracer<'a> {
             let cosine = seen.normal.dot(incident.dir) as f32;
             let (share, origin) =
                 if cosine > 0.0 { (seen.albedo, seen.lifted) } else { (seen.transmission, seen.lifted_behind()) };
-            if share != Vec3::ZERO {
+            let reflected = share * cosine.abs() + seen.highlight(-ray.dir, incident.dir);
+            if reflected != Vec3::ZERO {
                 let dir = within(incident.dir, incident.radius, point(place, hash(set)));
                 let open = self.open(origin, dir, incident.distance, start, counts);
-                light += share * incident.irradiance * (cosine.abs() * open * std::f32::consts::FRAC_1_PI);
+                light += reflected * incident.irradiance * (open * std::f32::consts::FRAC_1_PI);
             }
         }
         // Light from around, on the side that is seen and on the other.
@@ -156,6 +172,7 @@ impl<'a> Tracer<'a> {
         for (share, normal, origin) in sides.into_iter().filter(|side| side.0 != Vec3::ZERO) {
             let surround = &self.world.surround;
             light += share
+                * seen.ambient
                 * if self.options.ambient == Ambient::Occluded {
                     let dir = towards_sky(normal, point(place, !set));
                     self.open(origin, dir, f64::INFINITY, start, counts) * surround.radiance(dir)
@@ -171,7 +188,7 @@ impl<'a> Tracer<'a> {
             return self.world.mesh.surface(&self.world.scene.model, ray, &met.contact, 0.0);
         };
         let surface = copy.source.surface(ray, &copy.ray, &met.contact, 0.0);
-        surface.tinted(copy.tint)
+        surface.shown(&copy.look)
     }
 
     /// The share of light that comes from `distance` away.

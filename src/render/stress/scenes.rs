@@ -8,6 +8,7 @@ use crate::morton;
 use crate::progress::Quiet;
 use crate::render::{CameraChoice, Options, render_with};
 use crate::scene::copies::CopySet;
+use crate::scene::phong::Phong;
 use crate::scene::shell::{Environment, Layer, ShellMaterial, TexelRef, Variant};
 use crate::scene::{Instance, Light, LightKind, Material, Model, Part, Scene};
 use crate::volume::{Channels, Depth, Info, Octree, Volume, Voxel};
@@ -84,7 +85,7 @@ fn landscape(random: &mut Random, place: DAffine3) -> Scene {
     let copies = CopySet {
         node: "copies".into(),
         to_world: place,
-        variants: vec![Variant { texel: 0, weight: 1.0, diffuse: [1.0, 0.5, 0.25] }],
+        variants: vec![Variant { phong: Phong::tint([1.0, 0.5, 0.25]), ..Variant::alone(0) }],
         translations: (0..4).map(|k| spot(random, 0.25 * f64::from(k) - 0.25)).collect(),
         rotations: (0..4).map(|_| spot(random, 0.5)).map(|[x, y, z]| [x, y, z, 1.0]).collect(),
         scales: [[1.0; 3], [0.5, 1.5, 0.5], [-1.0, 1.0, 1.0], [0.25, 0.25, 2.0]].to_vec(),

@@ -2,8 +2,7 @@
 //! counted warning for what this version does not draw.
 
 mod object;
-
-use std::collections::BTreeMap;
+mod phong;
 
 use serde_json::Value;
 
@@ -14,10 +13,11 @@ use crate::scene::shell::{
     Continuous, Discrete, Environment, FrameFacts, Layer, Orientations, ShellMaterial, Sky, TexelRef, Variant,
 };
 use crate::scene::wind::{MOST_STRENGTH, Moment, Wind};
-use crate::volume::material::MOST_MATERIALS;
 use crate::volume::{Palette, Style};
 use crate::{Error, Result, Warnings};
 use object::{ANY, Object};
+use phong::{Ground, phong, styles};
+pub use phong::ReadTexture;
 
 /// Extension object of the root.
 #[derive(Debug, Default)]
@@ -98,12 +98,13 @@ fn texel(json: &Object, warnings: &mut Warnings) -> Result<TexelRef> {
     })
 }
 
-/// A material's extension object. `texels`: those of the root; one that is shown in other colours is added.
-pub fn material(
+/// A material's extension object. `texels`: those of the root; one that is shown in other colours is added. `textures` reads the
+/// images of its layers.
+pub fn material<'a>(
     document: &Document,
-    json: &Value,
-    at: &str,
+    (json, at): (&Value, &str),
     texels: &mut Texels,
+    textures: &'a mut ReadTexture<'a>,
     warnings: &mut Warnings,
 ) -> Result<ShellMaterial> {
     let json = Object::new(document, json, format!("{at}.{NAME}"))?;
@@ -113,17 +114,19 @@ pub fn material(
     if thickness <= 0.0 {
         return Err(json.error("thickness", "must be above 0"));
     }
+    let tex_coord = json.integer("texCoord", 7)?.unwrap_or(0) as usize;
+    let mut ground = Ground { textures, tex_coord };
     Ok(ShellMaterial {
-        tex_coord: json.integer("texCoord", 7)?.unwrap_or(0) as usize,
+        tex_coord,
         w: json.number("w", ANY)?.unwrap_or(0.0),
         dw: json.number("dw", ANY)?.unwrap_or(1.0),
         thickness,
         surface_visible: json.choice("surface", &[("visible", true), ("hidden", false)])?.unwrap_or(true),
-        layers: layers.iter().map(|l| layer(l, texels, warnings)).collect::<Result<_>>()?,
+        layers: layers.iter().map(|l| layer(l, texels, &mut ground, warnings)).collect::<Result<_>>()?,
     })
 }
 
-fn layer(json: &Object, texels: &mut Texels, warnings: &mut Warnings) -> Result<Layer> {
+fn layer(json: &Object, texels: &mut Texels, ground: &mut Ground<'_>, warnings: &mut Warnings) -> Result<Layer> {
     json.known(
         &[
             "texel",
@@ -149,12 +152,12 @@ fn layer(json: &Object, texels: &mut Texels, warnings: &mut Warnings) -> Result<
     if json.choice("combine", &[("union", false), ("over", true)])? == Some(true) {
         json.ignored("combine \"over\"", warnings);
     }
-    let (palette, diffuse) = palette(json, warnings)?;
+    let (palette, phong) = styles(json, Some(ground), warnings)?;
     let cycle = cycle(json, texels, warnings)?;
     let (mut discrete, mut continuous) = (None, None);
     if let Some(jitter) = json.object("jitter")? {
         jitter.known(&["discrete", "continuous"], &[], warnings);
-        let read = |d: Object| self::discrete(&d, texels, (&palette, cycle), warnings);
+        let read = |d: Object| self::discrete(&d, texels, (&palette, cycle), ground, warnings);
         discrete = jitter.object("discrete")?.map(read).transpose()?;
         continuous = jitter.object("continuous")?.map(|c| self::continuous(&c, warnings)).transpose()?;
     }
@@ -169,7 +172,7 @@ fn layer(json: &Object, texels: &mut Texels, warnings: &mut Warnings) -> Result<
         scale,
         skin_range,
         opacity_scale: json.number("opacityScale", 0.0..=f64::MAX)?.unwrap_or(1.0),
-        diffuse,
+        phong,
         discrete,
         continuous,
     })
@@ -192,34 +195,18 @@ pub fn copies(
     outer.known(&["copies"], &[], warnings);
     let json = outer.object("copies")?.ok_or_else(|| outer.error("copies", "is needed"))?;
     json.known(&["texel", "variants", "palette", "phong", "animation", "wind"], &[], warnings);
-    let (palette, diffuse) = palette(&json, warnings)?;
+    let (palette, phong) = styles(&json, None, warnings)?;
     let cycle = cycle(&json, texels, warnings)?;
-    let mut variants = variants(&json, texels, (&palette, cycle), warnings)?;
+    let mut variants = variants(&json, texels, (&palette, cycle), None, warnings)?;
     if variants.is_empty() {
         let what = "is needed where there are no variants";
         let texel = json.texel(texels.own)?.ok_or_else(|| json.error("texel", what))?;
-        variants.push(Variant { texel: texels.shown(texel, &palette, cycle), weight: 1.0, diffuse: [1.0; 3] });
+        variants.push(Variant::alone(texels.shown(texel, &palette, cycle)));
     }
     for variant in &mut variants {
-        variant.diffuse = std::array::from_fn(|k| variant.diffuse[k] * diffuse[k]);
+        variant.phong = variant.phong.within(&phong);
     }
     Ok(variants)
-}
-
-/// The `palette` and `phong` of a layer or of copies: the colours of the texel's materials, and a factor of all.
-fn palette(json: &Object, warnings: &mut Warnings) -> Result<(Palette, [f64; 3])> {
-    let Style { factor: diffuse, keep } = style(json, "phong", warnings)?;
-    let rest = if keep { Style::OWN } else { Style::BLANK };
-    let mut styles = BTreeMap::new();
-    if let Some(palette) = json.object("palette")? {
-        if palette.json.len() > MOST_MATERIALS {
-            return Err(json.error("palette", &format!("has more than {MOST_MATERIALS} materials")));
-        }
-        for name in palette.json.keys() {
-            styles.insert(name.clone(), style(&palette, name, warnings)?);
-        }
-    }
-    Ok((Palette { styles, rest }, diffuse))
 }
 
 /// The `variants` of jittered or of rigid copies.
@@ -227,6 +214,7 @@ fn variants(
     json: &Object,
     texels: &mut Texels,
     (palette, cycle): (&Palette, Option<Cycle>),
+    mut ground: Option<&mut Ground<'_>>,
     warnings: &mut Warnings,
 ) -> Result<Vec<Variant>> {
     let mut variants = Vec::new();
@@ -237,27 +225,11 @@ fn variants(
         if weight <= 0.0 {
             return Err(variant.error("weight", "must be above 0"));
         }
-        let Style { factor: diffuse, keep } = style(&variant, "phong", warnings)?;
+        let (phong, keep) = phong(&variant, ground.as_deref_mut(), warnings)?;
         let palette = Palette { rest: if keep { palette.rest } else { Style::BLANK }, ..palette.clone() };
-        variants.push(Variant { texel: texels.shown(texel, &palette, cycle), weight, diffuse });
+        variants.push(Variant { texel: texels.shown(texel, &palette, cycle), weight, phong });
     }
     Ok(variants)
-}
-
-/// The `phong` object under `key`, as far as it is drawn; of nothing, no change.
-fn style(json: &Object, key: &str, warnings: &mut Warnings) -> Result<Style> {
-    let Some(phong) = json.object(key)? else { return Ok(Style::OWN) };
-    phong.known(
-        &["diffuseFactor", "useTexelAlbedo"],
-        &["ambientFactor", "specularFactor", "shininess", "diffuseTexture", "noise"],
-        warnings,
-    );
-    let keep = match phong.json.get("useTexelAlbedo") {
-        None => true,
-        Some(Value::Bool(keep)) => *keep,
-        Some(_) => return Err(phong.error("useTexelAlbedo", "is neither true nor false")),
-    };
-    Ok(Style { factor: phong.vec3("diffuseFactor", 0.0..=f64::MAX)?.unwrap_or([1.0; 3]), keep })
 }
 
 /// The root's texels, and behind them those of other colours and of other frames.
@@ -386,6 +358,7 @@ fn discrete(
     json: &Object,
     texels: &mut Texels,
     shown: (&Palette, Option<Cycle>),
+    ground: &mut Ground<'_>,
     warnings: &mut Warnings,
 ) -> Result<Discrete> {
     const KEYS: [&str; 8] = ["seed", "orientations", "mirror", "scale", "displace", "presence", "variants", "tint"];
@@ -404,7 +377,7 @@ fn discrete(
         scale,
         displace: json.vec3("displace", 0.0..=MAX_DISPLACEMENT)?.unwrap_or([0.0; 3]),
         presence: json.number("presence", 0.0..=1.0)?.unwrap_or(1.0),
-        variants: variants(json, texels, shown, warnings)?,
+        variants: variants(json, texels, shown, Some(ground), warnings)?,
         tint: json.colours("tint")?,
     })
 }

@@ -17,6 +17,7 @@ use crate::scene::model::{Alpha, Material, Part};
 use crate::scene::texture::TextureRef;
 use crate::scene::texture::{Texture, Wrap};
 use crate::scene::{files, image};
+use crate::volume::Finish;
 use crate::{Result, Warnings};
 
 /// Every material of the file, so that indices are the file's, then the default for parts without one. Those that no
@@ -103,7 +104,11 @@ fn material(
     }
     let shell = extensions.and_then(|e| e.others.get(extension::NAME)).filter(|json| !extension::places_copies(json));
     let wind = shell.map(|json| extension::wind_of_shell(document, json, &at, texels, warnings)).transpose()?;
-    let shell = shell.map(|json| extension::material(document, json, &at, texels, warnings)).transpose()?;
+    let mut textures = |info: &Info, opaque: bool, at: &str, warnings: &mut Warnings| {
+        if images.options.textures { images.reference(info, opaque, at, warnings) } else { Ok(None) }
+    };
+    let read = |json| extension::material(document, (json, &at), texels, &mut textures, warnings);
+    let shell = shell.map(read).transpose()?;
     let unlit = extensions.is_some_and(|e| e.unlit.is_some());
     let transmission = transmission::read(document, extensions.map(|e| &e.others), &at, |info| {
         // Its alpha is what counts, or where a colour was cut out of its picture.
@@ -116,6 +121,7 @@ fn material(
         alpha,
         double_sided: json.double_sided,
         unlit,
+        finish: Finish::PLAIN,
         transmission: transmission.filter(|_| !unlit).map(Box::new),
         shell: shell.map(Arc::new),
         wind: wind.flatten(),

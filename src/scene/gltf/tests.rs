@@ -7,6 +7,7 @@ use serde_json::{Value, json};
 
 use super::{ReadOptions, read};
 use crate::geom::{DVec3, Vec3};
+use crate::scene::phong::Phong;
 use crate::scene::shell::{CellWrap, Orientations, Variant};
 use crate::scene::{Alpha, LightKind, Model, Projection, Scene, Wrap};
 use crate::volume::Style;
@@ -510,7 +511,7 @@ fn shells_are_read_with_their_defaults() {
     assert_eq!((m.tex_coord, m.w, m.dw, m.thickness, m.surface_visible), (0, 0.0, 1.0, 1.0, true));
     let l = &m.layers[0];
     assert_eq!(l.wrap, [CellWrap::Repeat, CellWrap::Repeat, CellWrap::Empty]);
-    assert_eq!((l.scale, l.offset, l.opacity_scale, l.diffuse), ([1.0; 3], [0.0; 3], 1.0, [1.0; 3]));
+    assert_eq!((l.scale, l.offset, l.opacity_scale, &l.phong), ([1.0; 3], [0.0; 3], 1.0, &Phong::default()));
     assert_eq!((l.skin_range, s.texels[0].content_id), ([0.0, 1.0], None));
     assert!(l.discrete.is_none());
     assert_eq!(s.model.parts[0].uvs.len(), 1, "the shell asks for texture coordinates");
@@ -528,19 +529,18 @@ fn the_example_of_the_draft_is_read() {
     let s = shell().set("/materials/0/extensions/VTEX_volumetric_texture", example).scene();
     let m = s.model.materials[0].shell.as_ref().unwrap();
     let l = &m.layers[0];
-    assert_eq!((m.thickness, l.wrap[1], l.diffuse), (2.5, CellWrap::Mirror, [0.25, 0.5, 0.15]));
+    assert_eq!((m.thickness, l.wrap[1], l.phong.diffuse), (2.5, CellWrap::Mirror, [0.25, 0.5, 0.15]));
     let d = l.discrete.as_ref().unwrap();
     assert_eq!((d.seed, d.orientations, d.scale, d.presence), (11, Orientations::W8, [0.7, 1.0], 1.0));
     // The texels in the palette's colours follow those of the root.
-    let variant = |texel, weight| Variant { texel, weight, diffuse: [1.0; 3] };
+    let variant = |texel, weight| Variant { weight, ..Variant::alone(texel) };
     assert_eq!(d.variants, [variant(2, 3.0), variant(3, 1.0)]);
     assert_eq!((l.texel, s.texels.len()), (2, 4));
     assert!(s.texels[2].frames == s.texels[0].frames && s.texels[3].frames == s.texels[1].frames);
-    assert_eq!(s.texels[2].palette.style("bark"), Style { factor: [0.35, 0.25, 0.15], keep: true });
+    assert_eq!(s.texels[2].palette.style("bark"), Style { factor: [0.35, 0.25, 0.15], ..Style::OWN });
     assert_eq!(l.continuous.map(|c| (c.seed, c.octaves)), Some((7, 1)));
-    for (ignored, times) in [("specularFactor", 1), ("shininess", 1)] {
-        assert_eq!(warned(&s.model, &format!("{ignored} is ignored")), times, "{ignored}");
-    }
+    assert_eq!((l.phong.finish.specular, l.phong.finish.shininess), (Some([0.04; 3]), Some(24.0)));
+    assert_eq!(warned(&s.model, "is ignored"), 0);
 }
 
 #[test]

@@ -278,6 +278,7 @@ impl Textures {
         });
         let [r, g, b] = diffuse.map(|c| c.max(0.0));
         Ok(Material {
+            finish: crate::volume::Finish::PLAIN,
             name: source.name.clone(),
             base_color: [r, g, b, opacity],
             texture,

@@ -11,7 +11,7 @@ use super::super::write::Editor;
 use super::options::{Cells, MapOptions};
 use super::plan::metres_per_unit;
 use super::scatter::Target;
-use super::shell::palette;
+use super::shell::restyle;
 use super::surface::{Surface, WRITTEN};
 use crate::geom::{Aabb, DVec3};
 use crate::scene::copies::to_texel;
@@ -189,9 +189,7 @@ pub fn write(
     let scale = editor.add_floats(&scales, false)?;
     let mut copies = serde_json::Map::new();
     copies.insert("texel".into(), json!(texel));
-    if !options.palette.is_empty() {
-        copies.insert("palette".into(), palette(&options.palette));
-    }
+    restyle(options, &mut copies);
     let name = format!("{} on {ground}", kind.name);
     let material = json!({"name": name, "extensions": {NAME: {"copies": copies}}});
     let material = editor.push("materials", material)?;

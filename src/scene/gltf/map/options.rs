@@ -10,7 +10,7 @@ pub use super::points::PointsUp;
 use crate::geom::DVec3;
 use crate::scene::raster::Raster;
 use crate::scene::shell::{Continuous, Orientations};
-use crate::volume::{Info, Style};
+use crate::volume::{Finish, Info, Style};
 use crate::{Error, Result};
 
 /// How a mesh is to be covered.
@@ -86,6 +86,8 @@ pub struct MapOptions {
     pub seed: u32,
     /// What becomes of the texels' materials, by name.
     pub palette: BTreeMap<String, Style>,
+    /// Light from around, and highlights, of all materials that the palette says nothing of.
+    pub finish: Finish,
     /// Whether the base face itself is drawn.
     pub surface_visible: bool,
     /// Frames of texels, and wind.
@@ -220,6 +222,7 @@ impl Default for MapOptions {
             presence: 1.0,
             seed: 0,
             palette: BTreeMap::new(),
+            finish: Finish::PLAIN,
             surface_visible: true,
             motion: Motion::default(),
             patches: true,

@@ -1,7 +1,5 @@
 //! Shells: the extension object of a covered material, and the attributes of its primitives.
 
-use std::collections::BTreeMap;
-
 use serde_json::{Map, Value, json};
 
 use super::super::write::Editor;
@@ -9,7 +7,7 @@ use super::options::{Chart, MapOptions};
 use super::plan::{Plan, SurfacePlan};
 use super::surface::{Coordinates, Surface, WRITTEN};
 use crate::scene::shell::{Continuous, Orientations};
-use crate::volume::Style;
+use crate::volume::{Finish, Style};
 use crate::{Error, Result, Warnings};
 
 /// How the surfaces of one material are laid out.
@@ -117,9 +115,7 @@ pub fn material(options: &MapOptions, plan: &Plan, own: &MaterialPlan, texels: &
     if !jitter.is_empty() {
         layer.insert("jitter".into(), jitter.into());
     }
-    if !options.palette.is_empty() {
-        layer.insert("palette".into(), palette(&options.palette));
-    }
+    restyle(options, &mut layer);
     let mut shell = Map::new();
     if let Chart::Uv(set @ 1..) = plan.chart
         && !own.write_uvw
@@ -141,14 +137,34 @@ fn continuous(c: &Continuous) -> Value {
     })
 }
 
-/// The `palette` object.
-pub fn palette(palette: &BTreeMap<String, Style>) -> Value {
-    let phong = |s: &Style| match s.keep {
-        true => json!({"diffuseFactor": s.factor}),
-        false => json!({"diffuseFactor": s.factor, "useTexelAlbedo": false}),
-    };
-    let palette: Map<_, _> = palette.iter().map(|(name, s)| (name.clone(), phong(s))).collect();
-    palette.into()
+/// Write the `phong` and the `palette` of a layer, or of copies, where something is to be restyled.
+pub fn restyle(options: &MapOptions, layer: &mut Map<String, Value>) {
+    if options.finish != Finish::PLAIN {
+        layer.insert("phong".into(), phong(&Style { finish: options.finish, ..Style::OWN }));
+    }
+    if !options.palette.is_empty() {
+        let palette: Map<_, _> = options.palette.iter().map(|(name, style)| (name.clone(), phong(style))).collect();
+        layer.insert("palette".into(), palette.into());
+    }
+}
+
+/// A `phong` object.
+fn phong(style: &Style) -> Value {
+    let mut phong = Map::new();
+    let Style { factor, keep, finish } = style;
+    if *factor != [1.0; 3] || !keep {
+        phong.insert("diffuseFactor".into(), json!(factor));
+    }
+    if !keep {
+        phong.insert("useTexelAlbedo".into(), json!(false));
+    }
+    if let Some(specular) = finish.specular {
+        phong.insert("specularFactor".into(), json!(specular));
+    }
+    if let Some(shininess) = finish.shininess {
+        phong.insert("shininess".into(), json!(shininess));
+    }
+    phong.into()
 }
 
 /// Append the layer of `shell` to a shell that is there; its heights stay.

@@ -1,0 +1,114 @@
+//! Phong's parameters of matter beside its diffuse colour: how much light from around it reflects, and its highlights.
+//!
+//! Based on: B. T. Phong, *Illumination for Computer Generated Pictures*, CACM 1975, in the form of J. Blinn, *Models of Light
+//! Reflection for Computer Synthesized Pictures*, SIGGRAPH 1977: a highlight depends on the angle between the normal and the
+//! direction halfway between the light and the viewer, and so can be integrated over a distribution of normals.
+
+use crate::geom::Vec3;
+
+/// Largest shininess.
+pub const MOST_SHININESS: f64 = 10_000.0;
+/// Shininess of a highlight that says nothing of it.
+pub const DEFAULT_SHININESS: f64 = 16.0;
+
+/// What a landscape says of a material or a layer. What is not said is left to who is asked next.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Finish {
+    /// Linear, each in [0, 1]: the share of the light from around that is reflected, of what would be without it.
+    pub ambient: [f64; 3],
+    /// Linear, each in [0, 1]: the strength of highlights; 0 where nobody says it.
+    pub specular: Option<[f64; 3]>,
+    /// The exponent of highlights, 0 to [`MOST_SHININESS`]; [`DEFAULT_SHININESS`] where nobody says it.
+    pub shininess: Option<f64>,
+}
+
+impl Finish {
+    /// Matt.
+    pub const PLAIN: Finish = Finish { ambient: [1.0; 3], specular: None, shininess: None };
+
+    /// This, where it says something, else as `outer` has it. Ambient factors multiply.
+    pub fn within(&self, outer: &Finish) -> Finish {
+        Finish {
+            ambient: [0, 1, 2].map(|k| self.ambient[k] * outer.ambient[k]),
+            specular: self.specular.or(outer.specular),
+            shininess: self.shininess.or(outer.shininess),
+        }
+    }
+
+    /// Whether highlights of its own are said, be it that there are none.
+    pub fn has_gloss(&self) -> bool {
+        self.specular.is_some() || self.shininess.is_some()
+    }
+
+    /// Its highlights.
+    pub fn gloss(&self) -> Gloss {
+        let specular = self.specular.unwrap_or_default().map(|v| v as f32);
+        Gloss { specular: Vec3::from_array(specular), shininess: self.shininess.unwrap_or(DEFAULT_SHININESS) as f32 }
+    }
+}
+
+/// Highlights of a facet.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Gloss {
+    /// Strength, linear.
+    pub specular: Vec3,
+    /// Exponent, ≥ 0.
+    pub shininess: f32,
+}
+
+impl Gloss {
+    /// No highlights.
+    pub const NONE: Gloss = Gloss { specular: Vec3::ZERO, shininess: DEFAULT_SHININESS as f32 };
+
+    /// Whether there are none.
+    pub fn is_none(&self) -> bool {
+        self.specular == Vec3::ZERO
+    }
+
+    /// What a facet of the unit normal `normal` reflects towards `view` in its highlight, in units of `specular` and of the
+    /// irradiance over π of a surface that faces the light; all directions are unit, away from the facet.
+    pub fn facet(&self, normal: Vec3, view: Vec3, light: Vec3) -> f32 {
+        let (cosine, halfway) = (normal.dot(light), normal.dot((view + light).normalize_or_zero()));
+        if cosine <= 0.0 || halfway <= 0.0 { 0.0 } else { self.peak() * halfway.powf(self.shininess) * cosine }
+    }
+
+    /// Height of the lobe, so that a facet that faces light and viewer reflects about the share `specular` of the light,
+    /// whatever the shininess (T. Akenine-Möller, E. Haines, N. Hoffman, *Real-Time Rendering*, 2008, section 7.6).
+    pub fn peak(&self) -> f32 {
+        (self.shininess + 8.0) / 8.0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::f32::consts::PI;
+
+    #[test]
+    fn who_says_something_is_heard_first() {
+        let layer = Finish { ambient: [0.5, 1.0, 0.0], specular: Some([0.1; 3]), shininess: Some(40.0) };
+        let variant = Finish { ambient: [0.5; 3], specular: None, shininess: Some(9.0) };
+        let found = variant.within(&layer);
+        assert_eq!(found, Finish { ambient: [0.25, 0.5, 0.0], specular: Some([0.1; 3]), shininess: Some(9.0) });
+        assert_eq!(layer.within(&Finish::PLAIN), layer);
+        assert!(Finish::PLAIN.gloss().is_none() && !Finish::PLAIN.has_gloss());
+    }
+
+    /// The mean over the light's directions, by cosines, of what comes back to a viewer who faces the facet: the integral of
+    /// peak/π · cosᵏ(θ/2) · cos θ over the hemisphere.
+    #[test]
+    fn a_facet_reflects_the_same_share_whatever_its_shininess() {
+        for shininess in [8.0f32, 32.0, 200.0, 1000.0] {
+            let gloss = Gloss { specular: Vec3::ONE, shininess };
+            let n = 20_000;
+            let ring = |i: usize| {
+                let theta = 0.5 * PI * (i as f32 + 0.5) / n as f32;
+                let light = Vec3::new(theta.sin(), 0.0, theta.cos());
+                gloss.facet(Vec3::Z, Vec3::Z, light) / PI * 2.0 * PI * theta.sin() * (0.5 * PI / n as f32)
+            };
+            let share: f32 = (0..n).map(ring).sum();
+            // The factor is a fit: 7.5 % too much at s = 8, 0.2 % at s = 1000.
+            assert!((share - 1.0).abs() < 0.08, "{shininess}: {share}");
+        }
+    }
+}
