@@ -63,6 +63,28 @@ fn near_the_camera_the_source_is_seen() {
     assert!(near.bias.abs() < 0.01, "{}", near.bias);
 }
 
+/// Four tenths of a layer's facets are there, as triangles near the camera and in the reference.
+#[test]
+fn thinned_layers_are_thin_near_the_camera() {
+    let dir = landscape();
+    let folder = dir.path();
+    let path = folder.join("land.gltf");
+    let mut land: Value = serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
+    let layers = "/extensions/VTEX_volumetric_texture/layers/0";
+    let materials = land["materials"].as_array_mut().unwrap();
+    let layer = materials.iter_mut().find_map(|m| m.pointer_mut(layers)).unwrap();
+    layer["opacityScale"] = json!(0.4);
+    std::fs::write(&path, land.to_string()).unwrap();
+    let picture = |more: &str| {
+        vtex(folder, &format!("{NEAR} --size 96x54 -o a.exr {more}"));
+        image_io::read(&folder.join("a.exr")).unwrap()
+    };
+    let (truth, near) = (picture("--reference 32"), picture("--lanes 16"));
+    let found = metrics::compare(&near, &truth, &metrics::Options::default()).unwrap().all;
+    // As opaque ferns have it: noise of edges, and no bias.
+    assert!(found.flip < 0.06 && found.bias.abs() < 0.015, "{} {}", found.flip, found.bias);
+}
+
 #[test]
 fn the_source_is_read_only_where_it_is_seen() {
     let dir = landscape();

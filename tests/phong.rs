@@ -76,7 +76,7 @@ struct Landscape {
     source: Model,
     volume: Volume,
     palette: Palette,
-    phong: Phong,
+    layers: Vec<Layer>,
     sun: DVec3,
     sky: f64,
     options: RenderOptions,
@@ -88,8 +88,8 @@ impl Landscape {
         let camera = CameraChoice::LookAt { eye, target: DVec3::Y, yfov: 0.1 };
         let options = RenderOptions { size: [32, 32], camera, shadows: false, ..RenderOptions::measuring() };
         let volume = baked(source.clone(), resolution);
-        let (palette, phong) = (Palette::default(), Phong::default());
-        Landscape { source, volume, palette, phong, sun: DVec3::Y, sky: 0.0, options }
+        let (palette, layers) = (Palette::default(), vec![Layer::default()]);
+        Landscape { source, volume, palette, layers, sun: DVec3::Y, sky: 0.0, options }
     }
 
     /// As voxels, and as triangles.
@@ -100,7 +100,7 @@ impl Landscape {
             dw: 1.0,
             thickness: 2.0,
             surface_visible: false,
-            layers: vec![Layer { phong: self.phong.clone(), ..Layer::default() }],
+            layers: self.layers.clone(),
         };
         let towards = glam::DQuat::from_rotation_arc(DVec3::Z, self.sun.normalize());
         let sun = Light {
@@ -145,7 +145,7 @@ fn a_sheet_shines_as_the_formula_says() {
     let eye = DVec3::new(3.0, 9.0, 0.0);
     let mut land = Landscape::new(leaves(1, 0.999, || DVec3::Y), 16, eye);
     // Its place is random within a thousandth; the camera looks at the middle of the cube, where it is.
-    land.phong = Phong { finish: glossy(0.5, 40.0), ..Phong::tint([0.4; 3]) };
+    land.layers[0].phong = Phong { finish: glossy(0.5, 40.0), ..Phong::tint([0.4; 3]) };
     for sun in [DVec3::new(-3.0, 8.0, 0.0), DVec3::new(-1.0, 5.0, 0.5), DVec3::new(0.5, 1.0, -0.5)] {
         land.sun = sun;
         let (view, light) = ((eye - DVec3::Y).normalize(), sun.normalize());
@@ -176,7 +176,7 @@ fn clouds_of_leaves_shine_as_their_facets_do() {
         let mut land = Landscape::new(model, 32, eye);
         land.sun = DVec3::new(0.3, 8.0, -8.0);
         for shininess in [8.0, 60.0] {
-            land.phong = Phong { finish: glossy(0.5, shininess), ..Phong::tint([0.0; 3]) };
+            land.layers[0].phong = Phong { finish: glossy(0.5, shininess), ..Phong::tint([0.0; 3]) };
             let [drawn, traced] = land.drawn().map(|film| mean(&film, |_| true).x);
             // The lobe's integral is off by up to .15 for single voxels and views (`src/march/specular.rs`), less in the mean;
             // the covered area by .03; the few hundred leaves that shine are chosen by chance, in both alike.
@@ -185,13 +185,30 @@ fn clouds_of_leaves_shine_as_their_facets_do() {
     }
 }
 
+/// Half of the rates, and half of the facets.
+#[test]
+fn thinner_layers_let_the_same_light_through_as_their_facets() {
+    let mut random = vtex::random::SplitMix64::new(3);
+    let normal = move || DVec3::new(random.signed(), random.signed(), 0.5).normalize();
+    let mut land = Landscape::new(leaves(250, 0.1, normal), 32, DVec3::new(0.0, 1.0, 12.0));
+    let mut covered = |scale: f64| {
+        land.layers[0].opacity_scale = scale;
+        land.drawn().map(|film| film.pixels.iter().map(|p| p[3]).sum::<f32>() / film.pixels.len() as f32)
+    };
+    let [all, _] = covered(1.0);
+    let [drawn, traced] = covered(0.4);
+    // 1024 pixels of 16 samples: .004; the covered area of voxels: .03 of all of it.
+    assert!(drawn < 0.75 * all && (drawn - traced).abs() < 0.03, "{all} {drawn} {traced}");
+    assert_eq!(covered(0.0), [0.0; 2]);
+}
+
 #[test]
 fn materials_of_a_palette_shine_each_for_itself() {
     let mut random = vtex::random::SplitMix64::new(3);
     let tilted = move || DVec3::new(random.unit() - 0.5, 2.0, random.unit() - 0.5).normalize();
     let mut land = Landscape::new(leaves(900, 0.06, tilted), 32, DVec3::new(0.0, 8.0, 8.0));
     land.sun = DVec3::new(0.0, 8.0, -7.0);
-    land.phong = Phong { finish: glossy(0.2, 10.0), ..Phong::tint([0.0; 3]) };
+    land.layers[0].phong = Phong { finish: glossy(0.2, 10.0), ..Phong::tint([0.0; 3]) };
     let bright = |land: &Landscape| land.drawn().map(|film| mean(&film, |_| true).x);
     let [all, _] = bright(&land);
     let style = Style { finish: glossy(0.0, 10.0), ..Style::OWN };
@@ -211,7 +228,7 @@ fn ambient_factors_multiply_light_from_around() {
     land.options.ambient = vtex::render::Ambient::Constant;
     // Lit from behind: what is seen is of the sky alone.
     let before = land.drawn();
-    land.phong.finish.ambient = [0.5, 0.0, 1.0];
+    land.layers[0].phong.finish.ambient = [0.5, 0.0, 1.0];
     for (film, plain) in land.drawn().iter().zip(&before) {
         let ratio = mean(film, |_| true) / mean(plain, |_| true);
         assert!((ratio - Vec3::new(0.5, 0.0, 1.0)).abs().max_element() < 1e-3, "{ratio}");
@@ -228,7 +245,7 @@ fn images_and_noise_vary_over_the_ground() {
     let identity = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
     let image = TextureRef { texture: Arc::new(halves), tex_coord: 0, transform: identity };
     let variation = Variation { diffuse: Some(image), ..Variation::default() };
-    land.phong.variations = vec![Arc::new(variation)];
+    land.layers[0].phong.variations = vec![Arc::new(variation)];
     for film in land.drawn() {
         let (left, right) = (mean(&film, |x| x < 15), mean(&film, |x| x > 16));
         // u runs with x, which runs to the right; y and the picture's up are apart by the thousandth of the eye.
@@ -251,7 +268,7 @@ fn images_and_noise_vary_over_the_ground() {
         specular: [[1.0; 3]; 2],
         shininess: [1.0; 2],
     };
-    land.phong.variations = vec![Arc::new(Variation { noise: Some(colours), ..Variation::default() })];
+    land.layers[0].phong.variations = vec![Arc::new(Variation { noise: Some(colours), ..Variation::default() })];
     let [drawn, traced] = land.drawn();
     // Red over blue is the ramp itself, whatever the light: its parameter at each pixel.
     let ramp = |film: &Film| -> Vec<f32> { film.pixels.iter().map(|p| p[0] / p[2].max(1e-6)).collect() };
@@ -262,7 +279,7 @@ fn images_and_noise_vary_over_the_ground() {
     assert!(off < 0.03 && spread > 0.1, "{off} {spread}");
     // In the world, metres: cells half as many.
     let world = PhongNoise { space: NoiseSpace::World, noise: Noise { frequency: DVec3::new(0.9, 0.0, 0.9), ..noise }, ..colours };
-    land.phong.variations = vec![Arc::new(Variation { noise: Some(world), ..Variation::default() })];
+    land.layers[0].phong.variations = vec![Arc::new(Variation { noise: Some(world), ..Variation::default() })];
     let [drawn, traced] = land.drawn();
     let off = ramp(&drawn).iter().zip(ramp(&traced)).map(|(a, b)| (a - b).abs()).sum::<f32>() / a.len() as f32;
     assert!(off < 0.03, "{off}");

@@ -62,6 +62,38 @@ fn a_texel_is_no_landscape_and_says_so() {
     assert!(!folder.path().join("a.png").exists());
 }
 
+/// One file for all: the texel's bytes in a buffer of the landscape.
+#[test]
+fn a_texel_in_a_buffer_view_is_rendered_as_one_in_a_file() {
+    let folder = land();
+    let dir = folder.path();
+    let (code, _, errors) = vtex(dir, "render land.gltf --camera far --size 48x27 -o file.png");
+    assert_eq!(code, 0, "{errors}");
+    let mut land: serde_json::Value = serde_json::from_slice(&std::fs::read(dir.join("land.gltf")).unwrap()).unwrap();
+    let frame = "/extensions/VTEX_volumetric_texture/texels/0/frames/0";
+    let uri = land.pointer(frame).unwrap()["uri"].as_str().unwrap().to_owned();
+    let length = std::fs::metadata(dir.join(&uri)).unwrap().len();
+    let mut push = |list: &str, value: serde_json::Value| {
+        let list = land[list].as_array_mut().unwrap();
+        list.push(value);
+        list.len() - 1
+    };
+    let buffer = push("buffers", serde_json::json!({"uri": "texel.bin", "byteLength": length}));
+    let view = push("bufferViews", serde_json::json!({"buffer": buffer, "byteLength": length}));
+    *land.pointer_mut(frame).unwrap() = serde_json::json!({"bufferView": view});
+    std::fs::rename(dir.join(&uri), dir.join("texel.bin")).unwrap();
+    std::fs::write(dir.join("land.gltf"), land.to_string()).unwrap();
+    let (code, _, errors) = vtex(dir, "render land.gltf --camera far --size 48x27 -o view.png");
+    assert_eq!(code, 0, "{errors}");
+    assert_eq!(std::fs::read(dir.join("file.png")).unwrap(), std::fs::read(dir.join("view.png")).unwrap());
+    // What is broken in it is told with its place.
+    let mut bytes = std::fs::read(dir.join("texel.bin")).unwrap();
+    bytes[0] ^= 1;
+    std::fs::write(dir.join("texel.bin"), bytes).unwrap();
+    let (code, _, errors) = vtex(dir, "render land.gltf --camera far --size 48x27 -o broken.png");
+    assert!(code == 1 && errors.contains(&format!("bufferViews[{view}]")) && !dir.join("broken.png").exists(), "{errors}");
+}
+
 #[test]
 fn statistics_are_json_and_count_no_byte_twice() {
     let folder = land();

@@ -2,7 +2,7 @@
 
 use std::fs::File;
 use std::path::{Path, PathBuf};
-use std::sync::OnceLock;
+use std::sync::{Arc, OnceLock};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use super::codes;
@@ -21,6 +21,27 @@ use crate::{Error, Result, Warnings, par};
 /// Decoded bytes of a node: its voxel and its child mask; and of what it shows of materials.
 const NODE_BYTES: u64 = size_of::<Voxel>() as u64 + 1;
 const MIX_BYTES: u64 = size_of::<Mix>() as u64;
+
+/// Where a texel's bytes are.
+enum Bytes {
+    File(File),
+    /// Part of another file, read already.
+    Memory(Arc<[u8]>),
+}
+
+impl Bytes {
+    /// Fill `bytes` from `offset` on.
+    fn read_at(&self, bytes: &mut [u8], offset: u64) -> Result<(), Broken> {
+        let all = match self {
+            Bytes::File(file) => return read_at(file, bytes, offset),
+            Bytes::Memory(all) => all,
+        };
+        let part = usize::try_from(offset).ok().and_then(|from| all.get(from..from.checked_add(bytes.len())?));
+        let what = || Broken { code: codes::FILE_LENGTH, offset, what: "it ends before".into() };
+        bytes.copy_from_slice(part.ok_or_else(what)?);
+        Ok(())
+    }
+}
 
 /// Fill `bytes` from `offset` on. The file is read and not mapped: a file that is cut short meanwhile is an error then, and
 /// not a signal that ends the program; and what was checked cannot change.
@@ -57,7 +78,7 @@ struct Index {
 /// An open file. Cheap to open whatever the file's size; may be used by any number of threads.
 pub struct Reader {
     path: PathBuf,
-    file: File,
+    bytes: Bytes,
     file_bytes: u64,
     head: Head,
     /// Made when the first page is decoded: its tables take longer than all else of opening a file.
@@ -75,7 +96,21 @@ pub struct Reader {
 impl Reader {
     /// Read and check the head. Errors: [`Error::Io`], [`Error::Format`], or [`Error::Limit`] where not even the root fits.
     pub fn open(path: impl AsRef<Path>, limits: &Limits) -> Result<Reader> {
-        let reader = Reader::open_prefix(path.as_ref(), limits)?;
+        Reader::open_prefix(path.as_ref(), limits)?.whole()
+    }
+
+    /// The same of bytes in memory; `name` stands for their path in messages.
+    ///
+    /// # Errors
+    /// As [`Reader::open`].
+    pub fn of_bytes(name: impl Into<PathBuf>, bytes: Arc<[u8]>, limits: &Limits) -> Result<Reader> {
+        let length = bytes.len() as u64;
+        Reader::of(name.into(), Bytes::Memory(bytes), length, limits)?.whole()
+    }
+
+    /// This, if nothing is missing of it.
+    fn whole(self) -> Result<Reader> {
+        let reader = self;
         let (have, want) = (reader.file_bytes, reader.head.header.file_length);
         let whole = reader.head.depths.iter().filter(|d| d.block_end <= have).count();
         let advice = match whole {
@@ -86,7 +121,7 @@ impl Reader {
         require(have == want, codes::FILE_LENGTH, have.min(want), || {
             format!("it has {have} bytes where its header says {want}; {advice}")
         })
-        .map_err(|b| b.at(path.as_ref()))?;
+        .map_err(|b| b.at(&reader.path))?;
         Ok(reader)
     }
 
@@ -94,20 +129,24 @@ impl Reader {
     pub(super) fn open_prefix(path: &Path, limits: &Limits) -> Result<Reader> {
         let file = open_file(path)?;
         let file_bytes = file.metadata().map_err(|e| Error::io(path, e))?.len();
-        let fail = |b: Broken| b.at(path);
+        Reader::of(path.to_path_buf(), Bytes::File(file), file_bytes, limits)
+    }
+
+    fn of(path: PathBuf, source: Bytes, file_bytes: u64, limits: &Limits) -> Result<Reader> {
+        let fail = |b: Broken| b.at(&path);
         if file_bytes < HEADER_LEN as u64 {
             let what = format!("it has only {file_bytes} bytes");
             return Err(fail(Broken { code: codes::MAGIC, offset: 0, what }));
         }
         let mut start = [0; HEADER_LEN];
-        read_at(&file, &mut start, 0).map_err(fail)?;
+        source.read_at(&mut start, 0).map_err(fail)?;
         let length = Head::length(&start).map_err(fail)?;
         if file_bytes < length as u64 {
             let what = format!("it is cut short after {file_bytes} bytes, within its head");
             return Err(fail(Broken { code: codes::FILE_LENGTH, offset: file_bytes, what }));
         }
         let mut bytes = vec![0; length];
-        read_at(&file, &mut bytes, 0).map_err(fail)?;
+        source.read_at(&mut bytes, 0).map_err(fail)?;
         let head = Head::parse(&bytes).map_err(fail)?;
 
         let material = head.streams.iter().position(|s| s.channel() == Some(Channel::Material));
@@ -132,7 +171,6 @@ impl Reader {
             .filter(|&s| head.streams[s].channel().is_some_and(|c| c != Channel::Material))
             .collect();
         Ok(Reader {
-            path: path.to_path_buf(),
             indices: head.sections.iter().map(|_| OnceLock::new()).collect(),
             bytes_read: AtomicU64::new(length as u64),
             quantiser: OnceLock::new(),
@@ -140,7 +178,8 @@ impl Reader {
             material,
             depths,
             head,
-            file,
+            path,
+            bytes: source,
             file_bytes,
         })
     }
@@ -219,7 +258,7 @@ impl Reader {
         let end = offset.checked_add(length).filter(|&end| end <= self.file_bytes);
         require(end.is_some(), codes::FILE_LENGTH, offset, || "a section ends behind the file".into())?;
         let mut bytes = vec![0; length as usize];
-        read_at(&self.file, &mut bytes, offset)?;
+        self.bytes.read_at(&mut bytes, offset)?;
         Ok(bytes)
     }
 

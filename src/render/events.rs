@@ -18,6 +18,7 @@ use crate::volume::Voxel;
 /// Matter that stops part of the light, at a distance along the ray.
 #[derive(Clone, Copy)]
 pub struct Event {
+    /// Where it is composited: its distance, less what [`lead_of`] says.
     pub t: f64,
     /// The share of the light reaching it that it stops; after [`composite`], the share of the whole cone's light.
     pub alpha: f32,
@@ -54,6 +55,12 @@ impl Event {
     }
 }
 
+/// How far before what is in the same place a layer is composited that lies over `rank` others, in widths of what is seen: so that
+/// it is before them, and behind what is a whole width nearer.
+pub fn lead_of(rank: u32) -> f64 {
+    1.0 - (-f64::from(rank)).exp2()
+}
+
 /// Bring events into order of distance, as they mostly are already.
 pub fn sort(events: &mut [Event]) {
     if !events.is_sorted_by(|a, b| a.t <= b.t) {
@@ -87,6 +94,8 @@ pub struct Recorder<'a> {
     /// Share of the march's light that has not been stopped.
     pub transmittance: f32,
     pub copy: u32,
+    /// How much of the ray's t a voxel as wide as the cube would lead by, see [`lead_of`].
+    pub lead: f64,
     /// The ray's t where it enters the copy.
     pub t0: f64,
 }
@@ -97,7 +106,8 @@ impl Sink for Recorder<'_> {
         self.transmittance -= hit.weight;
         let VoxelHit { t, voxel, depth, rank, position, .. } = *hit;
         let origin = EventOrigin::Voxel { copy: self.copy, voxel: *voxel, depth, rank, t, position };
-        self.events.push(Event { t: self.t0 + f64::from(t), alpha, origin });
+        let lead = self.lead * (-f64::from(depth)).exp2();
+        self.events.push(Event { t: self.t0 + f64::from(t) - lead, alpha, origin });
     }
 }
 

@@ -17,6 +17,8 @@ pub struct TexelLayer {
     pub jitter: Option<JitterNoise>,
     /// Cells that a copy reaches beyond its own, along each axis.
     pub reach: [i64; 3],
+    /// How many layers' groups of the shell it lies over, see [`Layer::over`].
+    pub rank: u32,
 }
 
 /// A texel that a cell may hold.
@@ -84,7 +86,7 @@ impl TexelLayer {
     /// `choices`: at least one.
     pub fn new(layer: Layer, choices: Vec<TexelChoice>) -> TexelLayer {
         let jitter = layer.continuous.as_ref().map(JitterNoise::new);
-        let mut made = TexelLayer { layer, choices, jitter, reach: [0; 3] };
+        let mut made = TexelLayer { layer, choices, jitter, reach: [0; 3], rank: 0 };
         made.reach = made.reach();
         made
     }

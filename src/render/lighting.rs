@@ -5,6 +5,7 @@
 
 use std::f32::consts::FRAC_1_PI;
 
+use super::cells::CopyHit;
 use super::cards::{LitPlace, MOST_LIT, openness};
 use super::events::{Event, EventOrigin};
 use super::mesh::{Contact, Surface};
@@ -63,10 +64,11 @@ impl Tracer<'_> {
         let Some(texel) = &self.world.texels[segment.hit.texel] else { return };
         // It was read when it was traced.
         let Some(source) = texel.source_lod(0.0, state.lod_dither) else { return };
-        let width = state.cone.width_at(event.t);
+        let t = segment.hit.t0 + contact.t;
+        let width = state.cone.width_at(t);
         let copy = CopyRay { ray: segment.hit.ray(), t0: segment.hit.t0, to_texel: segment.to_texel };
         let surface = source.surface(&state.cone.ray, &copy, &contact, width * segment.scale);
-        let surface = surface.shown(&self.look(&segment, &state.cone.ray, event.t, width));
+        let surface = surface.shown(&self.look(&segment, &state.cone.ray, t, width));
         let start = SelfHit { triangle: contact.triangle, copy: Some((segment.hit.texel, segment.hit.cell)) };
         self.shade_surface(state, &surface, Seen { start, width, weight: event.alpha, places: &[] });
     }
@@ -120,7 +122,8 @@ impl Tracer<'_> {
         let segment = self.lists.copies[copy];
         let hit = segment.hit;
         let weight: f32 = events.iter().map(|e| e.alpha).sum();
-        let mean: f64 = events.iter().map(|e| f64::from(e.alpha) * e.t).sum::<f64>() / f64::from(weight);
+        let mean: f64 =
+            events.iter().map(|e| f64::from(e.alpha) * distance(&hit, e)).sum::<f64>() / f64::from(weight);
         if !mean.is_finite() {
             return;
         }
@@ -146,7 +149,8 @@ impl Tracer<'_> {
             if let EventOrigin::Voxel { voxel, depth, rank, t, position, .. } = &event.origin {
                 let (t, depth, rank, position) = (*t, *depth, *rank, *position);
                 if hit.phong != 0 {
-                    shader.look = self.look(&segment, &cone.ray, event.t, cone.width_at(event.t));
+                    let t = hit.t0 + f64::from(t);
+                    shader.look = self.look(&segment, &cone.ray, t, cone.width_at(t));
                 }
                 shader.voxel(&VoxelHit { t, weight: event.alpha, depth, voxel, rank, position });
             }
@@ -225,6 +229,15 @@ impl Tracer<'_> {
             ShadowQuality { choice, stop_below: FAINT, source_geometry: true },
             &mut self.counts,
         )
+    }
+}
+
+/// Distance of an event of a copy, whatever it is composited over.
+fn distance(hit: &CopyHit, event: &Event) -> f64 {
+    match event.origin {
+        EventOrigin::Voxel { t, .. } => hit.t0 + f64::from(t),
+        EventOrigin::Source { contact, .. } => hit.t0 + contact.t,
+        EventOrigin::BlendedSurface(_) => event.t,
     }
 }
 

@@ -279,10 +279,27 @@ impl Mesh {
         width_at: impl Fn(f64) -> f64,
         blended: &mut Vec<Contact>,
     ) -> Option<Contact> {
+        self.nearest_scaled(model, ray, (t1, 1.0), width_at, blended)
+    }
+
+    /// The same, of facets with their opacity scaled: see [`scaled_alpha`].
+    pub fn nearest_scaled(
+        &self,
+        model: &Model,
+        ray: &Ray,
+        (t1, opacity_scale): (f64, f32),
+        width_at: impl Fn(f64) -> f64,
+        blended: &mut Vec<Contact>,
+    ) -> Option<Contact> {
         let mut found = None;
         let shear = Shear::new(ray.dir);
+        let contact = |i: u32, t1: f64| {
+            let contact = self.contact(model, &shear, ray, i, (0.0, t1), None, &width_at)?;
+            let alpha = scaled_alpha(contact.alpha, opacity_scale);
+            (alpha > 0.0).then_some(Contact { alpha, ..contact })
+        };
         let end =
-            self.bvh.nearest(ray, t1, |i, t1| match self.contact(model, &shear, ray, i, (0.0, t1), None, &width_at) {
+            self.bvh.nearest(ray, t1, |i, t1| match contact(i, t1) {
                 Some(contact) if contact.alpha >= 1.0 => {
                     found = Some(contact);
                     contact.t
@@ -299,7 +316,22 @@ impl Mesh {
 
     /// The share of light that comes through from `ray`'s origin up to t1; `skip` is the triangle that it starts on.
     pub fn transmittance(&self, model: &Model, ray: &Ray, t1: f64, skip: Option<u32>, width: f64) -> f32 {
-        let each = |i: u32, shear: &Shear, t1: f64| self.contact(model, shear, ray, i, (1e-9, t1), skip, &|_| width);
+        self.transmittance_scaled(model, ray, (t1, 1.0), skip, width)
+    }
+
+    /// The same, of facets with their opacity scaled: see [`scaled_alpha`].
+    pub fn transmittance_scaled(
+        &self,
+        model: &Model,
+        ray: &Ray,
+        (t1, opacity_scale): (f64, f32),
+        skip: Option<u32>,
+        width: f64,
+    ) -> f32 {
+        let each = |i: u32, shear: &Shear, t1: f64| {
+            let contact = self.contact(model, shear, ray, i, (1e-9, t1), skip, &|_| width)?;
+            Some(Contact { alpha: scaled_alpha(contact.alpha, opacity_scale), ..contact })
+        };
         through(&self.bvh, ray, t1, each).0
     }
 
@@ -493,6 +525,12 @@ impl Mesh {
         }
         Place { point, lifted, normal }
     }
+}
+
+/// The alpha of a facet whose layer's rates are multiplied by `scale`. Below 1, that share of the facets is there, which
+/// multiplies the rate of hits exactly; above, the optical depth is multiplied, of which an opaque facet has enough.
+fn scaled_alpha(alpha: f32, scale: f32) -> f32 {
+    if scale <= 1.0 { alpha * scale } else { 1.0 - (1.0 - alpha).powf(scale) }
 }
 
 /// The share of light that comes through along `ray` up to t1, where `contact` tells what it meets of an item, and how much

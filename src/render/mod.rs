@@ -72,6 +72,7 @@ use glam::Vec4;
 use crate::geom::Vec3;
 use crate::progress::Progress;
 use crate::scene::Scene;
+use crate::scene::shell::TexelRef;
 use crate::volume::octree::Pages;
 use crate::volume::palette::Restyled;
 use crate::volume::{Octree, Palette, Volume};
@@ -206,7 +207,7 @@ impl Opened {
             let store = match (&texel.memory, texel.frames.first()) {
                 _ if !used => None,
                 (Some(volume), _) => Some(Store::Memory(Arc::clone(volume))),
-                (None, Some(path)) => Some(Store::File(opened.file(path, texel.content_id)?)),
+                (None, Some(path)) => Some(Store::File(opened.file(path, texel)?)),
                 (None, None) => None,
             };
             opened.texels.push(store.map(|store| (store, texel.palette.clone())));
@@ -214,13 +215,17 @@ impl Opened {
         Ok(opened)
     }
 
-    /// The reader of a file; a texel in several colours is one file.
-    fn file(&mut self, path: &Path, content_id: Option<[u8; 16]>) -> Result<Arc<Reader>> {
+    /// The reader of a texel's first frame, which is at `path`; a texel in several colours is one file.
+    fn file(&mut self, path: &Path, texel: &TexelRef) -> Result<Arc<Reader>> {
         if let Some(known) = self.readers().find(|reader| reader.path() == path) {
             return Ok(Arc::clone(known));
         }
-        let reader = Reader::open(path, &Limits::default())?;
-        if content_id.is_some_and(|id| id != reader.head().content_id()) {
+        let limits = Limits::default();
+        let reader = match &texel.bytes {
+            Some(bytes) => Reader::of_bytes(path, Arc::clone(bytes), &limits)?,
+            None => Reader::open(path, &limits)?,
+        };
+        if texel.content_id.is_some_and(|id| id != reader.head().content_id()) {
             let path = path.display();
             self.warnings.add(format!("{path}: is not the texel that the landscape was made for (contentId)"));
         }

@@ -8,7 +8,7 @@
 
 use super::bvh::{Pending, Sweep};
 use super::camera::Cone;
-use super::events::{Event, EventLists, EventOrigin, Recorder, composite, sort};
+use super::events::{Event, EventLists, EventOrigin, Recorder, composite, lead_of, sort};
 use super::lane::{FineRays, Lane};
 use super::mesh::Contact;
 use super::options::Options;
@@ -206,7 +206,10 @@ impl<'w> Tracer<'w> {
             let Some(Some(texel)) = world.texels.get(segment.hit.texel) else { return true };
             let mid_width = segment.march.footprint + 0.5 * segment.march.growth * segment.march.length;
             transmittance = match texel.source_lod(mid_width, state.lod_dither) {
-                Some(source) => self.trace_source(source, segment, transmittance),
+                Some(source) => {
+                    let width = cone.width_at(0.5 * (segment.hit.t0 + segment.hit.t1));
+                    self.trace_source(source, segment, width, transmittance)
+                }
                 None => self.march_voxels(texel, segment, state.lod_dither, transmittance),
             };
             transmittance > 0.0
@@ -214,20 +217,25 @@ impl<'w> Tracer<'w> {
     }
 
     /// Record the triangles of a copy's source as events; returns the transmittance after them.
-    fn trace_source(&mut self, source: &SourceMesh, segment: &CopySegment, before: f32) -> f32 {
+    /// It sees them `mid_width` wide, in units of length.
+    fn trace_source(&mut self, source: &SourceMesh, segment: &CopySegment, mid_width: f64, before: f32) -> f32 {
         let CopySegment { hit, march, .. } = segment;
         self.counts.near_copies += 1;
         self.uses_source_geometry = true;
         self.contacts.clear();
         let width = |t: f64| f64::from(march.footprint + march.growth * t as f32);
-        let last = source.mesh.nearest(&source.model, &hit.ray(), hit.t1 - hit.t0, width, &mut self.contacts);
+        let end = (hit.t1 - hit.t0, march.opacity_scale);
+        let last = source.mesh.nearest_scaled(&source.model, &hit.ray(), end, width, &mut self.contacts);
         self.contacts.extend(last);
         let copy = self.lists.copies.len() as u32;
+        // Facets of two layers in one place are apart by rounding alone.
+        let lead = lead_of(segment.rank) * mid_width;
         let mut after = before;
         for &contact in &self.contacts {
             after *= 1.0 - contact.alpha;
             let origin = EventOrigin::Source { copy, contact };
-            self.lists.events.push(Event { t: hit.t0 + contact.t, alpha: contact.alpha, origin });
+            let t = hit.t0 + contact.t - lead;
+            self.lists.events.push(Event { t, alpha: contact.alpha, origin });
         }
         if !self.contacts.is_empty() {
             self.lists.copies.push(*segment);
@@ -245,7 +253,8 @@ impl<'w> Tracer<'w> {
         let EventLists { events, copies, .. } = &mut self.lists;
         let (first, copy) = (events.len(), copies.len() as u32);
         let choice = DepthChoice { bias: self.options.depth_bias as f32, lod_dither, finest: texel.finest };
-        let mut recorder = Recorder { events, transmittance: before, copy, t0: segment.hit.t0 };
+        let lead = lead_of(segment.rank) / f64::from(segment.march.dir.length());
+        let mut recorder = Recorder { events, transmittance: before, copy, t0: segment.hit.t0, lead };
         let after = march(&texel.tree, &segment.march, choice, before, &mut recorder, &mut self.counts.march);
         let recorded = &events[first..];
         if let Some(trace) = &mut self.trace {

@@ -418,11 +418,16 @@ pub fn layers_in<'i>(
     range: ([f64; 2], f64),
     info: &dyn Fn(usize) -> Option<&'i Info>,
 ) -> Result<Vec<TexelLayer>> {
+    let ranks = shell.layers.iter().scan(0, |rank, layer| {
+        *rank += u32::from(layer.over);
+        Some(*rank)
+    });
     shell
         .layers
         .iter()
-        .filter(|layer| range_of(layer) == range)
-        .map(|layer| {
+        .zip(ranks)
+        .filter(|(layer, _)| range_of(layer) == range)
+        .map(|(layer, rank)| {
             let listed = layer.discrete.iter().flat_map(|d| &d.variants);
             let mut variants: Vec<Variant> = listed.filter(|v| v.weight > 0.0).cloned().collect();
             if variants.is_empty() {
@@ -446,7 +451,7 @@ pub fn layers_in<'i>(
                     Ok(TexelChoice { texel, frames, cycle, cumulative, content, tint, phong })
                 })
                 .collect::<Result<Vec<_>>>()?;
-            Ok(TexelLayer::new(layer.clone(), choices))
+            Ok(TexelLayer { rank, ..TexelLayer::new(layer.clone(), choices) })
         })
         .collect()
 }

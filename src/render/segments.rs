@@ -31,6 +31,8 @@ pub struct CopySegment {
     pub to_texel: DMat3,
     /// Cube edges per unit of length across the ray.
     pub scale: f64,
+    /// See [`TexelLayer::rank`].
+    pub rank: u32,
     /// Where what it makes of surfaces varies.
     pub coords: Option<SurfaceCoords>,
 }
@@ -55,7 +57,7 @@ pub fn for_each_segment(
     let Some(shell) = world.boxes.get(index as usize) else {
         let Some(copy) = world.copy(index) else { return true };
         let matrix = copy.to_texel.matrix3;
-        let cell = CellSpace { to_cell: matrix, scale: scale_across(&matrix, ray.dir), opacity_scale: 1.0 };
+        let cell = CellSpace { to_cell: matrix, scale: scale_across(&matrix, ray.dir), opacity_scale: 1.0, rank: 0 };
         let hit = copy.hit(ray, t0, t1);
         let coords = || SurfaceCoords::of_copy(&hit, cell.scale);
         return cell.segment(world, hit, width_at, &coords).is_none_or(|s| each(&s));
@@ -84,13 +86,15 @@ struct CellSpace {
     /// Cells per unit of length across the ray.
     scale: f64,
     opacity_scale: f32,
+    rank: u32,
 }
 
 impl CellSpace {
     /// The space of a layer along a chord in its coordinates; `dir` is the ray's.
     fn of(layer: &TexelLayer, chord: &ShellSegment, dir: DVec3) -> CellSpace {
         let opacity_scale = layer.layer.opacity_scale as f32;
-        CellSpace { to_cell: chord.to_texel, scale: scale_across(&chord.to_texel, dir), opacity_scale }
+        let (to_cell, rank) = (chord.to_texel, layer.rank);
+        CellSpace { to_cell, scale: scale_across(&to_cell, dir), opacity_scale, rank }
     }
 
     /// A copy's segment, ready to be marched; `None` where it passes by the texel's content.
@@ -117,7 +121,8 @@ impl CellSpace {
             opacity_scale: self.opacity_scale,
         };
         let coords = world.phongs.varies(hit.phong).then(coords);
-        Some(CopySegment { hit, march, to_texel: hit.linear * self.to_cell, scale, coords })
+        let (to_texel, rank) = (hit.linear * self.to_cell, self.rank);
+        Some(CopySegment { hit, march, to_texel, scale, rank, coords })
     }
 }
 

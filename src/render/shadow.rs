@@ -154,8 +154,8 @@ impl ShadowCone {
         if let Some(source) = quality.source_geometry.then(near).flatten() {
             counts.near_copies += 1;
             let skip = SelfHit::source_triangle(self.start, hit);
-            let (end, width) = (hit.t1 - hit.t0, f64::from(mid_width));
-            return source.mesh.transmittance(&source.model, &hit.ray(), end, skip, width);
+            let (end, width) = ((hit.t1 - hit.t0, march.opacity_scale), f64::from(mid_width));
+            return source.mesh.transmittance_scaled(&source.model, &hit.ray(), end, skip, width);
         }
         let choice = DepthChoice { finest: texel.finest, ..quality.choice };
         let stop_below = quality.stop_below / through;

@@ -205,6 +205,38 @@ fn overlapping_boxes_interleave() {
     assert!((r / (r + b) - 0.5).abs() < 1e-5, "{r} {b}");
 }
 
+/// Of twins in one place, the upper is seen first and the lower through it, voxel by voxel.
+#[test]
+fn upper_layers_are_composited_over_lower_ones() {
+    let tree = || vec![Some(texel(5, grey(0.0625), |_| true))];
+    let seen = |over: [bool; 3]| {
+        let mut material = shell(1.0, false);
+        let one = material.shell.clone().unwrap();
+        let tint = |k: usize| Phong::tint([0, 1, 2].map(|c| f64::from(u8::from(c == k))));
+        let layers = (0..3).map(|k| Layer { phong: tint(k), over: over[k], ..Layer::default() }).collect();
+        material.shell = Some(Arc::new(ShellMaterial { layers, ..(*one).clone() }));
+        let all = dark(scene(vec![square(9.0, 9.0, 0)], vec![material], vec![DAffine3::IDENTITY]));
+        // So narrow that the finest voxels are read, 32 one after the other.
+        let camera = CameraChoice::LookAt {
+            eye: DVec3::new(0.1, 5.0, 0.1),
+            target: DVec3::new(0.1, 0.0, 0.1001),
+            yfov: 0.001,
+        };
+        shot(&all, tree(), &Options { sky: Some([1.0; 3].into()), camera, ..looking(DVec3::Y, DVec3::ZERO, 1) }).pixels[0]
+    };
+    // What one voxel lets through.
+    let through = (-0.0625f32).exp();
+    let near = |a: f32, b: f32| (a / b - 1.0).abs() < 1e-3;
+    let [r, g, b, alpha] = seen([false; 3]);
+    assert!(near(r, g) && near(g, b), "{r} {g} {b}");
+    let [r, g, b, a] = seen([false, true, true]);
+    assert!(near(a, alpha) && near(r / g, through) && near(g / b, through), "{r} {g} {b} {a}");
+    // The last is mixed with the second, and both are over the first.
+    let [r, g, b, a] = seen([false, true, false]);
+    let share = 0.5 * (1.0 - through * through);
+    assert!(near(a, alpha) && near(g, b) && near(r / g, through * through * (1.0 - through) / share), "{r} {g} {b} {a}");
+}
+
 /// A layer fills its part of the skin: what is above hides what is below, and a part is a thinner shell that starts higher.
 #[test]
 fn layers_are_stacked_by_their_skin_ranges() {

@@ -27,6 +27,8 @@ pub struct TexelRef {
     pub palette: Palette,
     /// What the file says of each of its frames; none where it says nothing.
     pub facts: Vec<FrameFacts>,
+    /// Bytes of the first frame's file, where it stands in the landscape itself; its path then names the place there.
+    pub bytes: Option<Arc<[u8]>>,
     /// How its `geometry` stands in the frame that this is; `None`: at rest.
     pub pose: Option<Pose>,
     /// Frames that stand behind this one in the scene's list and belong to it: a copy shows one of them all, by `cycle`.
@@ -49,6 +51,8 @@ impl TexelRef {
 pub struct FrameFacts {
     /// Content identifier of its file, if the landscape was made for that alone.
     pub content_id: Option<[u8; 16]>,
+    /// Its file, where that stands in the landscape itself.
+    pub bytes: Option<Arc<[u8]>>,
     /// How the texel's `geometry` stood when it was baked.
     pub pose: Option<Pose>,
 }
@@ -135,6 +139,9 @@ pub struct Layer {
     pub skin_range: [f64; 2],
     /// Multiplies the rates, ≥ 0.
     pub opacity_scale: f64,
+    /// Whether it is composited over the layers before it where matter of both is in one place; else it is mixed with the layer
+    /// before it, and is over what that is over.
+    pub over: bool,
     /// What it makes of the texel's surfaces.
     pub phong: Phong,
     /// Variation per cell; `None` where all cells are alike.
@@ -153,6 +160,7 @@ impl Default for Layer {
             scale: [1.0; 3],
             skin_range: [0.0, 1.0],
             opacity_scale: 1.0,
+            over: false,
             phong: Phong::default(),
             discrete: None,
             continuous: None,

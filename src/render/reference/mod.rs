@@ -88,9 +88,6 @@ pub fn reference_with(
         progress.stage("prepare", 0);
         let mut world = World::new(scene, texels, options)?;
         let prepared = Instant::now();
-        let scaled = scene.model.materials.iter().filter_map(|m| m.shell.as_deref());
-        let scaled = scaled.flat_map(|shell| &shell.layers).filter(|layer| layer.opacity_scale != 1.0).count();
-        world.warnings.add_many("a layer's opacityScale is left out of the reference", scaled as u64);
         let tracer = Tracer { world: &world, sources, options };
         let (film, halves, counts) = films(&tracer, samples.clone(), progress);
         let stats = Stats {

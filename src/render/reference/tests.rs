@@ -6,6 +6,7 @@ use super::*;
 use crate::geom::{Aabb, DAffine3, DMat3, DVec3};
 use crate::progress::Quiet;
 use crate::render::{Ambient, CameraChoice};
+use crate::scene::phong::Phong;
 use crate::scene::shell::{Environment, Layer, ShellMaterial};
 use crate::scene::{Alpha, Instance, Light, LightKind, Material, Model, Part, Texture, TextureRef};
 use crate::volume::{Info, Volume};
@@ -173,6 +174,38 @@ fn shells_agree_with_explicit_instances() {
         assert!(rms(&a.film, &b.film) < 2.0 * noise, "{} noise {noise}", rms(&a.film, &b.film));
         assert!((mean(&a.film) / mean(&b.film) - 1.0).abs() < 0.004, "{} {}", mean(&a.film), mean(&b.film));
     }
+}
+
+/// Two layers of the same facets: which of them is seen.
+#[test]
+fn of_facets_in_one_place_the_upper_are_seen() {
+    let options = options();
+    let opaque = || {
+        let mut model = plant();
+        model.instances.retain(|i| i.part != 2);
+        SourceMesh::new(model, &info(BOUNDS), &mut Warnings::default())
+    };
+    let drawn = |layers: Vec<Layer>| {
+        let tree = Octree::new(Volume { info: info(BOUNDS), depths: vec![] }).unwrap();
+        let material = ShellMaterial { layers, surface_visible: false, ..shell() };
+        let scene = scene(ground(Some(material)));
+        reference_with(&scene, vec![Some(tree)], &[Some(opaque())], &options, 0..8, &Quiet).unwrap().film
+    };
+    let red = Layer { phong: Phong::tint([1.0, 0.0, 0.0]), ..Layer::default() };
+    let blue = |over: bool| Layer { phong: Phong::tint([0.0, 0.0, 1.0]), over, ..Layer::default() };
+    let alone = drawn(vec![blue(true)]);
+    let over = drawn(vec![red.clone(), blue(true)]);
+    assert!(over == alone, "{}", rms(&over, &alone));
+    // Mixed: either by chance, half of the samples each.
+    let sum = |film: &Film, k: usize| film.pixels.iter().filter(|p| p[3] > 0.0).map(|p| f64::from(p[k])).sum::<f64>();
+    let (mixed, first) = (drawn(vec![red.clone(), blue(false)]), drawn(vec![red]));
+    let back = |film: &Film| -> f64 {
+        // The background's own red, in samples that meet nothing.
+        film.pixels.iter().filter(|p| p[3] > 0.0).map(|p| 0.1 * f64::from(1.0 - p[3])).sum()
+    };
+    let share = (sum(&mixed, 0) - back(&mixed)) / (sum(&first, 0) - back(&first));
+    // Some 20 000 samples: a standard deviation of .004.
+    assert!((share - 0.5).abs() < 0.02, "{share}");
 }
 
 /// Without chance, sample by sample.

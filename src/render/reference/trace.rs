@@ -30,6 +30,8 @@ struct Intersection<'a> {
     contact: Contact,
     /// Of a texel's copy; `None` for a mesh of the scene.
     copy: Option<SourceCopy<'a>>,
+    /// Of several in one place, that with the greatest is seen.
+    place: (u32, u32),
 }
 
 /// The space of a copy's cell.
@@ -39,7 +41,23 @@ struct Space<'a> {
     to_cell: &'a DMat3,
     /// Texel coordinates along the ray, in a copy.
     coords: &'a dyn Fn(&CopyHit) -> SurfaceCoords,
+    layer: LayerSpace,
 }
+
+/// What is asked of the layer that a copy is in.
+#[derive(Clone, Copy, Default)]
+struct LayerSpace {
+    /// Number of the layer in its box.
+    number: u32,
+    /// See [`crate::render::layer::TexelLayer::rank`].
+    rank: u32,
+    /// See [`crate::scene::shell::Layer::opacity_scale`].
+    opacity_scale: f32,
+}
+
+/// Facets of two layers that are as near to each other, in units of length and relative to their distance, are in one place: what
+/// rounding leaves of two ways through texel space.
+const ONE_PLACE: f64 = 1e-9;
 
 /// A copy of a texel's source, where a ray runs through it.
 struct SourceCopy<'a> {
@@ -77,25 +95,34 @@ impl<'a> Tracer<'a> {
     /// The nearest surface; one that lets a share of light through is there by that chance.
     fn nearest(&self, ray: &Ray, seed: u32, counts: &mut Counts) -> Option<Intersection<'a>> {
         let world = self.world;
-        let mut best = solid(&world.mesh, &world.scene.model, ray, f64::INFINITY, seed).map(|contact| Intersection {
+        let mut best = solid(&world.mesh, &world.scene.model, ray, (f64::INFINITY, 1.0), seed).map(|contact| Intersection {
             t: contact.t,
             contact,
             copy: None,
+            place: (u32::MAX, u32::MAX),
         });
         let limit = best.as_ref().map_or(f64::INFINITY, |met| met.t);
         world.shells.nearest(ray, limit, |index, limit| {
             let mut end = limit;
             let world_ray = ray;
-            self.copies(index, ray, limit, counts, &mut |hit, Space { to_cell, coords }| {
-                if hit.t0 >= end {
+            let reach = |end: f64| end + ONE_PLACE * (1.0 + end);
+            self.copies(index, ray, reach(limit), counts, &mut |hit, Space { to_cell, coords, layer }| {
+                if hit.t0 >= reach(end) {
                     return false;
                 }
                 let Some(Some(source)) = self.sources.get(hit.texel) else { return true };
                 let ray = hit.ray();
                 let seed = seed ^ hash(hit.cell[0] as u32 ^ hash(hit.cell[1] as u32 ^ hash(hit.cell[2] as u32)));
-                let until = hit.t1.min(end) - hit.t0;
+                let until = (hit.t1.min(reach(end)) - hit.t0, layer.opacity_scale);
                 let Some(contact) = solid(&source.mesh, &source.model, &ray, until, seed) else { return true };
-                end = hit.t0 + contact.t;
+                let t = hit.t0 + contact.t;
+                // Of what is in one place the upper layer is seen, and by chance any one of those that are mixed.
+                let place = (layer.rank, hash(seed ^ hash(layer.number)));
+                let other = best.as_ref().filter(|best| reach(t) >= best.t && best.place != place);
+                if other.map_or(t >= end, |best| place < best.place) {
+                    return true;
+                }
+                end = t;
                 let copy = SourceCopy {
                     source,
                     texel: hit.texel,
@@ -103,7 +130,7 @@ impl<'a> Tracer<'a> {
                     ray: CopyRay { ray, t0: hit.t0, to_texel: hit.linear * *to_cell },
                     look: world.look(hit, Some(&coords(hit)), world_ray, (end, 0.0)),
                 };
-                best = Some(Intersection { t: end, contact, copy: Some(copy) });
+                best = Some(Intersection { t: end, contact, copy: Some(copy), place });
                 // Copies that reach over others' cells may overlap this one, and begin before `end`.
                 true
             });
@@ -127,18 +154,21 @@ impl<'a> Tracer<'a> {
             if let Some((copy, (from, to))) = copy.and_then(|copy| Some((copy, copy.span(ray, t1)?))) {
                 counts.boxes += 1;
                 let coords = |hit: &CopyHit| SurfaceCoords::of_copy(hit, 0.0);
-                each(&copy.hit(ray, from, to), Space { to_cell: &copy.to_texel.matrix3, coords: &coords });
+                let layer = LayerSpace { opacity_scale: 1.0, ..LayerSpace::default() };
+                each(&copy.hit(ray, from, to), Space { to_cell: &copy.to_texel.matrix3, coords: &coords, layer });
             }
             return;
         };
         let tolerance = |_: f64, _: &DMat3| STRAY;
         shell.spans(ray, 0.0, t1, |from, to| {
             counts.boxes += 1;
-            for layer in self.world.layers_of(index) {
+            for (number, layer) in (0..).zip(self.world.layers_of(index)) {
+                let opacity_scale = layer.layer.opacity_scale as f32;
+                let of_layer = LayerSpace { number, rank: layer.rank, opacity_scale };
                 shell.for_each_segment(ray, from, to, &tolerance, &mut |segment| {
                     let coords = |_: &CopyHit| SurfaceCoords::of_layer(segment, layer, 0.0);
                     layer.for_each_chord(segment, &tolerance, &mut |chord| {
-                        let space = Space { to_cell: &chord.to_texel, coords: &coords };
+                        let space = Space { to_cell: &chord.to_texel, coords: &coords, layer: of_layer };
                         layer.for_each_copy(chord, &mut |hit| each(hit, space))
                     })
                 });
@@ -205,14 +235,15 @@ impl<'a> Tracer<'a> {
             return 0.0;
         }
         world.shells.nearest(&ray, distance, |index, t1| {
-            self.copies(index, &ray, t1, counts, &mut |hit, _| {
+            self.copies(index, &ray, t1, counts, &mut |hit, Space { layer, .. }| {
                 if through <= 0.0 {
                     return false;
                 }
                 let Some(Some(source)) = self.sources.get(hit.texel) else { return true };
                 let ray = hit.ray();
                 let skip = SelfHit::source_triangle(start, hit);
-                through *= source.mesh.transmittance(&source.model, &ray, hit.t1 - hit.t0, skip, 0.0);
+                let end = (hit.t1 - hit.t0, layer.opacity_scale);
+                through *= source.mesh.transmittance_scaled(&source.model, &ray, end, skip, 0.0);
                 through > 0.0
             });
             if through > 0.0 { t1 } else { -1.0 }
@@ -231,10 +262,10 @@ fn within(dir: DVec3, radius: f64, [u, v]: [f64; 2]) -> DVec3 {
     (dir + libm::tan(radius) * u.sqrt() * (cos * across + sin * other)).normalize()
 }
 
-/// The nearest contact before `t1`, a contact of alpha a being there with chance a.
-fn solid(mesh: &Mesh, model: &Model, ray: &Ray, t1: f64, seed: u32) -> Option<Contact> {
+/// The nearest contact before t1, a contact of alpha a being there with chance a, where facets' opacity is scaled.
+fn solid(mesh: &Mesh, model: &Model, ray: &Ray, t1_and_scale: (f64, f32), seed: u32) -> Option<Contact> {
     let mut blended = Vec::new();
-    let opaque = mesh.nearest(model, ray, t1, |_| 0.0, &mut blended);
+    let opaque = mesh.nearest_scaled(model, ray, t1_and_scale, |_| 0.0, &mut blended);
     let there = blended.into_iter().filter(|surface| chance(surface.triangle, seed) < f64::from(surface.alpha));
     there.chain(opaque).min_by(|a, b| a.t.total_cmp(&b.t))
 }

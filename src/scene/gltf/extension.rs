@@ -65,15 +65,16 @@ fn texel(json: &Object, warnings: &mut Warnings) -> Result<TexelRef> {
     let mut paths = Vec::with_capacity(frames.len());
     let mut facts = Vec::with_capacity(frames.len());
     for frame in &frames {
-        frame.known(&["uri", "contentId", "pose"], &["bufferView"], warnings);
-        facts.push(FrameFacts { content_id: frame.content_id()?, pose: frame.pose(warnings)? });
-        if frame.json.contains_key("bufferView") && !frame.json.contains_key("uri") {
-            return Err(Error::unsupported(
-                &json.document.path,
-                format!("{}: a texel inside a buffer view (write it to a .vtex file and name that)", frame.at),
-            ));
-        }
-        paths.push(frame.path("uri")?.ok_or_else(|| frame.error("uri", "is needed"))?);
+        frame.known(&["uri", "bufferView", "contentId", "pose"], &[], warnings);
+        let (content_id, pose) = (frame.content_id()?, frame.pose(warnings)?);
+        let (path, bytes) = match (frame.path("uri")?, frame.buffer_view()?) {
+            (Some(path), None) => (path, None),
+            (None, Some((path, bytes))) => (path, Some(bytes)),
+            (None, None) => return Err(frame.error("uri", "or a bufferView is needed")),
+            (Some(_), Some(_)) => return Err(frame.error("uri", "stands beside a bufferView: one of them is enough")),
+        };
+        paths.push(path);
+        facts.push(FrameFacts { content_id, bytes, pose });
     }
     let geometry = match json.object("geometry")? {
         Some(g) => {
@@ -82,7 +83,9 @@ fn texel(json: &Object, warnings: &mut Warnings) -> Result<TexelRef> {
         }
         None => None,
     };
-    let stem = paths.first().and_then(|p| p.file_stem()).map(|s| s.to_string_lossy().into_owned());
+    let bytes = facts.first().and_then(|f| f.bytes.clone());
+    // Of one that has no file the landscape's name says nothing.
+    let stem = paths.first().filter(|_| bytes.is_none()).and_then(|p| p.file_stem()).map(|s| s.to_string_lossy().into_owned());
     Ok(TexelRef {
         memory: None,
         name: json.text("name")?.map(str::to_string).or(stem).unwrap_or_default(),
@@ -91,6 +94,7 @@ fn texel(json: &Object, warnings: &mut Warnings) -> Result<TexelRef> {
         max_depth: json.integer("maxDepth", 16)?.map(|d| d as u8),
         content_id: facts.first().and_then(|f| f.content_id),
         pose: facts.first().and_then(|f| f.pose.clone()),
+        bytes,
         facts,
         palette: Palette::default(),
         following: 0,
@@ -149,9 +153,6 @@ fn layer(json: &Object, texels: &mut Texels, ground: &mut Ground<'_>, warnings: 
     if skin_range[0] >= skin_range[1] {
         return Err(json.error("skinRange", "must be from less to more"));
     }
-    if json.choice("combine", &[("union", false), ("over", true)])? == Some(true) {
-        json.ignored("combine \"over\"", warnings);
-    }
     let (palette, phong) = styles(json, Some(ground), warnings)?;
     let cycle = cycle(json, texels, warnings)?;
     let (mut discrete, mut continuous) = (None, None);
@@ -172,6 +173,7 @@ fn layer(json: &Object, texels: &mut Texels, ground: &mut Ground<'_>, warnings: 
         scale,
         skin_range,
         opacity_scale: json.number("opacityScale", 0.0..=f64::MAX)?.unwrap_or(1.0),
+        over: json.choice("combine", &[("union", false), ("over", true)])?.unwrap_or(false),
         phong,
         discrete,
         continuous,
@@ -260,10 +262,11 @@ impl Texels {
         let of = |k: u32, following: u32| {
             let facts = own.facts.get(k as usize).cloned().unwrap_or_default();
             let frames = own.frames.get(k as usize).cloned().into_iter().collect();
-            let FrameFacts { content_id, pose } = facts;
+            let FrameFacts { content_id, bytes, pose } = facts;
             TexelRef {
                 frames,
                 content_id,
+                bytes,
                 pose,
                 following,
                 cycle,

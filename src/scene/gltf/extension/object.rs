@@ -1,6 +1,7 @@
 //! A JSON object of the extension, its properties read with their ranges checked.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use serde_json::{Map, Value};
 
@@ -164,6 +165,15 @@ impl<'a> Object<'a> {
         let index = json.as_u64().filter(|&i| i < count as u64);
         let what = format!("is not the index of one of the {count} texels of the file");
         index.map(|i| Some(i as usize)).ok_or_else(|| self.error("texel", &what))
+    }
+
+    /// The bytes of the buffer view that it names, and what to call them in messages.
+    pub fn buffer_view(&self) -> Result<Option<(PathBuf, Arc<[u8]>)>> {
+        let Some(index) = self.integer("bufferView", u32::MAX.into())? else { return Ok(None) };
+        let view = self.document.view(index as usize)?;
+        self.document.charge(view.bytes.len() as u64, &self.at)?;
+        let name = self.document.path.join(format!("bufferViews[{index}]"));
+        Ok(Some((name, view.bytes.into())))
     }
 
     /// A relative path within the file's folder, resolved.
