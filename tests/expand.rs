@@ -288,10 +288,7 @@ fn copies(plants: &Plants, windy: bool) -> Scene {
     let set = |to_world: DAffine3, shift: f32| CopySet {
         node: "plants".into(),
         to_world,
-        variants: vec![
-            Variant::alone(0),
-            Variant { phong: Phong::tint([0.5, 1.0, 0.7]), ..Variant::alone(1) },
-        ],
+        variants: vec![Variant::alone(0), Variant { phong: Phong::tint([0.5, 1.0, 0.7]), ..Variant::alone(1) }],
         translations: (0..5).map(|i| [1.0 + 1.2 * i as f32, 0.0, 1.0 + shift]).collect(),
         rotations: (0..5).map(|i| [0.0, (0.3 * i as f32).sin(), 0.1, (0.3 * i as f32).cos()]).collect(),
         scales: (0..5).map(|i| [0.6, 0.4 + 0.1 * i as f32, if i == 2 { -0.6 } else { 0.6 }]).collect(),

@@ -91,7 +91,10 @@ fn a_texel_in_a_buffer_view_is_rendered_as_one_in_a_file() {
     bytes[0] ^= 1;
     std::fs::write(dir.join("texel.bin"), bytes).unwrap();
     let (code, _, errors) = vtex(dir, "render land.gltf --camera far --size 48x27 -o broken.png");
-    assert!(code == 1 && errors.contains(&format!("bufferViews[{view}]")) && !dir.join("broken.png").exists(), "{errors}");
+    assert!(
+        code == 1 && errors.contains(&format!("bufferViews[{view}]")) && !dir.join("broken.png").exists(),
+        "{errors}"
+    );
 }
 
 #[test]

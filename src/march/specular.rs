@@ -57,7 +57,8 @@ impl SeenFacets<'_> {
         // Variances on the sphere: of the normals, about twice one axis's; of the lobe along one axis 1 / s.
         let spread = (1.0 - middle.length_squared()) * 0.5 * gloss.shininess / EVEN;
         let share = 1.0 / (1.0 + spread * spread);
-        let spread_out = if share > 0.999 { points } else { points * share + self.density(gloss, light) * (1.0 - share) };
+        let spread_out =
+            if share > 0.999 { points } else { points * share + self.density(gloss, light) * (1.0 - share) };
         if self.flat > 0.0 { spread_out + self.flat * (lobe(self.mean) - spread_out) } else { spread_out }
     }
 
@@ -124,13 +125,10 @@ mod tests {
 
     /// The integral of D(m) max(0, m·view) lobe(m) over the sphere, over that of D(m) max(0, m·view), by brute force.
     fn integral(s: &Sggx, view: Vec3, light: Vec3, shininess: f32) -> f32 {
-        let inverse = Mat3::from_cols(
-            Vec3::new(s.xx, s.xy, s.xz),
-            Vec3::new(s.xy, s.yy, s.yz),
-            Vec3::new(s.xz, s.yz, s.zz),
-        )
-        .as_dmat3()
-        .inverse();
+        let inverse =
+            Mat3::from_cols(Vec3::new(s.xx, s.xy, s.xz), Vec3::new(s.xy, s.yy, s.yz), Vec3::new(s.xz, s.yz, s.zz))
+                .as_dmat3()
+                .inverse();
         let gloss = Gloss { specular: Vec3::ONE, shininess };
         const N: usize = 150;
         let (mut sum, mut all) = (0.0, 0.0);
@@ -150,7 +148,8 @@ mod tests {
 
     #[test]
     fn one_facet_has_its_own_lobe() {
-        for (shininess, light) in [(4.0, Vec3::new(0.0, 0.6, 0.8)), (30.0, Vec3::Z), (200.0, Vec3::new(-0.6, 0.1, 0.8))] {
+        for (shininess, light) in [(4.0, Vec3::new(0.0, 0.6, 0.8)), (30.0, Vec3::Z), (200.0, Vec3::new(-0.6, 0.1, 0.8))]
+        {
             let (view, light) = (Vec3::new(0.6, 0.0, 0.8), light.normalize());
             let own = Gloss { specular: Vec3::ONE, shininess }.facet(Vec3::Z, view, light);
             let found = highlight(&of_axes([Vec3::Z, Vec3::ZERO, Vec3::ZERO]), view, light, shininess);

@@ -219,6 +219,8 @@ mod tests {
             let end = hit.origin + (t1 - t0) * hit.dir;
             assert!((end.clamp(DVec3::ZERO, DVec3::ONE) - end).abs().max_element() < 1e-9, "{i}: {end}");
         }
-        assert!(Copies::new(&scene, &PhongTable::new(&scene), |i| Some(&info).filter(|_| i == 0), |world| world).is_err());
+        assert!(
+            Copies::new(&scene, &PhongTable::new(&scene), |i| Some(&info).filter(|_| i == 0), |world| world).is_err()
+        );
     }
 }

@@ -5,17 +5,17 @@
 
 use std::f32::consts::FRAC_1_PI;
 
-use super::cells::CopyHit;
 use super::cards::{LitPlace, MOST_LIT, openness};
+use super::cells::CopyHit;
 use super::events::{Event, EventOrigin};
 use super::mesh::{Contact, Surface};
 use super::pixel::{ConeState, Tracer};
+use super::segments::CopySegment;
 use super::shadow::{SelfHit, ShadowCone, ShadowQuality};
 use super::source_mesh::CopyRay;
 use super::surround::{of_means, of_normal};
 use super::trace::TraceEvent;
 use crate::geom::{DMat3, DVec3, Mat3, Ray, Vec3};
-use super::segments::CopySegment;
 use crate::march::shade::{Look, Shader};
 use crate::march::transmittance::{DepthChoice, Sink, VoxelHit};
 
@@ -122,8 +122,7 @@ impl Tracer<'_> {
         let segment = self.lists.copies[copy];
         let hit = segment.hit;
         let weight: f32 = events.iter().map(|e| e.alpha).sum();
-        let mean: f64 =
-            events.iter().map(|e| f64::from(e.alpha) * distance(&hit, e)).sum::<f64>() / f64::from(weight);
+        let mean: f64 = events.iter().map(|e| f64::from(e.alpha) * distance(&hit, e)).sum::<f64>() / f64::from(weight);
         if !mean.is_finite() {
             return;
         }

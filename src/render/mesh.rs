@@ -298,18 +298,17 @@ impl Mesh {
             let alpha = scaled_alpha(contact.alpha, opacity_scale);
             (alpha > 0.0).then_some(Contact { alpha, ..contact })
         };
-        let end =
-            self.bvh.nearest(ray, t1, |i, t1| match contact(i, t1) {
-                Some(contact) if contact.alpha >= 1.0 => {
-                    found = Some(contact);
-                    contact.t
-                }
-                Some(contact) => {
-                    blended.push(contact);
-                    t1
-                }
-                None => t1,
-            });
+        let end = self.bvh.nearest(ray, t1, |i, t1| match contact(i, t1) {
+            Some(contact) if contact.alpha >= 1.0 => {
+                found = Some(contact);
+                contact.t
+            }
+            Some(contact) => {
+                blended.push(contact);
+                t1
+            }
+            None => t1,
+        });
         blended.retain(|v| v.t < end);
         found
     }

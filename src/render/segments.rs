@@ -73,7 +73,9 @@ pub fn for_each_segment(
             let coords = || SurfaceCoords::of_layer(segment, layer, across());
             layer.for_each_chord(segment, &bent, &mut |chord| {
                 let cell = CellSpace::of(layer, chord, ray.dir);
-                layer.for_each_copy(chord, &mut |hit| cell.segment(world, *hit, width_at, &coords).is_none_or(|s| each(&s)))
+                layer.for_each_copy(chord, &mut |hit| {
+                    cell.segment(world, *hit, width_at, &coords).is_none_or(|s| each(&s))
+                })
             })
         })
     })
@@ -131,4 +133,3 @@ fn round_inside(origin: DVec3) -> Vec3 {
     let rounded = origin.as_vec3();
     Vec3::select(rounded.cmpeq(Vec3::ONE) & origin.cmplt(DVec3::ONE), Vec3::splat(1.0f32.next_down()), rounded)
 }
-

@@ -217,12 +217,10 @@ fn upper_layers_are_composited_over_lower_ones() {
         material.shell = Some(Arc::new(ShellMaterial { layers, ..(*one).clone() }));
         let all = dark(scene(vec![square(9.0, 9.0, 0)], vec![material], vec![DAffine3::IDENTITY]));
         // So narrow that the finest voxels are read, 32 one after the other.
-        let camera = CameraChoice::LookAt {
-            eye: DVec3::new(0.1, 5.0, 0.1),
-            target: DVec3::new(0.1, 0.0, 0.1001),
-            yfov: 0.001,
-        };
-        shot(&all, tree(), &Options { sky: Some([1.0; 3].into()), camera, ..looking(DVec3::Y, DVec3::ZERO, 1) }).pixels[0]
+        let camera =
+            CameraChoice::LookAt { eye: DVec3::new(0.1, 5.0, 0.1), target: DVec3::new(0.1, 0.0, 0.1001), yfov: 0.001 };
+        shot(&all, tree(), &Options { sky: Some([1.0; 3].into()), camera, ..looking(DVec3::Y, DVec3::ZERO, 1) }).pixels
+            [0]
     };
     // What one voxel lets through.
     let through = (-0.0625f32).exp();
@@ -234,7 +232,10 @@ fn upper_layers_are_composited_over_lower_ones() {
     // The last is mixed with the second, and both are over the first.
     let [r, g, b, a] = seen([false, true, false]);
     let share = 0.5 * (1.0 - through * through);
-    assert!(near(a, alpha) && near(g, b) && near(r / g, through * through * (1.0 - through) / share), "{r} {g} {b} {a}");
+    assert!(
+        near(a, alpha) && near(g, b) && near(r / g, through * through * (1.0 - through) / share),
+        "{r} {g} {b} {a}"
+    );
 }
 
 /// A layer fills its part of the skin: what is above hides what is below, and a part is a thinner shell that starts higher.

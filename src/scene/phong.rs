@@ -131,8 +131,7 @@ impl Variation {
             let [[a, b, _], [c, d, _]] = image.transform;
             let texels = f64::from(image.texture.width) * f64::from(image.texture.height);
             let footprint = place.ground_width * (f64::from((a * d - b * c).abs()) * texels).sqrt();
-            let [r, g, b, alpha] =
-                image.texture.average(image.map(place.ground.map(|v| v as f32)), footprint as f32);
+            let [r, g, b, alpha] = image.texture.average(image.map(place.ground.map(|v| v as f32)), footprint as f32);
             (Vec3::new(r, g, b), alpha)
         };
         if let Some(image) = &self.ambient {
@@ -163,8 +162,7 @@ impl PhongNoise {
         let value = if seen > 0.0 { seen * self.noise.value(at) } else { 0.0 };
         let share = (0.5 + 0.5 * value).clamp(0.0, 1.0);
         let mix = |[from, to]: [f64; 2]| (from + share * (to - from)) as f32;
-        let colour =
-            |[from, to]: [[f64; 3]; 2]| Vec3::from_array(std::array::from_fn(|k| mix([from[k], to[k]])));
+        let colour = |[from, to]: [[f64; 3]; 2]| Vec3::from_array(std::array::from_fn(|k| mix([from[k], to[k]])));
         factors.ambient *= colour(self.ambient);
         factors.diffuse *= colour(self.diffuse);
         factors.specular *= colour(self.specular);
@@ -194,13 +192,9 @@ mod tests {
         let mut texture = Texture::new("t", 2, 1, vec![[255, 0, 0, 255], [0, 0, 255, 51]]);
         texture.nearest = true;
         // Twice as wide: u from 0 to 2 shows it once.
-        let image = TextureRef {
-            texture: Arc::new(texture),
-            tex_coord: 0,
-            transform: [[0.5, 0.0, 0.0], [0.0, 1.0, 0.0]],
-        };
-        let variation =
-            Variation { diffuse: Some(image.clone()), specular: Some(image), ..Variation::default() };
+        let image =
+            TextureRef { texture: Arc::new(texture), tex_coord: 0, transform: [[0.5, 0.0, 0.0], [0.0, 1.0, 0.0]] };
+        let variation = Variation { diffuse: Some(image.clone()), specular: Some(image), ..Variation::default() };
         let left = factors(&variation, &place(0.5, 0.5, 0.0));
         assert_eq!((left.diffuse, left.specular, left.shininess), (Vec3::X, Vec3::X, 1.0));
         let right = factors(&variation, &place(1.5, 0.5, 0.0));

@@ -312,8 +312,10 @@ mod tests {
         let half = Palette { rest: Style { factor: [0.5; 3], keep: true, ..Style::OWN }, ..Palette::default() };
         assert!(near(seen(&texel_of_none, &half)[0], [0.125, 0.5, 0.0]));
         let black = texel(&[("a", [0.0; 3]), ("b", [0.0; 3])], &[([0.5; 3], Mix::new([(0, 1.0), (1, 3.0)], FINE))]);
-        let half =
-            Palette { styles: [("b".into(), Style { factor: [0.0; 3], keep: true, ..Style::OWN })].into(), ..Palette::default() };
+        let half = Palette {
+            styles: [("b".into(), Style { factor: [0.0; 3], keep: true, ..Style::OWN })].into(),
+            ..Palette::default()
+        };
         assert!(near(seen(&black, &half)[0], [0.125; 3]));
     }
 }

@@ -481,7 +481,10 @@ fn shells(
             let reach = |face: &Face| Aabb::around(corners(face).iter().flat_map(|c| [c.p, c.p + c.h]));
             let faces: Vec<_> = all.into_iter().filter(|face| sees(&reach(face))).collect();
             if !faces.is_empty() {
-                found.push(ShellFaces { layers: prepare::layers_in((scene, &PhongTable::default()), shell, range, &info)?, faces });
+                found.push(ShellFaces {
+                    layers: prepare::layers_in((scene, &PhongTable::default()), shell, range, &info)?,
+                    faces,
+                });
             }
         }
     }

@@ -95,12 +95,8 @@ impl<'a> Tracer<'a> {
     /// The nearest surface; one that lets a share of light through is there by that chance.
     fn nearest(&self, ray: &Ray, seed: u32, counts: &mut Counts) -> Option<Intersection<'a>> {
         let world = self.world;
-        let mut best = solid(&world.mesh, &world.scene.model, ray, (f64::INFINITY, 1.0), seed).map(|contact| Intersection {
-            t: contact.t,
-            contact,
-            copy: None,
-            place: (u32::MAX, u32::MAX),
-        });
+        let mut best = solid(&world.mesh, &world.scene.model, ray, (f64::INFINITY, 1.0), seed)
+            .map(|contact| Intersection { t: contact.t, contact, copy: None, place: (u32::MAX, u32::MAX) });
         let limit = best.as_ref().map_or(f64::INFINITY, |met| met.t);
         world.shells.nearest(ray, limit, |index, limit| {
             let mut end = limit;

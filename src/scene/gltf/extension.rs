@@ -14,10 +14,10 @@ use crate::scene::shell::{
 };
 use crate::scene::wind::{MOST_STRENGTH, Moment, Wind};
 use crate::volume::{Palette, Style};
-use crate::{Error, Result, Warnings};
+use crate::{Result, Warnings};
 use object::{ANY, Object};
-use phong::{Ground, phong, styles};
 pub use phong::ReadTexture;
+use phong::{Ground, phong, styles};
 
 /// Extension object of the root.
 #[derive(Debug, Default)]
@@ -85,7 +85,8 @@ fn texel(json: &Object, warnings: &mut Warnings) -> Result<TexelRef> {
     };
     let bytes = facts.first().and_then(|f| f.bytes.clone());
     // Of one that has no file the landscape's name says nothing.
-    let stem = paths.first().filter(|_| bytes.is_none()).and_then(|p| p.file_stem()).map(|s| s.to_string_lossy().into_owned());
+    let stem =
+        paths.first().filter(|_| bytes.is_none()).and_then(|p| p.file_stem()).map(|s| s.to_string_lossy().into_owned());
     Ok(TexelRef {
         memory: None,
         name: json.text("name")?.map(str::to_string).or(stem).unwrap_or_default(),

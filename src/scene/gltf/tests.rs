@@ -518,24 +518,6 @@ fn shells_are_read_with_their_defaults() {
 }
 
 #[test]
-fn a_texel_may_stand_in_a_buffer_view() {
-    let frame = "/extensions/VTEX_volumetric_texture/texels/0/frames/0";
-    let s = shell().set(frame, json!({"bufferView": 0})).scene();
-    let texel = &s.texels[0];
-    assert_eq!(texel.bytes.as_deref().map(<[u8]>::len), Some(36));
-    assert!(texel.frames[0].ends_with("bufferViews[0]") && texel.name.is_empty());
-    for (bad, what) in [
-        (json!({"bufferView": 99}), "bufferViews[99]: does not exist"),
-        (json!({"bufferView": -1}), "frames[0].bufferView: is not a whole number"),
-        (json!({"bufferView": 0, "uri": "a.vtex"}), "frames[0].uri: stands beside a bufferView"),
-        (json!({}), "frames[0].uri: or a bufferView is needed"),
-    ] {
-        let error = shell().set(frame, bad).error();
-        assert!(error.contains(what), "{error}");
-    }
-}
-
-#[test]
 fn the_example_of_the_draft_is_read() {
     let example = json!({"layers": [{"texel": 0, "wrap": ["repeat", "mirror", "empty"], "skinRange": [0, 1], "combine": "union",
         "phong": {"diffuseFactor": [0.25, 0.5, 0.15], "specularFactor": [0.04, 0.04, 0.04], "shininess": 24},

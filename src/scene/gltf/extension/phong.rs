@@ -110,7 +110,8 @@ fn image(
     let info: Info = serde_json::from_value(value.clone()).map_err(|e| json.error(key, &e.to_string()))?;
     let found = (ground.textures)(&info, opaque, &format!("{}.{key}", json.at), warnings)?;
     if let Some(set) = found.as_ref().map(|t| t.tex_coord).filter(|&set| set != 0 && set != ground.tex_coord) {
-        let what = format!("has texCoord {set}: such an image lies on the shell's own coordinates, {}", ground.tex_coord);
+        let what =
+            format!("has texCoord {set}: such an image lies on the shell's own coordinates, {}", ground.tex_coord);
         return Err(json.error(key, &what));
     }
     Ok(found)

@@ -37,14 +37,34 @@ fn layers_in_other_colours_share_what_is_alike() {
 }
 
 #[test]
+fn a_texel_may_stand_in_a_buffer_view() {
+    let frame = "/extensions/VTEX_volumetric_texture/texels/0/frames/0";
+    let s = shell().set(frame, json!({"bufferView": 0})).scene();
+    let texel = &s.texels[0];
+    assert_eq!(texel.bytes.as_deref().map(<[u8]>::len), Some(36));
+    assert!(texel.frames[0].ends_with("bufferViews[0]") && texel.name.is_empty());
+    for (bad, what) in [
+        (json!({"bufferView": 99}), "bufferViews[99]: does not exist"),
+        (json!({"bufferView": -1}), "frames[0].bufferView: is not a whole number"),
+        (json!({"bufferView": 0, "uri": "a.vtex"}), "frames[0].uri: stands beside a bufferView"),
+        (json!({}), "frames[0].uri: or a bufferView is needed"),
+    ] {
+        let error = shell().set(frame, bad).error();
+        assert!(error.contains(what), "{error}");
+    }
+}
+
+#[test]
 fn phong_is_read_and_its_ranges_checked() {
     let layer = |phong: serde_json::Value, palette: serde_json::Value| {
         let variants = json!([{"texel": 0, "phong": {"shininess": 9, "noise": {"space": "world"}}}]);
-        let layers = json!([{"texel": 0, "phong": phong, "palette": palette, "jitter": {"discrete": {"variants": variants}}}]);
+        let layers =
+            json!([{"texel": 0, "phong": phong, "palette": palette, "jitter": {"discrete": {"variants": variants}}}]);
         shell().set("/materials/0/extensions/VTEX_volumetric_texture", json!({"layers": layers, "texCoord": 1}))
     };
     let image = json!({"uri": "data:image/png;base64,iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAYAAAAfFcSJAAAADUlEQVR42mNk+M9QDwADhgGAWjR9awAAAABJRU5ErkJggg=="});
-    let with_image = |phong| layer(phong, json!({})).set("/images", json!([image])).set("/textures", json!([{"source": 0}]));
+    let with_image =
+        |phong| layer(phong, json!({})).set("/images", json!([image])).set("/textures", json!([{"source": 0}]));
     let s = layer(
         json!({"ambientFactor": [0.5, 1, 0], "specularFactor": [0.1, 0.2, 0.3], "shininess": 40,
             "noise": {"seed": 4, "frequency": [1, 0, 2], "octaves": 3, "diffuse": [[0, 1, 2], [1, 1, 1]], "shininess": [0.5, 2]}}),
@@ -56,7 +76,10 @@ fn phong_is_read_and_its_ranges_checked() {
     assert_eq!(layer_read.phong.finish, finish);
     let noise = layer_read.phong.variations[0].noise.unwrap();
     assert_eq!((noise.noise.seed, noise.noise.octaves, noise.space), (4, 3, NoiseSpace::Texel));
-    assert_eq!((noise.diffuse, noise.ambient, noise.shininess), ([[0.0, 1.0, 2.0], [1.0; 3]], [[1.0; 3]; 2], [0.5, 2.0]));
+    assert_eq!(
+        (noise.diffuse, noise.ambient, noise.shininess),
+        ([[0.0, 1.0, 2.0], [1.0; 3]], [[1.0; 3]; 2], [0.5, 2.0])
+    );
     let palette = &s.texels[layer_read.texel].palette;
     let said = |name: &str| (palette.style(name).finish.specular, palette.style(name).finish.shininess);
     assert_eq!(said("leaf"), (Some([0.1, 0.2, 0.3]), Some(200.0)));
@@ -82,7 +105,10 @@ fn phong_is_read_and_its_ranges_checked() {
         assert!(error.contains(what) && error.lines().count() == 1, "{error}");
     }
     let error = with_image(json!({"diffuseTexture": {"index": 0, "texCoord": 2}})).error();
-    assert!(error.contains("diffuseTexture: has texCoord 2: such an image lies on the shell's own coordinates, 1"), "{error}");
+    assert!(
+        error.contains("diffuseTexture: has texCoord 2: such an image lies on the shell's own coordinates, 1"),
+        "{error}"
+    );
     let error = layer(json!({}), json!({"leaf": {"noise": {}}})).error();
     assert!(error.contains("palette.leaf.noise: stands in a palette"), "{error}");
     let copies = json!({"copies": {"texel": 0, "phong": {"diffuseTexture": {"index": 0}}}});
