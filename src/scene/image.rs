@@ -25,6 +25,7 @@ pub fn decode(name: &str, bytes: &[u8], hint: &str, max_pixels: u64, max_bytes: 
     let refused = |what: &str| Err(Refused::Image(what.into()));
     let tga = hint.to_ascii_lowercase().ends_with("tga");
     let format = match image::guess_format(bytes) {
+        Ok(ImageFormat::Avif) => return refused("AVIF images are not read; save it as PNG, JPEG or WebP"),
         Ok(format) => format,
         Err(_) if tga => ImageFormat::Tga,
         Err(_) if bytes.starts_with(b"\xABKTX") => return refused("KTX2 textures are not read"),
@@ -85,5 +86,6 @@ mod tests {
         }
         assert!(decode("t", b"", "x.tga", 9, 999).is_err());
         assert!(why(b"\xABKTX 20\xBB", "").contains("KTX2"));
+        assert!(why(b"\0\0\0\x1cftypavif\0\0\0\0avifmif1miaf", "").contains("save it as PNG"));
     }
 }

@@ -4,14 +4,36 @@ use gltf::json::accessor::{Accessor, ComponentType, Type};
 use gltf::json::validation::Checked;
 
 use super::document::Document;
+use super::support;
 use crate::Result;
 
 /// Elements that an accessor without bytes behind it may have: it is all zeros, and grows by its sparse values only.
 const MAX_ZEROS: u64 = 1 << 24;
 
+/// Type of the numbers of an accessor.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Component {
+    Core(ComponentType),
+    /// 64-bit float, of `KHR_accessor_float64`.
+    Double,
+}
+
+impl Component {
+    fn size(self) -> usize {
+        match self {
+            Component::Core(core) => core.size(),
+            Component::Double => 8,
+        }
+    }
+
+    fn is_unsigned(self) -> bool {
+        matches!(self, Component::Core(ComponentType::U8 | ComponentType::U16 | ComponentType::U32))
+    }
+}
+
 /// Elements of an accessor, decoded.
 struct Layout {
-    component: ComponentType,
+    component: Component,
     normalized: bool,
     /// Numbers in an element, and bytes of it.
     width: usize,
@@ -28,8 +50,7 @@ impl Document {
         fill: [f32; N],
         at: &str,
     ) -> Result<Vec<[f32; N]>> {
-        let accessor = self.accessor(index, at)?;
-        let layout = self.layout(accessor, at)?;
+        let (accessor, layout) = self.layout(index, at)?;
         if !(least..=N).contains(&layout.width) {
             return Err(self.error(at, format!("has {} numbers an element, not {N}", layout.width)));
         }
@@ -46,10 +67,8 @@ impl Document {
 
     /// Elements of `N` unsigned integers: indices and joints.
     pub fn read_uints<const N: usize>(&self, index: usize, at: &str) -> Result<Vec<[u32; N]>> {
-        let accessor = self.accessor(index, at)?;
-        let layout = self.layout(accessor, at)?;
-        let unsigned = matches!(layout.component, ComponentType::U8 | ComponentType::U16 | ComponentType::U32);
-        if layout.width != N || !unsigned {
+        let (accessor, layout) = self.layout(index, at)?;
+        if layout.width != N || !layout.component.is_unsigned() {
             return Err(self.error(at, format!("must have {N} unsigned integers an element")));
         }
         let size = layout.component.size();
@@ -62,6 +81,12 @@ impl Document {
         })
     }
 
+    /// The index that begins another strip, loop or fan: the largest of its type.
+    pub fn restart(&self, index: usize, at: &str) -> Result<u32> {
+        let (_, layout) = self.layout(index, at)?;
+        Ok(u32::MAX >> (32 - 8 * layout.component.size().min(4)))
+    }
+
     /// Number of elements that an accessor says it has.
     pub fn count(&self, index: usize, at: &str) -> Result<u64> {
         Ok(self.accessor(index, at)?.count.0)
@@ -71,11 +96,14 @@ impl Document {
         self.root.accessors.get(index).ok_or_else(|| self.error(at, format!("accessors[{index}] does not exist")))
     }
 
-    fn layout(&self, accessor: &Accessor, at: &str) -> Result<Layout> {
-        let (Checked::Valid(component), Checked::Valid(kind)) = (&accessor.component_type, &accessor.type_) else {
-            return Err(self.error(at, "has an unknown componentType or type"));
+    fn layout(&self, index: usize, at: &str) -> Result<(&Accessor, Layout)> {
+        let accessor = self.accessor(index, at)?;
+        let double = self.doubles.contains(&index) && support::uses(self, support::DOUBLES);
+        let (component, kind) = match (&accessor.component_type, &accessor.type_) {
+            (Checked::Valid(component), Checked::Valid(kind)) => (Component::Core(component.0), kind),
+            (Checked::Invalid, Checked::Valid(kind)) if double => (Component::Double, kind),
+            _ => return Err(self.error(at, "has an unknown componentType or type")),
         };
-        let component = component.0;
         // Columns of matrices start at multiples of four bytes; only MAT4 occurs in what is read here, and its columns
         // of float do.
         if matches!(kind, Type::Mat2 | Type::Mat3) {
@@ -83,7 +111,10 @@ impl Document {
         }
         let width = kind.multiplicity();
         let count = usize::try_from(accessor.count.0).map_err(|_| self.error(at, "has too many elements"))?;
-        Ok(Layout { component, normalized: accessor.normalized, width, size: width * component.size(), count })
+        Ok((
+            accessor,
+            Layout { component, normalized: accessor.normalized, width, size: width * component.size(), count },
+        ))
     }
 
     fn read<T: Copy>(
@@ -164,7 +195,11 @@ fn unsigned_le(bytes: &[u8]) -> u32 {
 }
 
 /// One stored number → float (glTF 2.0, 3.6.2.2: integers as they are, or normalised).
-fn converter(component: ComponentType, normalized: bool) -> fn(&[u8]) -> f32 {
+fn converter(component: Component, normalized: bool) -> fn(&[u8]) -> f32 {
+    let Component::Core(component) = component else {
+        // Eight bytes, as the layout has it.
+        return |b| f64::from_bits(b.iter().rev().fold(0, |n, &b| n << 8 | u64::from(b))) as f32;
+    };
     match (component, normalized) {
         (ComponentType::F32, _) => |b| f32::from_bits(unsigned_le(b)),
         (ComponentType::U8, true) => |b| unsigned_le(b) as f32 / 255.0,

@@ -5,6 +5,7 @@ use gltf::json::validation::Checked;
 
 use super::document::{Document, Target, index};
 use super::patches::{self, Primitive};
+use super::support;
 use crate::scene::model::Part;
 use crate::scene::topology;
 use crate::{Result, Warnings};
@@ -91,11 +92,19 @@ impl Reader<'_> {
         {
             return Err(self.document.error(&*self.at, "has patches, and is no list of triangles (mode 4)"));
         }
+        // Runs of indices between those that begin another; one run where none does.
+        let restart = match index(self.primitive.indices).filter(|_| support::uses(self.document, support::RESTART)) {
+            Some(accessor) => Some(self.document.restart(accessor, &self.at)?),
+            None => None,
+        };
+        let runs = || indices.split(|i| Some(*i) == restart);
         match &self.primitive.mode {
-            Checked::Valid(Mode::Points) => part.points = indices,
+            Checked::Valid(Mode::Points) => part.points.clone_from(&indices),
             Checked::Valid(Mode::Lines) => part.lines = topology::lines(&indices),
-            Checked::Valid(Mode::LineStrip) => part.lines = topology::line_strip(&indices, false),
-            Checked::Valid(Mode::LineLoop) => part.lines = topology::line_strip(&indices, true),
+            Checked::Valid(Mode::LineStrip) => {
+                part.lines = runs().flat_map(|r| topology::line_strip(r, false)).collect()
+            }
+            Checked::Valid(Mode::LineLoop) => part.lines = runs().flat_map(|r| topology::line_strip(r, true)).collect(),
             Checked::Valid(Mode::Triangles) => {
                 part.triangles = topology::triangles(&indices);
                 let material = index(self.primitive.material);
@@ -104,8 +113,8 @@ impl Reader<'_> {
                 part.patches = patches::read(&primitive, &mut part.triangles)?;
                 warnings.add_many("indices left over after the last whole triangle", (indices.len() % 3) as u64);
             }
-            Checked::Valid(Mode::TriangleStrip) => part.triangles = topology::triangle_strip(&indices),
-            Checked::Valid(Mode::TriangleFan) => part.triangles = topology::triangle_fan(&indices),
+            Checked::Valid(Mode::TriangleStrip) => part.triangles = runs().flat_map(topology::triangle_strip).collect(),
+            Checked::Valid(Mode::TriangleFan) => part.triangles = runs().flat_map(topology::triangle_fan).collect(),
             Checked::Invalid => return Err(self.document.error(&*self.at, "has an unknown mode")),
         }
         let strip = matches!(self.primitive.mode, Checked::Valid(Mode::TriangleStrip));

@@ -27,6 +27,8 @@ pub struct Document {
     pub targets: Vec<Vec<Vec<Target>>>,
     /// The animations.
     pub animations: Vec<Animation>,
+    /// Accessors of 64-bit floats, which the typed JSON does not know.
+    pub doubles: Vec<usize>,
     /// The BIN chunk of a GLB.
     bin: Option<Vec<u8>>,
     buffers: Vec<OnceCell<Vec<u8>>>,
@@ -59,6 +61,21 @@ struct Precise {
     nodes: Vec<NodeTransform>,
     meshes: Vec<PreciseMesh>,
     animations: Vec<Animation>,
+    scenes: Vec<PreciseScene>,
+    accessors: Vec<PreciseAccessor>,
+}
+
+#[derive(Default, Deserialize)]
+#[serde(default)]
+struct PreciseScene {
+    nodes: Option<Value>,
+}
+
+#[derive(Default, Deserialize)]
+#[serde(default)]
+struct PreciseAccessor {
+    #[serde(rename = "componentType")]
+    component_type: Value,
 }
 
 #[derive(Default, Deserialize)]
@@ -72,6 +89,9 @@ struct PreciseMesh {
 struct PrecisePrimitive {
     targets: Vec<Target>,
 }
+
+/// The type of accessors of 64-bit floats.
+const F64: u64 = 5130;
 
 /// A morph target: the accessor of each attribute that it moves.
 pub type Target = BTreeMap<String, usize>;
@@ -110,12 +130,18 @@ impl Document {
         let bad = |e: serde_json::Error| Error::input(path, "JSON", e.to_string());
         let precise: Precise = serde_json::from_slice(json).map_err(bad)?;
         let wrong = |what: String| Error::input(path, "JSON", what);
-        let root = if precise.animations.iter().all(Animation::is_core) {
+        let has_nodes = precise.scenes.iter().all(|s| s.nodes.is_some());
+        let root = if has_nodes && precise.animations.iter().all(Animation::is_core) {
             root(json).map_err(wrong)?
         } else {
-            // The typed JSON knows no animation without a node.
+            // The typed JSON knows no animation without a node, and no scene without a list of them.
             let mut whole: Value = serde_json::from_slice(json).map_err(bad)?;
             whole.as_object_mut().map(|root| root.remove("animations"));
+            for scene in whole.get_mut("scenes").and_then(Value::as_array_mut).into_iter().flatten() {
+                if let Some(scene) = scene.as_object_mut() {
+                    scene.entry("nodes").or_insert_with(|| Value::Array(Vec::new()));
+                }
+            }
             // The place in this text would be none of the file's.
             let text = serde_json::to_vec(&whole).map_err(bad)?;
             root(&text).map_err(|what| wrong(what.split(" at line ").next().unwrap_or_default().to_owned()))?
@@ -131,6 +157,7 @@ impl Document {
             root,
             places: precise.nodes,
             animations: precise.animations,
+            doubles: (0..).zip(&precise.accessors).filter(|(_, a)| a.component_type == F64).map(|(i, _)| i).collect(),
             targets: precise
                 .meshes
                 .into_iter()

@@ -3,12 +3,19 @@
 use super::document::Document;
 use crate::{Error, Result};
 
+/// Accessors of 64-bit floats.
+pub const DOUBLES: &str = "KHR_accessor_float64";
+/// Indices that begin another strip, loop or fan.
+pub const RESTART: &str = "KHR_mesh_primitive_restart";
+
 /// Read, or without bearing on shape and base colour.
 const READ: &[&str] = &[
     "EXT_mesh_gpu_instancing",
     "EXT_meshopt_compression",
     "EXT_texture_webp",
     "FB_ngon_encoding",
+    DOUBLES,
+    RESTART,
     "KHR_lights_punctual",
     "KHR_materials_pbrSpecularGlossiness",
     "KHR_materials_diffuse_transmission",
@@ -30,6 +37,11 @@ const READ: &[&str] = &[
     "KHR_materials_variants",
     "KHR_xmp_json_ld",
 ];
+
+/// Test whether a file says that it uses an extension.
+pub fn uses(document: &Document, name: &str) -> bool {
+    document.root.extensions_used.iter().chain(&document.root.extensions_required).any(|n| n == name)
+}
 
 /// Refuse a file that requires what is not read, by name.
 pub fn check(document: &Document) -> Result<()> {

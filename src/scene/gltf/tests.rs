@@ -13,6 +13,8 @@ use crate::scene::{Alpha, LightKind, Model, Projection, Scene, Wrap};
 use crate::volume::Style;
 use crate::{Error, Result};
 
+mod newer;
+
 /// A file being put together: every array its own buffer view and accessor.
 pub struct Builder {
     pub json: Value,

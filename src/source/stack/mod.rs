@@ -10,6 +10,7 @@ mod coding;
 mod data;
 mod dicom;
 mod folder;
+mod freesurfer;
 mod header;
 mod lattice;
 mod march;
@@ -112,6 +113,7 @@ enum Kind {
     Nifti,
     Nrrd,
     MetaImage,
+    FreeSurfer,
     Image,
     Other,
 }
@@ -124,6 +126,7 @@ fn kind(path: &Path) -> Kind {
         "nii" | "hdr" | "img" => Kind::Nifti,
         "nrrd" | "nhdr" => Kind::Nrrd,
         "mha" | "mhd" => Kind::MetaImage,
+        "mgh" | "mgz" => Kind::FreeSurfer,
         e if slice::is_image(e) && bare.len() == name.len() => Kind::Image,
         _ => Kind::Other,
     }
@@ -140,6 +143,7 @@ pub fn read(path: &Path, options: &StackOptions, in_memory: u64) -> Result<Stack
         Kind::Nifti => nifti::read(&choice, in_memory)?,
         Kind::Nrrd => nrrd::read(&choice, in_memory)?,
         Kind::MetaImage => metaimage::read(&choice, in_memory)?,
+        Kind::FreeSurfer => freesurfer::read(&choice, in_memory)?,
         Kind::Image => folder::read(&choice, &[path.to_path_buf()], Warnings::default(), in_memory)?,
         Kind::Other => dicom::read(&choice, &[path.to_path_buf()], in_memory)?,
     };
@@ -159,7 +163,15 @@ fn is_dicom(path: &Path) -> bool {
     }
 }
 
+/// Files that make a folder an image of Zarr.
+const ZARR: [&str; 4] = ["zarr.json", ".zattrs", ".zgroup", ".zarray"];
+
 fn folder(choice: &Choice, in_memory: u64) -> Result<Stack> {
+    if ZARR.iter().any(|name| choice.path.join(name).is_file()) {
+        let what = "an OME-Zarr image (write one of its levels as TIFF or NRRD; in Python: \
+                    tifffile.imwrite('x.tif', zarr.open('x.zarr/0')[0, 0]))";
+        return Err(Error::unsupported(choice.path, what));
+    }
     let files = folder::list(choice.path)?;
     let (dicom, others): (Vec<PathBuf>, Vec<PathBuf>) = files.into_iter().partition(|f| dicom::is_dicom(f));
     if dicom.is_empty() {
@@ -199,6 +211,6 @@ pub fn files(path: &Path) -> Vec<PathBuf> {
         }
         Kind::Nrrd => [vec![own], nrrd::named(path)].concat(),
         Kind::MetaImage => [vec![own], metaimage::named(path)].concat(),
-        Kind::Image | Kind::Other => vec![own],
+        Kind::FreeSurfer | Kind::Image | Kind::Other => vec![own],
     }
 }

@@ -72,6 +72,53 @@ fn nifti(magic: &[u8; 4], offset: f32) -> Vec<u8> {
     h
 }
 
+/// A FreeSurfer header with the place of `nrrd_place`: its middle is at (2, 1.5, 1) of the indices.
+fn freesurfer() -> Vec<u8> {
+    let ints = [1i32, 4, 3, 2, 1, 4, 0].map(i32::to_be_bytes).concat();
+    let directions = [0f32, 1.0, 0.0, -1.0, 0.0, 0.0, 0.0, 0.0, 1.0];
+    let floats = [&[2f32, 3.0, 4.0], &directions[..], &[5.5, 24.0, 34.0]].concat();
+    let mut h = [ints, vec![0, 1], floats.iter().flat_map(|v| v.to_be_bytes()).collect()].concat();
+    h.resize(284, 0);
+    h
+}
+
+#[test]
+fn freesurfer_plain_and_packed() {
+    let dir = Dir::new();
+    let big: Vec<u8> = numbers().iter().flat_map(|v| v.to_be_bytes()).collect();
+    // What follows the samples is of no interest.
+    let whole = [freesurfer(), big.clone(), b"tags".to_vec()].concat();
+    expect(&dir.save("a.mgh", &whole), nrrd_place);
+    expect(&dir.save("a.mgz", &gzip(&whole)), nrrd_place);
+    let mut nowhere = freesurfer();
+    nowhere[29] = 0;
+    let stack = open(&dir.save("n.mgh", &[nowhere, big.clone()].concat())).unwrap();
+    assert_eq!(stack.affine.matrix3 * DVec3::new(1.0, 2.0, 3.0), DVec3::new(-1.0, 3.0, -2.0));
+    assert!(stack.warnings.iter().any(|(text, _)| text.contains("how it lies")));
+    let with = |at: usize, byte: u8| {
+        let mut h = freesurfer();
+        h[at] = byte;
+        error(&dir.save("w.mgh", &[h, big.clone()].concat()))
+    };
+    assert!(with(3, 2).contains("version 1") && with(23, 7).contains("data type 7") && with(7, 0).contains("0×3×2"));
+    for cut in [0, 3, 100, 283, 290] {
+        error(&dir.save("c.mgh", &whole[..cut]));
+        error(&dir.save("c.mgz", &gzip(&whole)[..cut.min(60)]));
+    }
+}
+
+#[test]
+fn zarr_is_refused_with_what_to_do() {
+    let dir = Dir::new();
+    for name in ["zarr.json", ".zattrs"] {
+        let folder = dir.0.path().join(name.trim_start_matches('.').replace("json", "x"));
+        std::fs::create_dir(&folder).unwrap();
+        std::fs::write(folder.join(name), "{}").unwrap();
+        let error = error(&folder);
+        assert!(error.contains("OME-Zarr") && error.contains("tifffile"), "{error}");
+    }
+}
+
 #[test]
 fn nifti_alone_packed_and_in_pairs() {
     let dir = Dir::new();
