@@ -182,6 +182,64 @@ fn seeds_and_threads() {
     assert!(one != bytes(&["--seed", "4"]));
 }
 
+/// What is baked of the grammar `text`, saved as `name`.
+fn depths(name: &str, text: &str, dialect: Option<source::lsystem::Dialect>) -> Vec<vtex::volume::Depth> {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join(name);
+    std::fs::write(&path, text).unwrap();
+    let lsystem = source::LSystemOptions { dialect, iterations: Some(4), ..Default::default() };
+    let source = source::open(&path, &OpenOptions { lsystem, ..OpenOptions::default() }).unwrap();
+    let options = Options { resolution: 32, ..Options::default() };
+    bake::bake(&*source, &options, &vtex::progress::Quiet, &mut |_| {}).unwrap().0.depths
+}
+
+#[test]
+fn notations_give_the_same_texel() {
+    let book = |head: &str| depths("a.lsys", &format!("{head}axiom: X\nX -> F[+X]F[-X]+X\nF -> FF"), None);
+    let want = book("#angle 20\n");
+    for (name, text, dialect) in [
+        ("a.l", "#define A F[+(20)X]F[-(20)X]+(20)X\nLsystem: 1\nAxiom: X\nX --> A\nF --> FF\nendlsystem\n", None),
+        ("a.ls", "[L-System]\naxiom=x\nrule0=x>F[-x]F[+x]-x\nrule1=F>FF\nangle=20\nlineLength=1\nrotation=270\n", None),
+        ("b.lsys", "angle=20\npremise=X\nX=F[-X]F[+X]-X\nF=FF\n", Some(source::lsystem::Dialect::Houdini)),
+    ] {
+        assert!(depths(name, text, dialect) == want, "{name}");
+    }
+    // L-Py begins with brown lines, twice as wide.
+    let brown = book("#angle 60\n#width .2\n#colour 0 195/255, 135/255, 45/255\n");
+    let lpy = "Axiom: X\nproduction:\nX :\n  nproduce F[+X]\n  if 1:\n    produce F[-X]+X\nF --> FF\n";
+    assert!(depths("a.lpy", lpy, None) == brown);
+}
+
+#[test]
+fn notations_are_told_asked_for_and_chosen() {
+    let dir = tempfile::tempdir().unwrap();
+    let save = |name: &str, text: &str| std::fs::write(dir.path().join(name), text).unwrap();
+    save("f.l", "One { ; x\nAngle 4\nAxiom F+F\n}\nTwo {\nAngle 6\nAxiom F+F\nF=F+F\n}\n");
+    save("g.l", "%%\n");
+    let run = |args: &[&str]| vtex(dir.path(), &[&["bake", "-r", "16"], args].concat());
+    let (code, _, err) = run(&["f.l", "--name", "two", "--iterations", "2"]);
+    assert!(code == 0 && err.contains("read as a Fractint file"), "{err}");
+    for (args, code, what) in [
+        (&["f.l"][..], 2, "give --name: One, Two"),
+        (&["f.l", "--name", "six"], 2, "there is no system six; there are: One, Two"),
+        (&["f.l", "--name", "Two"], 2, "--iterations"),
+        (&["g.l"], 2, "give --dialect, one of: book, fractint, cpfg, lpy, ini, houdini, rubberplant"),
+        (&["g.l", "--dialect", "cpfg"], 1, "line 1, column 1"),
+        (&["f.l", "--dialect", "xml"], 2, "xml"),
+    ] {
+        let (got, _, err) = run(args);
+        assert!(got == code && err.contains(what), "{args:?}: {got} {err}");
+    }
+    // The view file and the map are among what a grammar is made of.
+    save("p.l", "Lsystem: 1\nderivation length: 0\nAxiom: F+F\nendlsystem\n");
+    save("p.v", "angle increment: 90\n");
+    let (code, _, err) = run(&["p.l", "--depfile", "p.d"]);
+    assert!(
+        code == 0 && std::fs::read_to_string(dir.path().join("p.d")).unwrap().starts_with("p.vtex: p.l \\\n  p.v\n"),
+        "{err}"
+    );
+}
+
 #[test]
 fn classical_examples_are_read() {
     let Some(assets) = std::env::var_os("VTEX_ASSETS") else { return };

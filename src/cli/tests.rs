@@ -23,7 +23,7 @@ const GROUPS: [(&str, &[&str]); 4] = [
     ("Sources", &["albedo", "tint", "material", "translucency", "fill", "line-width", "scene", "include", "exclude"]),
     ("Curves", &["section", "curve", "width-scale", "curve-colours"]),
     ("Image stacks", &["iso", "window", "transfer", "sigma", "spacing", "series", "channel", "frame"]),
-    ("L-systems", &["iterations", "seed", "angle", "string", "max-symbols"]),
+    ("L-systems", &["iterations", "seed", "angle", "string", "dialect", "name", "max-symbols"]),
 ];
 
 /// What stands under "Motion", by command.
@@ -76,6 +76,8 @@ fn messages_of_the_library_name_options_that_are_flags() {
             } else if path.extension().is_some_and(|e| e == "rs") {
                 let text = std::fs::read_to_string(&path).unwrap();
                 for line in text.lines().filter(|line| !line.trim_start().starts_with("//")) {
+                    // An arrow of a grammar is no flag.
+                    let line = &line.replace("-->", "→");
                     let (named, at) = (super::flags::named(line), path.display());
                     // The flags of a whole command line are the program's own.
                     let by_flag = [" --", "(--", "\"--", "`--"].iter().any(|start| line.contains(start));
@@ -183,6 +185,8 @@ fn example(option: &str) -> &str {
         "window" => "0,1",
         "spacing" => "1,1,1",
         "transfer" => "t.json",
+        "dialect" => "fractint",
+        "name" => "x",
         "define" => "a=1",
         "frame-define" => "a=0..1",
         "line-width" | "width-scale" | "time" | "iso" | "sigma" | "frame" | "iterations" | "seed" | "angle" => "3",

@@ -20,7 +20,7 @@ use crate::scene::{self, files, gltf, text};
 use crate::{Error, Result, Warnings};
 
 /// Extensions that are known.
-const KNOWN: &str = ".gltf, .glb, .obj, .lsys, .ls, .csv, .tsv, .hair, .trk, .trx, .tck, .swc (these also as .gz), .vtex, .toml and .json (recipes), .nii, .nii.gz, .hdr, .img, .nrrd, .nhdr, .mha, .mhd, .dcm, .tif, a folder of slices or of DICOM";
+const KNOWN: &str = ".gltf, .glb, .obj, .lsys, .ls, .l, .lpy, .ini, .csv, .tsv, .hair, .trk, .trx, .tck, .swc (these also as .gz), .vtex, .toml and .json (recipes), .nii, .nii.gz, .hdr, .img, .nrrd, .nhdr, .mha, .mhd, .mgh, .mgz, .dcm, .tif, a folder of slices or of DICOM";
 
 /// Largest grammar that is looked through for names of files, in bytes.
 const MAX_TEXT: u64 = 1 << 30;
@@ -90,11 +90,14 @@ pub fn dependencies(path: &Path) -> Vec<PathBuf> {
     match extension(path).as_str() {
         "gltf" | "glb" => gltf::named_files(path).into_iter().for_each(&mut add),
         "obj" => crate::scene::obj::named_files(path).into_iter().for_each(&mut add),
-        "lsys" | "ls" => {
+        "lsys" | "ls" | "l" | "lpy" | "ini" => {
             // Surfaces are meshes; a grammar that names itself is an error when it is opened.
-            let meshes = lsystem::surfaces(path, &text());
-            for mesh in meshes.iter().filter(|m| ["gltf", "glb", "obj"].contains(&extension(m).as_str())) {
-                dependencies(mesh).into_iter().for_each(&mut add);
+            for file in lsystem::beside(path, &text()) {
+                match extension(&file).as_str() {
+                    "gltf" | "glb" | "obj" => dependencies(&file).into_iter().for_each(&mut add),
+                    "v" | "map" | "s" => add(file),
+                    _ => {}
+                }
             }
         }
         "toml" | "json" => {

@@ -62,7 +62,11 @@ pub const READING: [(&[&str], &[FileKind], &str); 9] = {
         (&["curve_colours"], &[Curves], "curves"),
         (&["iso", "window", "transfer", "sigma", "spacing", "channel", "frame"], &[Stack], "image stacks"),
         (&["series"], &[Stack], "DICOM folders"),
-        (&["iterations", "seed", "angle", "string", "define", "frame_define"], &[LSystem], "L-systems"),
+        (
+            &["iterations", "seed", "angle", "string", "define", "frame_define", "dialect", "name"],
+            &[LSystem],
+            "L-systems",
+        ),
     ]
 };
 
@@ -85,7 +89,7 @@ pub fn unread(key: &str, path: &Path, lines: bool) -> Option<&'static str> {
 pub fn file_kind(path: &Path) -> FileKind {
     match extension(path).as_str() {
         "gltf" | "glb" | "obj" => FileKind::Mesh,
-        "lsys" | "ls" => FileKind::LSystem,
+        "lsys" | "ls" | "l" | "lpy" | "ini" => FileKind::LSystem,
         "vtex" => FileKind::Texel,
         "toml" | "json" => FileKind::Recipe,
         _ if !trajectory::extension(path).is_empty() => FileKind::Curves,

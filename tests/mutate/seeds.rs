@@ -33,7 +33,7 @@ pub fn kind(name: &str) -> Kind {
         "gltf" | "json" => Kind::Json,
         "glb" => Kind::Glb,
         "vtex" => Kind::Texel,
-        "obj" | "mtl" | "lsys" | "ls" | "toml" | "csv" | "swc" | "nhdr" | "mhd" => Kind::Text,
+        "obj" | "mtl" | "lsys" | "ls" | "l" | "lpy" | "toml" | "csv" | "swc" | "nhdr" | "mhd" => Kind::Text,
         "png" => Kind::Png,
         // Their headers are text.
         "nrrd" | "mha" | "tck" => Kind::Text,
@@ -108,7 +108,7 @@ fn sort_in(file: &Path, all: &mut [Format]) {
     let names: &[&str] = match bare.rsplit('.').next().unwrap_or_default() {
         "gltf" | "glb" => &["glTF", "map", "landscape"],
         "obj" => &["OBJ"],
-        "lsys" | "ls" => &["L-system"],
+        "lsys" | "ls" | "l" | "lpy" => &["L-system"],
         "toml" => &["recipe"],
         "csv" => &["csv"],
         "swc" => &["swc"],

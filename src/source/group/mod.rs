@@ -41,6 +41,7 @@ pub struct GroupSource {
     facet_size: f64,
     metres_per_unit: f64,
     warnings: Warnings,
+    notes: Vec<String>,
 }
 
 /// Copies of a source up to which each is laid into the grid by itself; and of one whose facets are made a facet a voxel.
@@ -78,7 +79,22 @@ impl GroupSource {
         sizes.retain(|s| s.0 > 0.0);
         let (materials, ids) = unite(sources.iter().map(|s| &**s));
         let facet_size = weighted_median(sizes);
-        GroupSource { sources, places, materials, ids, bounds, facet_size, metres_per_unit, warnings }
+        GroupSource {
+            sources,
+            places,
+            materials,
+            ids,
+            bounds,
+            facet_size,
+            metres_per_unit,
+            warnings,
+            notes: Vec::new(),
+        }
+    }
+
+    /// What was found out of the group as it was read.
+    pub fn with_notes(self, notes: Vec<String>) -> GroupSource {
+        GroupSource { notes, ..self }
     }
 
     /// The same, taken to fill `bounds`.
@@ -89,6 +105,10 @@ impl GroupSource {
 }
 
 impl Source for GroupSource {
+    fn notes(&self) -> &[String] {
+        &self.notes
+    }
+
     fn bounds(&self) -> Aabb {
         self.bounds
     }

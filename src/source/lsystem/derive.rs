@@ -4,11 +4,13 @@
 //! Based on: P. Prusinkiewicz, A. Lindenmayer, *The Algorithmic Beauty of Plants*, 1990, ch. 1; A. Smith, *Plants, Fractals,
 //! and Formal Languages*, SIGGRAPH 1984.
 
+use super::alphabet::Action;
 use super::budget::Budget;
 use super::context::Text;
-use super::grammar::{Considered, Grammar, Module, Production, Rules};
+use super::expr::Environment;
+use super::grammar::{Grammar, Module, Production, Recursion, Rules};
+use super::program::run;
 use crate::Result;
-use crate::random::SplitMix64;
 
 /// Takes a symbol of the last string and its parameters.
 pub type Each<'a> = dyn FnMut(char, &[f64], &mut Budget) -> Result<()> + 'a;
@@ -27,34 +29,42 @@ struct Frame<'g> {
 enum Stage {
     /// This many derivation steps, then the homomorphism.
     Steps(u64),
-    /// Productions of the homomorphism from this one on.
-    Homomorphism(usize),
+    /// Decomposition of what a step gave, from this depth on, then these steps.
+    Decomposition { depth: u64, steps: u64 },
+    /// Productions of the homomorphism from this one on, at this depth.
+    Homomorphism { from: usize, depth: u64 },
 }
 
+/// A whole string, and the index of a symbol in it.
+type Place<'t> = Option<(&'t Text, usize)>;
+
 /// Chooses productions.
-pub struct Chooser<'g> {
-    considered: &'g Considered,
-    rng: SplitMix64,
-    /// Production and weight of those that match.
-    matching: Vec<(usize, f64)>,
+struct Chooser<'g> {
+    grammar: &'g Grammar,
+    env: Environment,
+    /// Those that match, their weights, and what their statements made of their variables.
+    matching: Vec<(usize, f64, Vec<f64>)>,
 }
 
 impl<'g> Chooser<'g> {
-    /// The production for a symbol, from number `from` on, with its parameters in `bound`. `place`: the string, and where in it the symbol is.
+    /// The production for a symbol, from number `from` on, with its parameters and variables in `bound`; its statements have
+    /// been run. `place`: where the symbol is.
     fn choose<'r>(
         &mut self,
         rules: &'r Rules,
         from: usize,
         (symbol, arguments): (char, &[f64]),
-        place: Option<(&Text, usize)>,
+        place: Place,
         budget: &mut Budget,
         bound: &mut Vec<f64>,
     ) -> Result<Option<&'r Production>> {
         let list = rules.of(symbol);
         self.matching.clear();
+        let mut chosen = None;
         for (i, production) in list.iter().enumerate() {
-            if let Some(&(first, _)) = self.matching.first()
-                && list[first].in_context() != production.in_context()
+            if self.grammar.context_first
+                && let Some((first, ..)) = self.matching.first()
+                && list[*first].in_context() != production.in_context()
             {
                 break;
             }
@@ -63,63 +73,93 @@ impl<'g> Chooser<'g> {
             }
             match &production.weight {
                 Some(weight) => {
-                    let weight = weight.value(bound, &mut self.rng);
-                    self.matching.push((i, if weight.is_finite() { weight.max(0.0) } else { 0.0 }));
+                    let weight = weight.value(bound, &mut self.env);
+                    let weight = if weight.is_finite() { weight.max(0.0) } else { 0.0 };
+                    let own = if production.before.is_empty() { Vec::new() } else { bound.clone() };
+                    self.matching.push((i, weight, own));
                 }
-                None if self.matching.is_empty() => return Ok(Some(production)),
+                None if self.matching.is_empty() => {
+                    chosen = Some(production);
+                    break;
+                }
                 None => {}
             }
         }
+        if chosen.is_none()
+            && let Some(i) = self.draw()
+            && let (Some(production), Some((.., own))) = (list.get(i), self.matching.iter_mut().find(|m| m.0 == i))
+        {
+            if production.before.is_empty() {
+                self.bind(production, arguments, place, budget, bound)?;
+            } else {
+                std::mem::swap(bound, own);
+            }
+            chosen = Some(production);
+        }
+        if let Some(production) = chosen {
+            run(&production.after, bound, &mut self.env, budget)?;
+        }
+        Ok(chosen)
+    }
+
+    /// One of those that match, by lot.
+    fn draw(&mut self) -> Option<usize> {
         let total: f64 = self.matching.iter().map(|m| m.1).sum();
         if total <= 0.0 {
-            return Ok(None);
+            return None;
         }
-        let mut lot = total * self.rng.unit();
+        let mut lot = total * self.env.rng.unit();
         let chosen = self.matching.iter().find(|m| {
             lot -= m.1;
             lot < 0.0
         });
-        let last = self.matching.iter().rfind(|m| m.1 > 0.0);
-        let Some(production) = chosen.or(last).and_then(|m| list.get(m.0)) else { return Ok(None) };
-        bind(production, self.considered, arguments, place, budget, bound)?;
-        Ok(Some(production))
+        chosen.or(self.matching.iter().rfind(|m| m.1 > 0.0)).map(|m| m.0)
     }
 
     fn matches(
         &mut self,
         production: &Production,
         arguments: &[f64],
-        place: Option<(&Text, usize)>,
+        place: Place,
         budget: &mut Budget,
         bound: &mut Vec<f64>,
     ) -> Result<bool> {
-        Ok(bind(production, self.considered, arguments, place, budget, bound)?
-            && production.condition.as_ref().is_none_or(|c| c.value(bound, &mut self.rng) != 0.0))
+        Ok(self.bind(production, arguments, place, budget, bound)?
+            && run(&production.before, bound, &mut self.env, budget)?
+            && production.condition.as_ref().is_none_or(|c| c.value(bound, &mut self.env) != 0.0))
     }
-}
 
-/// Collect the parameters of left context, symbol and right context; false where they do not match.
-fn bind(
-    production: &Production,
-    considered: &Considered,
-    arguments: &[f64],
-    place: Option<(&Text, usize)>,
-    budget: &mut Budget,
-    bound: &mut Vec<f64>,
-) -> Result<bool> {
-    bound.clear();
-    if production.predecessor.count != arguments.len() {
-        return Ok(false);
+    /// Collect the parameters of left context, symbol and right context, and variables that are 0; false where they do not
+    /// match.
+    fn bind(
+        &self,
+        production: &Production,
+        arguments: &[f64],
+        place: Place,
+        budget: &mut Budget,
+        bound: &mut Vec<f64>,
+    ) -> Result<bool> {
+        bound.clear();
+        if production.predecessor.count != arguments.len() {
+            return Ok(false);
+        }
+        match place.filter(|_| production.in_context()) {
+            Some((text, at)) => {
+                let considered = &self.grammar.considered;
+                if !text.left(at, &production.left, considered, budget, bound)? {
+                    return Ok(false);
+                }
+                bound.extend(arguments);
+                if !text.right(at, &production.right, considered, budget, bound)? {
+                    return Ok(false);
+                }
+            }
+            None if production.in_context() => return Ok(false),
+            None => bound.extend(arguments),
+        }
+        bound.resize(bound.len() + production.variables, 0.0);
+        Ok(true)
     }
-    let Some((text, at)) = place.filter(|_| production.in_context()) else {
-        bound.extend(arguments);
-        return Ok(!production.in_context());
-    };
-    if !text.left(at, &production.left, considered, budget, bound)? {
-        return Ok(false);
-    }
-    bound.extend(arguments);
-    text.right(at, &production.right, considered, budget, bound)
 }
 
 /// Give the symbols of the string after `iterations` steps, in order, with their parameters.
@@ -127,28 +167,38 @@ fn bind(
 /// # Errors
 /// [`Error::Limit`] where the budget does not last, and what `each` gives.
 pub fn derive(grammar: &Grammar, iterations: u64, seed: u64, budget: &mut Budget, each: &mut Each) -> Result<()> {
-    let chooser = Chooser { considered: &grammar.considered, rng: SplitMix64::new(seed), matching: Vec::new() };
-    let mut deriver = Deriver { grammar, chooser, frames: Vec::new(), parameters: Vec::new(), bound: Vec::new() };
-    if !grammar.rules.in_context() {
+    let env = Environment::new(seed, &grammar.globals);
+    let chooser = Chooser { grammar, env, matching: Vec::new() };
+    let mut deriver =
+        Deriver { grammar, chooser, frames: Vec::new(), parameters: Vec::new(), bound: Vec::new(), one_step: false };
+    if !grammar.by_strings() {
         let stage = Stage::Steps(iterations);
         deriver.frames.push(Frame { modules: &grammar.axiom, at: 0, parameters: 0, stage });
-        return deriver.run(budget, each);
+        return deriver.run(None, budget, each);
     }
+    run(&grammar.blocks.start, &mut [], &mut deriver.chooser.env, budget)?;
     let mut text = Text::default();
     let mut arguments = Vec::new();
     for module in &grammar.axiom {
         arguments.clear();
-        arguments.extend(module.arguments.iter().map(|a| a.value(&[], &mut deriver.chooser.rng)));
+        arguments.extend(module.arguments.iter().map(|a| a.value(&[], &mut deriver.chooser.env)));
         text.push(module.symbol, &arguments);
     }
-    for _ in 0..iterations {
+    for step in 1..=iterations {
+        let env = &mut deriver.chooser.env;
+        if let Some(variable) = grammar.step_variable.and_then(|i| env.globals.get_mut(i)) {
+            *variable = step as f64;
+        }
+        run(&grammar.blocks.start_each, &mut [], env, budget)?;
         text.pair_brackets();
         text = deriver.rewrite(&text, budget)?;
+        run(&grammar.blocks.end_each, &mut [], &mut deriver.chooser.env, budget)?;
     }
+    run(&grammar.blocks.end, &mut [], &mut deriver.chooser.env, budget)?;
     for i in 0..text.len() {
         budget.spend(1)?;
-        deriver.advance(text.module(i), Stage::Steps(0), budget, each)?;
-        deriver.run(budget, each)?;
+        deriver.advance(text.module(i), Stage::Steps(0), None, budget, each)?;
+        deriver.run(None, budget, each)?;
     }
     Ok(())
 }
@@ -160,61 +210,105 @@ struct Deriver<'g> {
     /// Parameters of all frames, one after another.
     parameters: Vec<f64>,
     bound: Vec<f64>,
+    /// Whether a symbol is given when its steps are done, before the homomorphism.
+    one_step: bool,
 }
 
 impl<'g> Deriver<'g> {
-    /// One step of a whole string. What follows `%` to the end of its branch is cut off.
+    /// One step of a whole string. What follows a cut to the end of its branch is left out.
     fn rewrite(&mut self, text: &Text, budget: &mut Budget) -> Result<Text> {
         let mut next = Text::default();
-        let mut arguments = Vec::new();
+        let grammar = self.grammar;
+        self.one_step = true;
         let mut at = 0;
         while at < text.len() {
             budget.spend(1)?;
-            let (symbol, values) = text.module(at);
-            if symbol == '%' {
+            let found = text.module(at);
+            if grammar.actions.get(&found.0) == Some(&Action::Cut) {
                 at = text.end_of_branch(at);
                 continue;
             }
-            let found = (symbol, values);
-            let rules = &self.grammar.rules;
-            match self.chooser.choose(rules, 0, found, Some((text, at)), budget, &mut self.bound)? {
-                None => next.push(symbol, values),
-                Some(production) => {
-                    for module in &production.successor {
-                        arguments.clear();
-                        let rng = &mut self.chooser.rng;
-                        arguments.extend(module.arguments.iter().map(|a| a.value(&self.bound, rng)));
-                        next.push(module.symbol, &arguments);
-                        budget.spend(1)?;
-                        budget.holds(text.bytes() + next.bytes())?;
-                    }
-                }
+            let place = Some((text, at));
+            let mut each = |symbol: char, arguments: &[f64], budget: &mut Budget| {
+                next.push(symbol, arguments);
+                budget.holds(text.bytes() + next.bytes())
+            };
+            match self.chooser.choose(&grammar.rules, 0, found, place, budget, &mut self.bound)? {
+                Some(production) => self.open(production, self.after_step(0), budget)?,
+                None => self.advance(found, self.after_step(0), place, budget, &mut each)?,
             }
-            budget.holds(text.bytes() + next.bytes())?;
+            self.run(place, budget, &mut each)?;
             at += 1;
         }
+        self.one_step = false;
         Ok(next)
     }
 
-    /// Give the symbol, or what it becomes, once `stage` is done.
-    fn advance(&mut self, found: (char, &[f64]), mut stage: Stage, budget: &mut Budget, each: &mut Each) -> Result<()> {
+    /// Stage of what a step gave or left.
+    fn after_step(&self, steps: u64) -> Stage {
+        if self.grammar.decomposition.is_empty() {
+            Stage::Steps(steps)
+        } else {
+            Stage::Decomposition { depth: 0, steps }
+        }
+    }
+
+    /// Give the symbol, or open a frame of what it becomes, once `stage` is done.
+    fn advance(
+        &mut self,
+        found: (char, &[f64]),
+        mut stage: Stage,
+        place: Place,
+        budget: &mut Budget,
+        each: &mut Each,
+    ) -> Result<()> {
         let grammar = self.grammar;
-        let mut chosen = None;
-        while let Stage::Steps(left @ 1..) = stage {
-            stage = Stage::Steps(left - 1);
-            chosen = self.chooser.choose(&grammar.rules, 0, found, None, budget, &mut self.bound)?;
-            // A symbol that nothing matches is not matched later, unless by lot.
-            if chosen.is_some() || !grammar.rules.random(found.0) {
-                break;
+        loop {
+            let (rules, from, next) = match stage {
+                Stage::Decomposition { depth, steps } if depth < grammar.decomposition_depth => {
+                    (&grammar.decomposition, 0, Stage::Decomposition { depth: depth + 1, steps })
+                }
+                Stage::Decomposition { steps, .. } => {
+                    stage = Stage::Steps(steps);
+                    continue;
+                }
+                Stage::Steps(0) if self.one_step => return each(found.0, found.1, budget),
+                Stage::Steps(0) => {
+                    stage = Stage::Homomorphism { from: 0, depth: 0 };
+                    continue;
+                }
+                Stage::Steps(left) => (&grammar.rules, 0, self.after_step(left - 1)),
+                Stage::Homomorphism { from, depth } => match grammar.recursion {
+                    Recursion::Depth(most) if depth >= most => return each(found.0, found.1, budget),
+                    _ => (&grammar.homomorphism, from, Stage::Homomorphism { from, depth: depth + 1 }),
+                },
+            };
+            if let Some(production) = self.chooser.choose(rules, from, found, place, budget, &mut self.bound)? {
+                let next = match (next, grammar.recursion) {
+                    (Stage::Homomorphism { depth, .. }, Recursion::Below) => {
+                        Stage::Homomorphism { from: production.number + 1, depth }
+                    }
+                    (next, _) => next,
+                };
+                return self.open(production, next, budget);
             }
-            budget.spend(1)?;
+            stage = match stage {
+                Stage::Decomposition { steps, .. } => Stage::Steps(steps),
+                // A symbol that nothing matches is not matched later, unless by lot.
+                Stage::Steps(_) if !grammar.rules.random(found.0) && grammar.decomposition.of(found.0).is_empty() => {
+                    Stage::Steps(0)
+                }
+                Stage::Steps(_) => {
+                    budget.spend(1)?;
+                    next
+                }
+                Stage::Homomorphism { .. } => return each(found.0, found.1, budget),
+            };
         }
-        if chosen.is_none() {
-            let from = if let Stage::Homomorphism(from) = stage { from } else { 0 };
-            chosen = self.chooser.choose(&grammar.homomorphism, from, found, None, budget, &mut self.bound)?;
-            stage = Stage::Homomorphism(chosen.map_or(0, |p| p.number + 1));
-        }
-        let Some(production) = chosen else { return each(found.0, found.1, budget) };
+    }
+
+    /// A frame of what `production` gives; its parameters are bound.
+    fn open(&mut self, production: &'g Production, stage: Stage, budget: &mut Budget) -> Result<()> {
         let start = self.parameters.len();
         self.parameters.extend(&self.bound);
         self.frames.push(Frame { modules: &production.successor, at: 0, parameters: start, stage });
@@ -222,7 +316,7 @@ impl<'g> Deriver<'g> {
     }
 
     /// Rewrite depth first what the frames hold.
-    fn run(&mut self, budget: &mut Budget, each: &mut Each) -> Result<()> {
+    fn run(&mut self, place: Place, budget: &mut Budget, each: &mut Each) -> Result<()> {
         let mut arguments = Vec::new();
         while let Some(frame) = self.frames.last_mut() {
             let Some(module) = frame.modules.get(frame.at) else {
@@ -235,13 +329,13 @@ impl<'g> Deriver<'g> {
             let stage = frame.stage;
             arguments.clear();
             let own = self.parameters.get(frame.parameters..).unwrap_or_default();
-            arguments.extend(module.arguments.iter().map(|a| a.value(own, &mut self.chooser.rng)));
+            arguments.extend(module.arguments.iter().map(|a| a.value(own, &mut self.chooser.env)));
             // A frame that is through makes room before its last symbol is rewritten: F → F takes no memory.
             if frame.at == frame.modules.len() {
                 self.parameters.truncate(frame.parameters);
                 self.frames.pop();
             }
-            self.advance((module.symbol, &arguments), stage, budget, each)?;
+            self.advance((module.symbol, &arguments), stage, place, budget, each)?;
         }
         Ok(())
     }

@@ -1,12 +1,12 @@
 //! The lines of a grammar file that begin with `#`.
 
-use super::expr;
-use super::expr::Names;
-use super::grammar::{Action, Considered, Giver, Grammar, Surface};
+use super::alphabet::Action;
+use super::expr::Environment;
+use super::expr_parser::{self, Names, Syntax};
+use super::grammar::{Considered, Giver, Grammar, Surface};
 use super::lexer::{Char, Cursor, Parsed, symbols};
 use crate::error::short;
 use crate::geom::DVec3;
-use crate::random::SplitMix64;
 use crate::scene::texture::srgb_to_linear;
 
 /// All directives, for messages.
@@ -21,8 +21,8 @@ pub fn read(word: &str, hash: Char, cursor: &mut Cursor, grammar: &mut Grammar) 
     let place = cursor.place();
     match word {
         "define" => {
-            let name = cursor.word(|c| expr::begins_name(c) || c.is_numeric());
-            if !name.starts_with(expr::begins_name) {
+            let name = cursor.word(|c| expr_parser::begins_name(c) || c.is_numeric());
+            if !name.starts_with(expr_parser::begins_name) {
                 return Err(place.fault("a #define begins with a name"));
             }
             cursor.take('=');
@@ -68,7 +68,7 @@ pub fn read(word: &str, hash: Char, cursor: &mut Cursor, grammar: &mut Grammar) 
         }
         "surface" => surface(cursor, grammar)?,
         "material" => material(cursor, grammar)?,
-        "draw" => grammar.actions.extend(symbols(cursor)?.into_iter().map(|s| (s, Action::Draw))),
+        "draw" => grammar.actions.extend(symbols(cursor)?.into_iter().map(|s| (s, Action::DRAW))),
         "ignore" => match (&mut grammar.considered, symbols(cursor)?) {
             (Considered::AllBut(set), more) => set.extend(more),
             _ => return Err(hash.fault("#ignore and #consider exclude each other")),
@@ -87,12 +87,12 @@ pub fn read(word: &str, hash: Char, cursor: &mut Cursor, grammar: &mut Grammar) 
 fn value(cursor: &mut Cursor, grammar: &Grammar) -> Parsed<f64> {
     cursor.skip_space();
     let place = cursor.place();
-    let names = Names { constants: &grammar.constants, parameters: &[] };
-    let expr = expr::parse(cursor, &names)?;
+    let names = Names::new(Syntax::Book, &grammar.constants, &[]);
+    let expr = expr_parser::parse(cursor, &names)?;
     if expr.random() {
         return Err(place.fault("what is drawn by lot stands in productions, not here"));
     }
-    let value = expr.value(&[], &mut SplitMix64::new(0));
+    let value = expr.value(&[], &mut Environment::new(0, &[]));
     if value.is_finite() { Ok(value) } else { Err(place.fault("this is not a finite number")) }
 }
 
@@ -231,7 +231,7 @@ fn corner(cursor: &mut Cursor) -> Parsed<DVec3> {
         if !cursor.peek().is_some_and(|c| c.is_ascii_digit() || c == '.') {
             return Err(cursor.unexpected("a number"));
         }
-        out[axis] = sign * expr::number(cursor)?;
+        out[axis] = sign * expr_parser::number(cursor)?;
     }
     Ok(out)
 }

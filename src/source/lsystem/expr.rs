@@ -1,19 +1,31 @@
-//! Arithmetic in parameters, conditions and directives: `s*r + 1`, `t < 3 & s >= .1`, `ran(10)`.
+//! Arithmetic in parameters, conditions and statements, as it is evaluated: `s*r + 1`, `t < 3 & s >= .1`, `ran(10)`.
 
-use std::collections::BTreeMap;
-
-use super::lexer::{Cursor, Fault, Parsed};
 use crate::random::SplitMix64;
 
 /// A number that may depend on a symbol's parameters. Truth is any number but 0. Angles are in degrees.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Expr {
     Number(f64),
-    /// Index into the parameters of the production, in the order they are named.
+    /// Index into the parameters of the production, in the order they are named; its own variables follow them.
     Parameter(usize),
+    /// Index into the variables of the grammar.
+    Global(usize),
+    /// Element of an array of the grammar.
+    Element(Element),
     Unary(Unary, Box<Expr>),
     Binary(Binary, Box<[Expr; 2]>),
+    /// Where the first holds the second, else the third.
+    Conditional(Box<[Expr; 3]>),
     Call(Function, Vec<Expr>),
+}
+
+/// An element of an array, whose rows follow each other in the variables of the grammar.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Element {
+    /// Place of the first element.
+    pub first: usize,
+    /// Size and index in each dimension; an index that is out of range is taken to the nearest that is not.
+    pub indices: Vec<(usize, Expr)>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -36,7 +48,12 @@ pub enum Binary {
     Subtract,
     Multiply,
     Divide,
+    /// Quotient rounded down.
+    FloorDivide,
+    /// Remainder with the sign of the dividend.
     Remainder,
+    /// Remainder with the sign of the divisor.
+    Modulo,
     Power,
 }
 
@@ -49,62 +66,41 @@ pub enum Function {
     Acos,
     Atan,
     Atan2,
+    Degrees,
+    Radians,
     Sqrt,
     Exp,
     Log,
+    Log10,
     Abs,
     Floor,
     Ceil,
+    Round,
+    Truncate,
     Sign,
     Min,
     Max,
     Pow,
+    Hypot,
     Ran,
     NormalRan,
+    /// Uniform in [0, 1), whatever the argument.
+    Seeded,
 }
 
-/// Name, function, number of arguments.
-const FUNCTIONS: [(&str, Function, usize); 19] = [
-    ("sin", Function::Sin, 1),
-    ("cos", Function::Cos, 1),
-    ("tan", Function::Tan, 1),
-    ("asin", Function::Asin, 1),
-    ("acos", Function::Acos, 1),
-    ("atan", Function::Atan, 1),
-    ("atan2", Function::Atan2, 2),
-    ("sqrt", Function::Sqrt, 1),
-    ("exp", Function::Exp, 1),
-    ("log", Function::Log, 1),
-    ("abs", Function::Abs, 1),
-    ("floor", Function::Floor, 1),
-    ("ceil", Function::Ceil, 1),
-    ("sign", Function::Sign, 1),
-    ("min", Function::Min, 2),
-    ("max", Function::Max, 2),
-    ("pow", Function::Pow, 2),
-    ("ran", Function::Ran, 1),
-    ("nran", Function::NormalRan, 2),
-];
+/// What evaluating needs and changes besides the parameters of a symbol.
+#[derive(Debug)]
+pub struct Environment {
+    pub rng: SplitMix64,
+    /// Variables of the grammar; arrays lie in them row by row.
+    pub globals: Vec<f64>,
+}
 
-/// Operators by how tightly they bind, loosest first. Longer ones come before those that they begin with.
-const LEVELS: [&[(&str, Binary)]; 5] = [
-    &[("||", Binary::Or), ("|", Binary::Or)],
-    &[("&&", Binary::And), ("&", Binary::And)],
-    &[
-        ("==", Binary::Equal),
-        ("=", Binary::Equal),
-        ("!=", Binary::Unequal),
-        ("<=", Binary::LessEqual),
-        (">=", Binary::GreaterEqual),
-        ("<", Binary::Less),
-        (">", Binary::Greater),
-    ],
-    &[("+", Binary::Add), ("-", Binary::Subtract)],
-    &[("*", Binary::Multiply), ("/", Binary::Divide), ("%", Binary::Remainder)],
-];
-
-/// Largest number of operators, calls and parentheses per expression: it bounds the recursion of parsing and evaluation.
-const MOST_TERMS: usize = 256;
+impl Environment {
+    pub fn new(seed: u64, globals: &[f64]) -> Environment {
+        Environment { rng: SplitMix64::new(seed), globals: globals.to_vec() }
+    }
+}
 
 /// Sine and cosine of an angle in degrees, exact at right angles.
 pub fn sin_cos(degrees: f64) -> (f64, f64) {
@@ -118,29 +114,85 @@ pub fn sin_cos(degrees: f64) -> (f64, f64) {
 }
 
 impl Expr {
-    pub fn value(&self, parameters: &[f64], rng: &mut SplitMix64) -> f64 {
+    pub fn value(&self, parameters: &[f64], env: &mut Environment) -> f64 {
         match self {
             Expr::Number(v) => *v,
             Expr::Parameter(i) => parameters.get(*i).copied().unwrap_or(0.0),
-            Expr::Unary(Unary::Minus, a) => -a.value(parameters, rng),
-            Expr::Unary(Unary::Not, a) => truth(a.value(parameters, rng) == 0.0),
-            Expr::Binary(op, ab) => binary(*op, ab[0].value(parameters, rng), ab[1].value(parameters, rng)),
+            Expr::Global(i) => env.globals.get(*i).copied().unwrap_or(0.0),
+            Expr::Element(element) => {
+                let i = element.place(parameters, env);
+                env.globals.get(i).copied().unwrap_or(0.0)
+            }
+            Expr::Unary(Unary::Minus, a) => -a.value(parameters, env),
+            Expr::Unary(Unary::Not, a) => truth(a.value(parameters, env) == 0.0),
+            Expr::Binary(op, ab) => binary(*op, ab[0].value(parameters, env), ab[1].value(parameters, env)),
+            Expr::Conditional(abc) => {
+                let holds = abc[0].value(parameters, env) != 0.0;
+                abc[if holds { 1 } else { 2 }].value(parameters, env)
+            }
             Expr::Call(f, list) => {
-                let a = list.first().map_or(0.0, |e| e.value(parameters, rng));
-                let b = list.get(1).map_or(0.0, |e| e.value(parameters, rng));
-                call(*f, a, b, rng)
+                let a = list.first().map_or(0.0, |e| e.value(parameters, env));
+                let b = list.get(1).map_or(0.0, |e| e.value(parameters, env));
+                call(*f, a, b, &mut env.rng)
             }
         }
     }
 
+    /// Its value where it depends on nothing.
+    pub fn constant(&self) -> Option<f64> {
+        (!self.any(&|e| matches!(e, Expr::Parameter(_) | Expr::Global(_) | Expr::Element(_)) || e.draws()))
+            .then(|| self.value(&[], &mut Environment::new(0, &[])))
+    }
+
     /// Test whether its value depends on random numbers.
     pub fn random(&self) -> bool {
-        match self {
-            Expr::Number(_) | Expr::Parameter(_) => false,
-            Expr::Unary(_, a) => a.random(),
-            Expr::Binary(_, ab) => ab.iter().any(Expr::random),
-            Expr::Call(f, list) => matches!(f, Function::Ran | Function::NormalRan) || list.iter().any(Expr::random),
+        self.any(&Expr::draws)
+    }
+
+    fn draws(&self) -> bool {
+        matches!(self, Expr::Call(Function::Ran | Function::NormalRan | Function::Seeded, _))
+    }
+
+    /// Test whether its value depends on variables of the grammar.
+    pub fn shares(&self) -> bool {
+        self.any(&|e| matches!(e, Expr::Global(_) | Expr::Element(_)))
+    }
+
+    /// Number of its terms.
+    pub fn size(&self) -> usize {
+        1 + match self {
+            Expr::Number(_) | Expr::Parameter(_) | Expr::Global(_) => 0,
+            Expr::Element(element) => element.indices.iter().map(|(_, e)| e.size()).sum(),
+            Expr::Unary(_, a) => a.size(),
+            Expr::Binary(_, ab) => ab.iter().map(Expr::size).sum(),
+            Expr::Conditional(abc) => abc.iter().map(Expr::size).sum(),
+            Expr::Call(_, list) => list.iter().map(Expr::size).sum(),
         }
+    }
+
+    /// Test whether `is` holds for it or for any of its parts.
+    fn any(&self, is: &impl Fn(&Expr) -> bool) -> bool {
+        is(self)
+            || match self {
+                Expr::Number(_) | Expr::Parameter(_) | Expr::Global(_) => false,
+                Expr::Element(element) => element.indices.iter().any(|(_, e)| e.any(is)),
+                Expr::Unary(_, a) => a.any(is),
+                Expr::Binary(_, ab) => ab.iter().any(|e| e.any(is)),
+                Expr::Conditional(abc) => abc.iter().any(|e| e.any(is)),
+                Expr::Call(_, list) => list.iter().any(|e| e.any(is)),
+            }
+    }
+}
+
+impl Element {
+    /// Index into the variables of the grammar.
+    pub fn place(&self, parameters: &[f64], env: &mut Environment) -> usize {
+        let row = self.indices.iter().fold(0, |row, (size, index)| {
+            // A cast takes what is no number to 0.
+            let i = (index.value(parameters, env).max(0.0) as usize).min(size.saturating_sub(1));
+            row * size + i
+        });
+        self.first + row
     }
 }
 
@@ -162,7 +214,9 @@ fn binary(op: Binary, a: f64, b: f64) -> f64 {
         Binary::Subtract => a - b,
         Binary::Multiply => a * b,
         Binary::Divide => a / b,
+        Binary::FloorDivide => libm::floor(a / b),
         Binary::Remainder => libm::fmod(a, b),
+        Binary::Modulo => a - b * libm::floor(a / b),
         Binary::Power => libm::pow(a, b),
     }
 }
@@ -176,236 +230,25 @@ fn call(f: Function, a: f64, b: f64, rng: &mut SplitMix64) -> f64 {
         Function::Acos => libm::acos(a).to_degrees(),
         Function::Atan => libm::atan(a).to_degrees(),
         Function::Atan2 => libm::atan2(a, b).to_degrees(),
+        Function::Degrees => a.to_degrees(),
+        Function::Radians => a.to_radians(),
         Function::Sqrt => libm::sqrt(a),
         Function::Exp => libm::exp(a),
         Function::Log => libm::log(a),
+        Function::Log10 => libm::log10(a),
         Function::Abs => a.abs(),
         Function::Floor => libm::floor(a),
         Function::Ceil => libm::ceil(a),
+        // Halves go to the even neighbour, as Python has it.
+        Function::Round => libm::rint(a),
+        Function::Truncate => libm::trunc(a),
         Function::Sign => truth(a > 0.0) - truth(a < 0.0),
         Function::Min => a.min(b),
         Function::Max => a.max(b),
         Function::Pow => libm::pow(a, b),
+        Function::Hypot => libm::hypot(a, b),
         Function::Ran => a * rng.unit(),
         Function::NormalRan => a + b * rng.normal(),
-    }
-}
-
-/// The names that an expression may use.
-#[derive(Debug, Clone, Copy)]
-pub struct Names<'a> {
-    pub constants: &'a BTreeMap<String, f64>,
-    /// Parameters of the production, in order.
-    pub parameters: &'a [String],
-}
-
-/// Test whether `c` may begin a name; digits may follow.
-pub fn begins_name(c: char) -> bool {
-    c.is_alphabetic() || c == '_'
-}
-
-/// Parse the expression at the cursor; what follows it is left.
-pub fn parse(cursor: &mut Cursor, names: &Names) -> Parsed<Expr> {
-    Parser { cursor, names, terms: 0 }.level(0)
-}
-
-struct Parser<'c, 'a, 'n> {
-    cursor: &'c mut Cursor<'a>,
-    names: &'n Names<'n>,
-    terms: usize,
-}
-
-impl Parser<'_, '_, '_> {
-    fn count(&mut self) -> Result<(), Fault> {
-        self.terms += 1;
-        if self.terms > MOST_TERMS {
-            return Err(self.cursor.place().fault(format!("the expression has more than {MOST_TERMS} terms")));
-        }
-        Ok(())
-    }
-
-    fn level(&mut self, level: usize) -> Parsed<Expr> {
-        let Some(operators) = LEVELS.get(level) else { return self.power() };
-        let mut left = self.level(level + 1)?;
-        while let Some(op) = self.operator(operators) {
-            self.count()?;
-            left = Expr::Binary(op, Box::new([left, self.level(level + 1)?]));
-        }
-        Ok(left)
-    }
-
-    fn operator(&mut self, operators: &[(&str, Binary)]) -> Option<Binary> {
-        self.cursor.skip_space();
-        let (first, second) = (self.cursor.peek()?, self.cursor.second());
-        let (name, op) = operators.iter().find(|(name, _)| {
-            let mut c = name.chars();
-            c.next() == Some(first) && c.next().is_none_or(|c| Some(c) == second)
-        })?;
-        for _ in name.chars() {
-            self.cursor.next();
-        }
-        Some(*op)
-    }
-
-    /// `-a`, `!a`, `a^b`: powers bind tighter than a sign before them, and from the right.
-    fn power(&mut self) -> Parsed<Expr> {
-        self.count()?;
-        if self.cursor.take('-') {
-            return Ok(Expr::Unary(Unary::Minus, Box::new(self.power()?)));
-        }
-        if self.cursor.take('!') {
-            return Ok(Expr::Unary(Unary::Not, Box::new(self.power()?)));
-        }
-        if self.cursor.take('+') {
-            return self.power();
-        }
-        let base = self.atom()?;
-        if self.cursor.take('^') {
-            return Ok(Expr::Binary(Binary::Power, Box::new([base, self.power()?])));
-        }
-        Ok(base)
-    }
-
-    fn atom(&mut self) -> Parsed<Expr> {
-        if self.cursor.take('(') {
-            let inner = self.level(0)?;
-            return if self.cursor.take(')') { Ok(inner) } else { Err(self.cursor.unexpected("')' or an operator")) };
-        }
-        match self.cursor.peek() {
-            Some(c) if c.is_ascii_digit() || c == '.' => number(self.cursor).map(Expr::Number),
-            Some(c) if begins_name(c) => self.name(),
-            _ => Err(self.cursor.unexpected("a number, a name or '('")),
-        }
-    }
-
-    fn name(&mut self) -> Parsed<Expr> {
-        let place = self.cursor.place();
-        let name = self.cursor.word(|c| begins_name(c) || c.is_numeric());
-        if let Some(i) = self.names.parameters.iter().position(|p| *p == name) {
-            return Ok(Expr::Parameter(i));
-        }
-        if let Some(v) = self.names.constants.get(&name) {
-            return Ok(Expr::Number(*v));
-        }
-        let Some((_, function, count)) = FUNCTIONS.iter().find(|f| f.0 == name) else {
-            return Err(place.fault(format!("{name} is no parameter, #define or function")));
-        };
-        let mut list = Vec::new();
-        if !self.cursor.take('(') {
-            return Err(self.cursor.unexpected(&format!("'(' after {name}")));
-        }
-        loop {
-            list.push(self.level(0)?);
-            if self.cursor.take(')') {
-                break;
-            }
-            if !self.cursor.take(',') {
-                return Err(self.cursor.unexpected("',' or ')'"));
-            }
-        }
-        if list.len() != *count {
-            return Err(place.fault(format!("{name} takes {count} argument(s), not {}", list.len())));
-        }
-        Ok(Expr::Call(*function, list))
-    }
-}
-
-/// A decimal number without a sign.
-pub fn number(cursor: &mut Cursor) -> Parsed<f64> {
-    let place = cursor.place();
-    let mut text = cursor.word(|c| c.is_ascii_digit() || c == '.');
-    if matches!(cursor.peek(), Some('e' | 'E')) {
-        let mut ahead = cursor.clone();
-        ahead.next();
-        let mut exponent = String::from("e");
-        if let Some(sign) = ahead.peek().filter(|c| matches!(c, '+' | '-')) {
-            exponent.push(sign);
-            ahead.next();
-        }
-        let digits = ahead.word(|c| c.is_ascii_digit());
-        if !digits.is_empty() {
-            text = text + &exponent + &digits;
-            *cursor = ahead;
-        }
-    }
-    match text.parse::<f64>() {
-        Ok(v) if v.is_finite() => Ok(v),
-        _ => Err(place.fault(format!("{text} is not a number that can be used"))),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::source::lsystem::lexer::{Char, characters};
-
-    fn value(text: &str) -> Parsed<f64> {
-        let constants = BTreeMap::from([("r1".to_owned(), 0.5)]);
-        let parameters = ["s".to_owned(), "t".to_owned()];
-        let chars = characters(text).unwrap();
-        let mut cursor = Cursor::new(&chars, Char { c: ' ', line: 1, column: 0 });
-        let expr = parse(&mut cursor, &Names { constants: &constants, parameters: &parameters })?;
-        assert!(cursor.at_end(), "{text}");
-        Ok(expr.value(&[3.0, 4.0], &mut SplitMix64::new(1)))
-    }
-
-    #[test]
-    fn operators_bind_as_usual() {
-        for (text, want) in [
-            ("1+2*3", 7.0),
-            ("(1+2)*3", 9.0),
-            ("-2^2", -4.0),
-            ("2^3^2", 512.0),
-            ("7 - 2 - 1", 4.0),
-            ("7 % 4", 3.0),
-            ("s*r1 + t", 5.5),
-            ("s < t & t = 4", 1.0),
-            ("s >= t || !(t != 4)", 1.0),
-            ("1.5e2 + .5", 150.5),
-            ("2*-3", -6.0),
-            ("max(s, t) + min(s, t)", 7.0),
-            ("sin(90) + cos(180) + sin(30)", 0.5),
-            ("atan2(1, 0)", 90.0),
-            ("floor(-.5) + ceil(.5) + sign(-2) + abs(-4)", 3.0),
-            ("ran(0)", 0.0),
-        ] {
-            assert!((value(text).unwrap() - want).abs() < 1e-12, "{text}");
-        }
-    }
-
-    #[test]
-    fn faults_point_at_the_character() {
-        for (text, column, what) in [
-            ("1+", 3, "the end"),
-            ("1+*2", 3, "'*'"),
-            ("(1", 3, "')'"),
-            ("x+1", 1, "x is no parameter"),
-            ("sin 3", 5, "'('"),
-            ("1+max(1)", 3, "takes 2"),
-            ("1.2.3", 1, "1.2.3"),
-            ("1e999", 1, "1e999"),
-        ] {
-            let fault = value(text).unwrap_err();
-            assert!(fault.column == column && fault.what.contains(what), "{text}: {fault:?}");
-        }
-        assert!(value(&"(".repeat(100_000)).unwrap_err().what.contains("more than"));
-        assert!(value(&"-".repeat(100_000)).unwrap_err().what.contains("more than"));
-        assert!(value(&"1+".repeat(100_000)).unwrap_err().what.contains("more than"));
-    }
-
-    #[test]
-    fn lots_are_fair() {
-        let mut rng = SplitMix64::new(7);
-        let n = 10_000;
-        let mean = (0..n).map(|_| rng.unit()).sum::<f64>() / f64::from(n);
-        // Deviation of the mean: 1 / sqrt(12 n) = .0029.
-        assert!((mean - 0.5).abs() < 0.012);
-        let (mut sum, mut squares) = (0.0, 0.0);
-        for _ in 0..n {
-            let v = rng.normal();
-            (sum, squares) = (sum + v, squares + v * v);
-        }
-        // Deviations .01 and .014.
-        assert!((sum / f64::from(n)).abs() < 0.04 && (squares / f64::from(n) - 1.0).abs() < 0.06);
+        Function::Seeded => rng.unit(),
     }
 }

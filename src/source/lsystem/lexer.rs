@@ -18,6 +18,8 @@ pub struct Fault {
     pub line: u32,
     pub column: u32,
     pub what: String,
+    /// Whether options are wrong, or missing, and not the file.
+    pub of_options: bool,
 }
 
 /// Shorthand for results of parsing.
@@ -25,7 +27,12 @@ pub type Parsed<T> = Result<T, Fault>;
 
 impl Char {
     pub fn fault(&self, what: impl Into<String>) -> Fault {
-        Fault { line: self.line, column: self.column, what: what.into() }
+        Fault { line: self.line, column: self.column, what: what.into(), of_options: false }
+    }
+
+    /// An option is needed, or another.
+    pub fn of_options(&self, what: impl Into<String>) -> Fault {
+        Fault { of_options: true, ..self.fault(what) }
     }
 }
 
@@ -38,9 +45,25 @@ pub fn shown(c: char) -> String {
     }
 }
 
-/// All characters without comments; line ends are kept. Comments are `/* … */`, and `#` before a space to the end of the
-/// line. Typographic signs become those of a keyboard.
+/// What a notation's comments look like.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Comments {
+    /// `/* … */`, and `#` before a space to the end of the line.
+    BlockOrHash,
+    /// `/* … */`.
+    Block,
+    /// This character to the end of the line.
+    ToEnd(char),
+}
+
+/// All characters of a grammar in our notation without comments; line ends are kept.
 pub fn characters(text: &str) -> Parsed<Vec<Char>> {
+    characters_but(text, Comments::BlockOrHash)
+}
+
+/// All characters without comments; line ends are kept. Typographic signs become those of a keyboard.
+pub fn characters_but(text: &str, comments: Comments) -> Parsed<Vec<Char>> {
+    let (block, hash) = (!matches!(comments, Comments::ToEnd(_)), comments == Comments::BlockOrHash);
     let mut out: Vec<Char> = Vec::with_capacity(text.len());
     let (mut line, mut column) = (1, 0);
     let mut comment: Option<Char> = None;
@@ -62,9 +85,11 @@ pub fn characters(text: &str) -> Parsed<Vec<Char>> {
                 comment = None;
             }
         } else if to_end {
-        } else if c == '/' && chars.peek() == Some(&'*') {
+        } else if block && c == '/' && chars.peek() == Some(&'*') {
             comment = Some(at);
-        } else if c == '#' && chars.peek().is_none_or(|n| n.is_whitespace() || *n == '#') {
+        } else if comments == Comments::ToEnd(c)
+            || (hash && c == '#' && chars.peek().is_none_or(|n| n.is_whitespace() || *n == '#'))
+        {
             to_end = true;
         } else if c != '\r' {
             out.push(at);
@@ -134,6 +159,23 @@ impl<'a> Cursor<'a> {
         self.skip_space();
         let there = self.peek() == Some(c);
         self.at += usize::from(there);
+        there
+    }
+
+    /// Test whether `text` comes next; a text that ends in a letter has to end a word.
+    pub fn begins(&self, text: &str) -> bool {
+        let rest = self.rest();
+        let n = text.chars().count();
+        let is_word = |c: char| c.is_alphanumeric() || c == '_';
+        let ends = !text.ends_with(is_word) || rest.get(n).is_none_or(|c| !is_word(c.c));
+        rest.len() >= n && text.chars().zip(rest).all(|(t, c)| t == c.c) && ends
+    }
+
+    /// Take `text` where it comes next, after spaces.
+    pub fn take_text(&mut self, text: &str) -> bool {
+        self.skip_space();
+        let there = self.begins(text);
+        self.at += if there { text.chars().count() } else { 0 };
         there
     }
 

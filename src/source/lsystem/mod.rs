@@ -3,15 +3,19 @@
 //!
 //! Based on: P. Prusinkiewicz, A. Lindenmayer, *The Algorithmic Beauty of Plants*, Springer 1990.
 
+mod alphabet;
 mod budget;
 mod context;
 mod derive;
+mod dialect;
 mod directive;
 mod expr;
+mod expr_parser;
 mod grammar;
 mod lexer;
-mod ls;
 mod parser;
+mod plant;
+mod program;
 #[cfg(test)]
 mod tests;
 mod turtle;
@@ -32,9 +36,11 @@ use crate::{Error, Result};
 use budget::Budget;
 use grammar::{Grammar, Materials, Surface};
 use lexer::Fault;
-use turtle::{Plant, Turtle};
+use plant::Plant;
+use turtle::Turtle;
 
-pub use turtle::Counts;
+pub use dialect::Dialect;
+pub use plant::Counts;
 
 /// Options of an L-system; they take precedence over the grammar file.
 #[derive(Debug, Clone, PartialEq)]
@@ -51,6 +57,10 @@ pub struct LSystemOptions {
     pub max_symbols: u64,
     /// Values of `#define`s, instead of the grammar's.
     pub define: BTreeMap<String, f64>,
+    /// Notation of the file; without one it follows from the file.
+    pub dialect: Option<Dialect>,
+    /// The system to take of a file that has several.
+    pub name: Option<String>,
 }
 
 impl Default for LSystemOptions {
@@ -62,6 +72,8 @@ impl Default for LSystemOptions {
             string: None,
             max_symbols: 100_000_000,
             define: BTreeMap::new(),
+            dialect: None,
+            name: None,
         }
     }
 }
@@ -80,10 +92,11 @@ pub fn open(
     read: &ReadOptions,
     mesh: &MeshOptions,
 ) -> Result<Box<dyn Source>> {
-    let grammar = match path {
-        Some(path) => read_grammar(path, read.max_bytes, &options.define)?,
-        None => Grammar::default(),
+    let (grammar, dialect) = match path {
+        Some(path) => read_grammar(path, read.max_bytes, options)?,
+        None => (Grammar::default(), Dialect::Book),
     };
+    let read_as = (dialect != Dialect::Book).then(|| format!("read as {}", dialect.called()));
     let (plant, _) = draw(path, grammar.clone(), options, read.max_bytes)?;
     let Plant { mut limbs, polygons, meshes, warnings, .. } = plant;
     let names = limb_materials(&mut limbs, &grammar.materials);
@@ -125,7 +138,7 @@ pub fn open(
         }
         add(mesh, transforms);
     }
-    Ok(Box::new(GroupSource::new(sources, &places, unit)))
+    Ok(Box::new(GroupSource::new(sources, &places, unit).with_notes(read_as.into_iter().collect())))
 }
 
 /// The names of the materials that the limbs have, each once; ids become places among them.
@@ -148,39 +161,45 @@ fn limb_materials(limbs: &mut [Strand], materials: &Materials) -> Vec<String> {
 /// # Errors
 /// As [`open`].
 pub fn count(path: &Path, options: &LSystemOptions, max_bytes: u64) -> Result<(Counts, u64)> {
-    let (plant, symbols) = draw(Some(path), read_grammar(path, max_bytes, &options.define)?, options, max_bytes)?;
+    let (plant, symbols) = draw(Some(path), read_grammar(path, max_bytes, options)?.0, options, max_bytes)?;
     Ok((plant.counts, symbols))
 }
 
-/// The files that the surfaces of the grammar `text` name, as they are found beside `path`.
-pub fn surfaces(path: &Path, text: &str) -> Vec<PathBuf> {
-    let grammar = parse(path, text, &BTreeMap::new()).unwrap_or_default();
+/// The files that are read with the grammar `text`, as they are found beside `path`: those that its notation has, and those
+/// that its surfaces name.
+pub fn beside(path: &Path, text: &str) -> Vec<PathBuf> {
+    let (grammar, dialect) =
+        parse(path, text, &LSystemOptions::default()).unwrap_or((Grammar::default(), Dialect::Book));
     let mesh = |s: &Surface| match s {
         Surface::Mesh { file, .. } => find(path, file),
-        Surface::Polygon { .. } => None,
+        Surface::Polygon { .. } | Surface::Patches { .. } => None,
     };
-    grammar.surfaces.values().filter_map(mesh).collect()
+    dialect::beside(dialect, path).into_iter().chain(grammar.surfaces.values().filter_map(mesh)).collect()
 }
 
 fn find(path: &Path, file: &str) -> Option<PathBuf> {
     files::find(path.parent().unwrap_or(Path::new("")), file, false)
 }
 
-/// `define`: values that take the place of the grammar's own.
-fn read_grammar(path: &Path, max_bytes: u64, define: &BTreeMap<String, f64>) -> Result<Grammar> {
+fn read_grammar(path: &Path, max_bytes: u64, options: &LSystemOptions) -> Result<(Grammar, Dialect)> {
     let bytes = files::read(path, max_bytes / BYTES_PER_CHARACTER)?;
-    let grammar = parse(path, &text::decode(&bytes), define).map_err(|f| Error::input(path, place(&f), f.what))?;
-    if let Some(name) = define.keys().find(|name| !grammar.constants.contains_key(*name)) {
+    let (mut grammar, dialect) = parse(path, &text::decode(&bytes), options).map_err(|f| match f.of_options {
+        true => Error::Options(format!("{}: {}", path.display(), f.what)),
+        false => Error::input(path, place(&f), f.what),
+    })?;
+    dialect::read_beside(dialect, path, &mut grammar)?;
+    if let Some(name) = options.define.keys().find(|name| !grammar.constants.contains_key(*name)) {
         let known: Vec<&str> = grammar.constants.keys().map(String::as_str).collect();
         let known = if known.is_empty() { "none".into() } else { known.join(", ") };
         return Err(Error::Options(format!("{}: has no #define {name}; it has: {known}", path.display())));
     }
-    Ok(grammar)
+    Ok((grammar, dialect))
 }
 
-fn parse(path: &Path, text: &str, define: &BTreeMap<String, f64>) -> Result<Grammar, Fault> {
-    let other = files::extension(path) == "ls";
-    if other { ls::grammar(text) } else { parser::grammar_with(text, define) }
+fn parse(path: &Path, text: &str, options: &LSystemOptions) -> Result<(Grammar, Dialect), Fault> {
+    let dialect = options.dialect.or_else(|| dialect::of(path, text)).ok_or_else(dialect::unclear)?;
+    let choice = dialect::Choice { define: &options.define, name: options.name.as_deref() };
+    Ok((dialect::read(dialect, text, &choice)?, dialect))
 }
 
 fn place(fault: &Fault) -> String {
@@ -193,7 +212,7 @@ fn draw(path: Option<&Path>, mut grammar: Grammar, options: &LSystemOptions, max
         grammar.axiom = parser::string(text, &grammar)
             .map_err(|f| Error::Options(format!("option `string`: {}: {}", place(&f), f.what)))?;
         iterations = Some(0);
-    } else if grammar.rules.is_empty() {
+    } else if grammar.rules.is_empty() && grammar.decomposition.is_empty() {
         iterations = Some(0);
     }
     let Some(iterations) = iterations else {

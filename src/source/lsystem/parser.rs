@@ -3,8 +3,8 @@
 use std::collections::BTreeMap;
 
 use super::directive;
-use super::expr;
-use super::expr::{Expr, Names};
+use super::expr::Expr;
+use super::expr_parser::{self, Names, Syntax};
 use super::grammar::{Grammar, Module, Pattern, Production};
 use super::lexer::{Char, Cursor, Parsed, characters, is_symbol, shown};
 
@@ -39,7 +39,7 @@ pub fn grammar_with(text: &str, given: &BTreeMap<String, f64>) -> Parsed<Grammar
 pub fn string(text: &str, grammar: &Grammar) -> Parsed<Vec<Module>> {
     let chars: Vec<Char> = characters(text)?;
     let mut cursor = Cursor::new(&chars, START);
-    let names = Names { constants: &grammar.constants, parameters: &[] };
+    let names = Names::new(Syntax::Book, &grammar.constants, &[]);
     let mut named = Vec::new();
     let modules = modules(&mut cursor, &names, &mut named)?;
     if !cursor.at_end() {
@@ -181,7 +181,7 @@ impl Reader {
         if (key == "axiom" || key == "ω") && ahead.take(':') {
             *cursor = ahead;
         }
-        let names = Names { constants: &self.grammar.constants, parameters: &[] };
+        let names = Names::new(Syntax::Book, &self.grammar.constants, &[]);
         self.grammar.axiom = modules(cursor, &names, &mut self.named)?;
         if cursor.at_end() { Ok(()) } else { Err(cursor.unexpected("a symbol")) }
     }
@@ -197,7 +197,7 @@ impl Reader {
         let mut parameters = Vec::new();
         let before = Char { column: arrow.column.saturating_sub(1), ..arrow };
         let (left, predecessor, right) = self.predecessor(parts[0], before, &mut parameters)?;
-        let names = Names { constants: &self.grammar.constants, parameters: &parameters };
+        let names = Names::new(Syntax::Book, &self.grammar.constants, &parameters);
         let condition = match parts.get(1) {
             Some(text) => condition(&mut Cursor::new(text, before), &names)?,
             None => None,
@@ -213,12 +213,12 @@ impl Reader {
         let mut weight = None;
         if cursor.take(':') {
             cursor.skip_space();
-            weight = Some(expr::parse(&mut cursor, &names)?);
+            weight = Some(expr_parser::parse(&mut cursor, &names)?);
         }
         if !cursor.at_end() {
             return Err(cursor.unexpected("a symbol or ':' and a probability"));
         }
-        let production = Production { left, predecessor, right, condition, weight, successor, number: 0 };
+        let production = Production { condition, weight, successor, ..Production::new(left, predecessor, right) };
         if !self.homomorphism {
             self.grammar.rules.add(production);
         } else if production.in_context() {
@@ -300,7 +300,7 @@ fn is_label(chars: &[Char]) -> bool {
 
 /// A condition; `*` stands for none.
 fn condition(cursor: &mut Cursor, names: &Names) -> Parsed<Option<Expr>> {
-    let condition = if cursor.take('*') { None } else { Some(expr::parse(cursor, names)?) };
+    let condition = if cursor.take('*') { None } else { Some(expr_parser::parse(cursor, names)?) };
     if cursor.at_end() { Ok(condition) } else { Err(cursor.unexpected("'→', '->' or an operator")) }
 }
 
@@ -326,7 +326,7 @@ fn modules(cursor: &mut Cursor, names: &Names, named: &mut Vec<Char>) -> Parsed<
         let mut arguments = Vec::new();
         if cursor.take('(') {
             loop {
-                arguments.push(expr::parse(cursor, names)?);
+                arguments.push(expr_parser::parse(cursor, names)?);
                 if cursor.take(')') {
                     break;
                 }
@@ -368,10 +368,10 @@ fn patterns(cursor: &mut Cursor, parameters: &mut Vec<String>, grammar: &Grammar
             loop {
                 cursor.skip_space();
                 let place = cursor.place();
-                if !cursor.peek().is_some_and(expr::begins_name) {
+                if !cursor.peek().is_some_and(expr_parser::begins_name) {
                     return Err(cursor.unexpected("the name of a parameter"));
                 }
-                let name = cursor.word(|c| expr::begins_name(c) || c.is_numeric());
+                let name = cursor.word(|c| expr_parser::begins_name(c) || c.is_numeric());
                 if parameters.contains(&name) {
                     return Err(place.fault(format!("a second parameter {name}")));
                 }

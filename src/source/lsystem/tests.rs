@@ -3,7 +3,8 @@
 use super::budget::Budget;
 use super::derive::derive;
 use super::grammar::Grammar;
-use super::turtle::{Plant, Turtle};
+use super::plant::Plant;
+use super::turtle::Turtle;
 use super::*;
 use crate::geom::DVec3;
 

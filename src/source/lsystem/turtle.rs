@@ -3,74 +3,38 @@
 //! Based on: P. Prusinkiewicz, A. Lindenmayer, *The Algorithmic Beauty of Plants*, 1990, sections 1.5, 1.10, 2.3 and 5.1;
 //! H. Abelson, A. diSessa, *Turtle Geometry*, 1982.
 
-use std::collections::BTreeMap;
-
+use super::alphabet::{
+    Action, ColourChange, ColourRange, Fallback, Forward, Given, Ratio, RatioChange, Turn, WidthChange, WidthParameter,
+};
 use super::budget::Budget;
 use super::directive::linear;
 use super::expr::sin_cos;
-use super::grammar::{Action, Grammar, Surface};
-use crate::geom::{DAffine3, DMat3, DVec3};
-use crate::scene::model::Part;
+use super::grammar::{Grammar, Surface};
+use super::plant::{Ink, Limb, Plant};
+use crate::geom::{DMat3, DVec3};
 use crate::scene::triangulate::Cutter;
-use crate::source::curve::Strand;
-use crate::{Error, Result, Warnings};
+use crate::{Error, Result};
 
 /// Largest coordinate, in units: beyond it single precision keeps nothing of a plant's detail.
 const FARTHEST: f64 = 1e12;
-/// Corners of one polygon: beyond, cutting it takes too long.
-const MOST_CORNERS: usize = 1 << 16;
-
-/// Bytes per segment: its end in the limb, in the source that is made of the limb (a list that grows by doubling), and in a
-/// path. 126 bytes each were measured for two million segments in a row.
-const SEGMENT_BYTES: usize = 126;
-
-/// Geometry drawn so far.
-#[derive(Debug, Default)]
-pub struct Plant {
-    /// Chains of segments.
-    pub limbs: Vec<Strand>,
-    /// Triangles of polygons, with their colours, by material.
-    pub polygons: BTreeMap<u16, Part>,
-    /// Transforms of the copies of each surface that is a mesh.
-    pub meshes: BTreeMap<char, Vec<DAffine3>>,
-    pub counts: Counts,
-    pub warnings: Warnings,
-    /// Approximate bytes of memory of all of it.
-    bytes: usize,
-}
-
-/// Number of primitives drawn.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Counts {
-    /// Terminal segments: F and G.
-    pub segments: u64,
-    /// `{…}` and surfaces that are polygons.
-    pub polygons: u64,
-    /// Surfaces that are meshes.
-    pub meshes: u64,
-}
 
 #[derive(Debug, Clone)]
 struct State {
     position: DVec3,
     /// Columns: ahead, left, up.
     frame: DMat3,
+    /// A second heading that turns by itself, as Fractint has.
+    second: DMat3,
+    /// Factor of lengths, and of angles without a parameter.
+    scale: f64,
+    angle_scale: f64,
+    /// −1 where left and right are exchanged.
+    turning: f64,
     width: f64,
     colour: [f32; 3],
     /// Index into the colour table.
     index: f64,
     limb: Limb,
-}
-
-/// A chain of segments that may go on.
-#[derive(Debug, Clone, Default)]
-struct Limb {
-    points: Vec<DVec3>,
-    radii: Vec<f32>,
-    colour: [f32; 3],
-    material: u16,
-    /// True where the last width was given with the segment, and not by a symbol after it.
-    fixed: bool,
 }
 
 /// Draws symbols one after another.
@@ -81,23 +45,27 @@ pub struct Turtle<'g> {
     stack: Vec<State>,
     /// Corners of the polygons that are open.
     open: Vec<Vec<DVec3>>,
-    /// Brackets that are open within what `%` cut off.
+    /// Brackets that are open within what was cut off.
     cut: Option<u64>,
-    /// True after the symbol `~`.
+    /// True after the symbol that a surface's name follows.
     surface: bool,
     cutter: Cutter,
     plant: Plant,
 }
 
 impl<'g> Turtle<'g> {
-    /// At the origin, heading up +Y, left −X, its up +Z. `angle` in degrees.
+    /// At the origin. `angle` in degrees.
     pub fn new(grammar: &'g Grammar, angle: f64) -> Turtle<'g> {
         let state = State {
             position: DVec3::ZERO,
-            frame: DMat3::from_cols(DVec3::Y, DVec3::NEG_X, DVec3::Z),
+            frame: grammar.frame,
+            second: grammar.frame,
+            scale: 1.0,
+            angle_scale: 1.0,
+            turning: 1.0,
             width: grammar.width.unwrap_or(0.1 * grammar.step.abs()),
-            colour: grammar.colour(0.0),
-            index: 0.0,
+            colour: grammar.colour(grammar.first_colour),
+            index: grammar.first_colour,
             limb: Limb::default(),
         };
         Turtle {
@@ -109,18 +77,19 @@ impl<'g> Turtle<'g> {
             cut: None,
             surface: false,
             cutter: Cutter::new(),
-            plant: Plant::default(),
+            plant: Plant { warnings: grammar.warnings.clone(), ..Plant::default() },
         }
     }
 
     /// # Errors
     /// [`Error::Limit`] where the drawing leaves all bounds.
     pub fn symbol(&mut self, symbol: char, arguments: &[f64], budget: &Budget) -> Result<()> {
+        let action = self.grammar.actions.get(&symbol).copied();
         if let Some(depth) = self.cut {
-            match symbol {
-                '[' => self.cut = Some(depth + 1),
-                ']' if depth == 0 => self.cut = None,
-                ']' => self.cut = Some(depth - 1),
+            match action {
+                Some(Action::Push) => self.cut = Some(depth + 1),
+                Some(Action::Pop) if depth == 0 => self.cut = None,
+                Some(Action::Pop) => self.cut = Some(depth - 1),
                 _ => {}
             }
             if self.cut.is_some() {
@@ -128,59 +97,77 @@ impl<'g> Turtle<'g> {
             }
         }
         if std::mem::take(&mut self.surface) {
-            self.place(symbol, arguments);
+            self.place(symbol, arguments)?;
             return self.check(budget);
         }
+        let Some(action) = action else { return Ok(()) };
         let s = &mut self.state;
-        match symbol {
-            '+' => self.turned(0, 1, arguments, 1.0),
-            '-' => self.turned(0, 1, arguments, -1.0),
-            '&' => self.turned(0, 2, arguments, -1.0),
-            '^' => self.turned(0, 2, arguments, 1.0),
-            '\\' => self.turned(1, 2, arguments, -1.0),
-            '/' => self.turned(1, 2, arguments, 1.0),
-            '|' => turn(&mut s.frame, 0, 1, 180.0),
-            '$' => level(&mut s.frame),
-            '[' => {
+        match action {
+            Action::Forward(forward) => self.forward(symbol, arguments, forward)?,
+            Action::Turn(turn) => self.turned(turn, arguments),
+            Action::Level => level(&mut s.frame),
+            Action::Mirror => s.turning = -s.turning,
+            Action::Push => {
                 let limb = std::mem::take(&mut s.limb);
                 let branch = s.clone();
                 self.stack.push(State { limb, ..std::mem::replace(s, branch) });
                 return budget.holds(self.plant.bytes + self.stack.len() * size_of::<State>());
             }
-            ']' => match self.stack.pop() {
+            Action::Pop => match self.stack.pop() {
                 Some(state) => {
-                    self.end_limb();
+                    self.plant.end_limb(&mut self.state.limb);
                     self.state = state;
                 }
                 None => self.plant.warnings.add("a ] that closes nothing is left out"),
             },
-            '{' => {
+            Action::Cut => self.cut = Some(0),
+            Action::BeginPolygon => {
                 self.open.push(Vec::new());
                 return budget.holds(self.plant.bytes + self.open.len() * size_of::<Vec<DVec3>>());
             }
-            '}' => self.end_polygon(),
-            '.' => self.corner()?,
-            '!' if arguments.is_empty() => s.width *= self.grammar.taper,
-            '!' => self.state.width = self.argument(arguments, 0, self.state.width).max(0.0),
-            '\'' => self.tint(arguments),
-            '%' => self.cut = Some(0),
-            '~' => self.surface = true,
-            _ => match self.grammar.actions.get(&symbol) {
-                Some(Action::Draw) => self.forward(symbol, arguments, true, true)?,
-                Some(Action::DrawOnly) => self.forward(symbol, arguments, true, false)?,
-                Some(Action::Move) => self.forward(symbol, arguments, false, true)?,
-                None => return Ok(()),
+            Action::Corner => self.plant.corner(&mut self.open, self.state.position)?,
+            Action::EndPolygon => match self.open.pop() {
+                Some(polygon) => {
+                    let ink = self.ink();
+                    self.plant.polygon(&mut self.cutter, polygon, ink);
+                }
+                None => self.plant.warnings.add("a } that closes nothing is left out"),
             },
+            Action::Width(change) => self.widen(change, arguments),
+            Action::Colour(change) => self.tint(change, arguments),
+            Action::Length(ratio) => self.state.scale = self.changed(ratio, self.state.scale, arguments),
+            Action::Angle(ratio) => self.state.angle_scale = self.changed(ratio, self.state.angle_scale, arguments),
+            Action::Bend(default) => {
+                let angle = self.argument(arguments, 0, default);
+                self.bend(angle);
+            }
+            Action::MoveTo => self.move_to(arguments)?,
+            Action::Head => self.head(arguments),
+            Action::Ball(factor) => {
+                let radius = self.radius(factor, arguments);
+                let ink = self.ink();
+                self.plant.ball(self.state.position, self.state.frame.x_axis, radius, ink);
+            }
+            Action::Disc(factor) => {
+                let radius = self.radius(factor, arguments);
+                let (ink, f) = (self.ink(), self.state.frame);
+                self.plant.disc(&mut self.cutter, self.state.position, [f.x_axis, f.y_axis], radius, ink);
+            }
+            Action::Surface => self.surface = true,
+            Action::ScaledSurface => self.place(symbol, arguments)?,
+            Action::OwnSurface => {
+                let size = self.argument(arguments, 0, self.grammar.step * self.state.scale);
+                self.place(symbol, &[size / self.state.scale])?;
+            }
         }
         self.check(budget)
     }
 
     /// All that was drawn.
     pub fn finish(mut self) -> Plant {
-        self.end_limb();
-        while let Some(state) = self.stack.pop() {
-            self.state = state;
-            self.end_limb();
+        self.plant.end_limb(&mut self.state.limb);
+        while let Some(mut state) = self.stack.pop() {
+            self.plant.end_limb(&mut state.limb);
         }
         let warnings = &mut self.plant.warnings;
         warnings.add_many("a { that is never closed is left out", self.open.len() as u64);
@@ -203,25 +190,117 @@ impl<'g> Turtle<'g> {
         }
     }
 
-    fn turned(&mut self, from: usize, to: usize, arguments: &[f64], sign: f64) {
-        let angle = sign * self.argument(arguments, 0, self.angle);
-        turn(&mut self.state.frame, from, to, angle);
+    /// Colour, and the material that belongs to it.
+    fn ink(&self) -> Ink {
+        Ink { colour: self.state.colour, material: self.grammar.materials.coloured(self.state.index) }
     }
 
-    fn tint(&mut self, arguments: &[f64]) {
-        if let [r, g, b] = *arguments {
+    fn radius(&mut self, factor: f64, arguments: &[f64]) -> f64 {
+        match arguments.is_empty() {
+            true => 0.5 * self.state.width,
+            false => 0.5 * factor * (self.state.scale * self.argument(arguments, 0, 0.0)).max(0.0),
+        }
+    }
+
+    fn turned(&mut self, turn: Turn, arguments: &[f64]) {
+        let angle = match turn.by {
+            Some(angle) => angle,
+            None => self.state.turning * self.argument(arguments, 0, self.angle * self.state.angle_scale),
+        };
+        let s = &mut self.state;
+        rotate(if turn.second_heading { &mut s.second } else { &mut s.frame }, turn.from, turn.to, turn.sign * angle);
+    }
+
+    fn widen(&mut self, change: WidthChange, arguments: &[f64]) {
+        let width = self.state.width;
+        let given = arguments.first().map(|_| self.argument(arguments, 0, f64::NAN)).filter(|v| !v.is_nan());
+        let new = match (given, change.parameter, change.otherwise) {
+            (Some(v), Given::Set(factor), _) => v * factor * self.state.scale,
+            (Some(v), Given::Multiply, _) => width * v,
+            (Some(v), Given::Divide, _) => width / v,
+            // A parameter that is no number leaves the width.
+            (None, ..) if !arguments.is_empty() => width,
+            (None, _, Fallback::Add(v)) => width + v * self.state.scale,
+            (None, _, Fallback::Multiply(v)) => width * v,
+            (None, _, Fallback::Taper) => width * self.grammar.taper,
+        };
+        self.state.width = if new.is_finite() { new.max(0.0) } else { width };
+    }
+
+    fn tint(&mut self, change: ColourChange, arguments: &[f64]) {
+        if let [r, g, b, ..] = *arguments {
             self.state.colour = linear([r, g, b]);
             return;
         }
-        self.state.index = self.argument(arguments, 0, self.state.index + 1.0);
+        let before = self.state.index;
+        let index = if arguments.is_empty() {
+            before + change.default
+        } else if change.relative == 0.0 {
+            self.argument(arguments, 0, before + change.default)
+        } else {
+            before + change.relative * self.argument(arguments, 0, 0.0)
+        };
+        self.state.index = match change.range {
+            ColourRange::Any => index,
+            ColourRange::Wrapped(n) => index.rem_euclid(n.into()),
+            ColourRange::WrappedAround0(n) => match index.rem_euclid(n.into()) {
+                0.0 if index > before => 1.0,
+                0.0 if index < before => f64::from(n) - 1.0,
+                i => i,
+            },
+        };
         self.state.colour = self.grammar.colour(self.state.index);
     }
 
-    /// `F(length, width at the end)`.
-    fn forward(&mut self, symbol: char, arguments: &[f64], draws: bool, corner: bool) -> Result<()> {
-        let length = self.argument(arguments, 0, self.grammar.step);
+    fn changed(&mut self, ratio: Ratio, before: f64, arguments: &[f64]) -> f64 {
+        let by = self.argument(arguments, 0, ratio.default);
+        let new = match ratio.change {
+            RatioChange::Set => by,
+            RatioChange::Multiply => before * by,
+            RatioChange::Divide => before / by,
+        };
+        if new.is_finite() { new } else { before }
+    }
+
+    fn forward(&mut self, symbol: char, arguments: &[f64], forward: Forward) -> Result<()> {
+        let s = &self.state;
+        let scale = s.scale;
+        let given = if forward.scales_parameter { scale } else { 1.0 };
+        let default = self.grammar.step * scale;
+        let length = forward.share
+            * match arguments.is_empty() {
+                true => default,
+                false => self.argument(arguments, 0, default / given) * given,
+            };
+        let ahead = if forward.second_heading { self.state.second } else { self.state.frame }.x_axis;
         let from = self.state.position;
-        let to = from + length * self.state.frame.x_axis;
+        let to = from + length * ahead;
+        self.go(to)?;
+        if forward.draws {
+            let given = arguments.get(1).map(|_| self.argument(arguments, 1, self.state.width).max(0.0));
+            let end = match forward.width {
+                WidthParameter::Nothing => None,
+                WidthParameter::AtEnd(factor) => given.map(|w| w * factor),
+                WidthParameter::OfSegment => {
+                    self.state.width = given.unwrap_or(self.state.width);
+                    None
+                }
+            };
+            let material = self.grammar.materials.drawn(symbol, self.state.index);
+            let ink = Ink { colour: self.state.colour, material };
+            let s = &mut self.state;
+            self.plant.segment(&mut s.limb, [from, to], s.width, end, ink);
+            s.width = end.unwrap_or(s.width);
+            if forward.bends {
+                self.bend(1.0);
+            }
+        } else if length != 0.0 {
+            self.plant.end_limb(&mut self.state.limb);
+        }
+        if forward.corner && !self.open.is_empty() { self.plant.corner(&mut self.open, to) } else { Ok(()) }
+    }
+
+    fn go(&mut self, to: DVec3) -> Result<()> {
         if !to.is_finite() || to.abs().max_element() > FARTHEST {
             return Err(Error::Limit {
                 what: "the L-system's drawing (check its lengths), in units from the start,".into(),
@@ -230,65 +309,32 @@ impl<'g> Turtle<'g> {
             });
         }
         self.state.position = to;
-        if draws {
-            let end = arguments.get(1).map(|_| self.argument(arguments, 1, self.state.width).max(0.0));
-            let material = self.grammar.materials.drawn(symbol, self.state.index);
-            self.segment(from, to, end, material);
-            self.bend();
-        } else if length != 0.0 {
-            self.end_limb();
-        }
-        if corner && !self.open.is_empty() { self.corner() } else { Ok(()) }
+        Ok(())
     }
 
-    fn segment(&mut self, from: DVec3, to: DVec3, end: Option<f64>, material: u16) {
-        self.plant.counts.segments += 1;
-        let radius = (0.5 * self.state.width) as f32;
-        let limb = &self.state.limb;
-        // A limb thins as its segments do; where it gets wider, or another colour, another begins.
-        let goes_on = limb.colour == self.state.colour
-            && limb.material == material
-            && limb.radii.last().is_some_and(|r| if limb.fixed { *r == radius } else { *r >= radius });
-        if !goes_on {
-            self.end_limb();
-        }
-        let colour = self.state.colour;
-        let limb = &mut self.state.limb;
-        match limb.radii.last_mut() {
-            Some(last) => *last = radius,
-            None => {
-                limb.colour = colour;
-                limb.material = material;
-                limb.points.push(from);
-                limb.radii.push(radius);
-            }
-        }
-        limb.points.push(to);
-        limb.radii.push(end.map_or(radius, |w| (0.5 * w) as f32));
-        limb.fixed = end.is_some();
-        self.state.width = end.unwrap_or(self.state.width);
-        self.plant.bytes += SEGMENT_BYTES;
+    fn move_to(&mut self, arguments: &[f64]) -> Result<()> {
+        let [x, y, z] = [0, 1, 2].map(|i| self.argument(arguments, i, 0.0));
+        self.plant.end_limb(&mut self.state.limb);
+        self.go(self.grammar.axes * DVec3::new(x, y, z))
     }
 
-    fn end_limb(&mut self) {
-        let limb = std::mem::take(&mut self.state.limb);
-        if limb.points.len() > 1 {
-            let [r, g, b] = limb.colour;
-            let strand = Strand {
-                points: limb.points,
-                radii: limb.radii,
-                colours: vec![[r, g, b, 1.0]],
-                material: limb.material,
-                ..Strand::default()
-            };
-            self.plant.limbs.push(strand);
-            self.plant.bytes += 2 * size_of::<Strand>() + size_of::<[f32; 4]>();
-        }
+    fn head(&mut self, arguments: &[f64]) {
+        let mut axis = |i: usize| {
+            let v = [i, i + 1, i + 2].map(|i| self.argument(arguments, i, 0.0));
+            (self.grammar.axes * DVec3::from(v)).try_normalize()
+        };
+        let (ahead, up) = (axis(0), axis(3));
+        let f = &mut self.state.frame;
+        let Some(ahead) = ahead else { return };
+        // Without an up, the one that was stays as near as it can.
+        let left = up.unwrap_or(f.z_axis).cross(ahead).try_normalize();
+        let left = left.unwrap_or_else(|| ahead.any_orthonormal_vector());
+        *f = DMat3::from_cols(ahead, left, ahead.cross(left));
     }
 
-    /// Bend towards the tropism's direction.
-    fn bend(&mut self) {
-        let torque = self.state.frame.x_axis.cross(self.grammar.tropism);
+    /// Bend towards the tropism's direction, by this much of it.
+    fn bend(&mut self, share: f64) {
+        let torque = share * self.state.frame.x_axis.cross(self.grammar.tropism);
         let angle = torque.length();
         if angle > 0.0 && angle.is_finite() {
             let (sin, cos) = (libm::sin(angle), libm::cos(angle));
@@ -299,86 +345,28 @@ impl<'g> Turtle<'g> {
         }
     }
 
-    fn corner(&mut self) -> Result<()> {
-        let Some(polygon) = self.open.last_mut() else {
-            self.plant.warnings.add("a . outside of { } is left out");
+    /// Draw the surface `symbol`; its parameters scale it.
+    fn place(&mut self, symbol: char, arguments: &[f64]) -> Result<()> {
+        let Some(surface) = self.grammar.surfaces.get(&symbol) else {
+            let name = self.grammar.written(symbol);
+            self.plant.warnings.add(format!("the surface {name} is left out: the grammar has none of this name"));
             return Ok(());
         };
-        // Corners in the same place are one.
-        if polygon.last() != Some(&self.state.position) {
-            polygon.push(self.state.position);
-            self.plant.bytes += size_of::<DVec3>();
-        }
-        if polygon.len() > MOST_CORNERS {
-            return Err(Error::Limit {
-                what: "a polygon of the L-system, in corners,".into(),
-                needed: polygon.len() as u64,
-                allowed: MOST_CORNERS as u64,
-            });
-        }
-        Ok(())
-    }
-
-    fn end_polygon(&mut self) {
-        let Some(mut polygon) = self.open.pop() else {
-            self.plant.warnings.add("a } that closes nothing is left out");
-            return;
-        };
-        // The start may be given again at the end, but for roundings.
-        let size = polygon.iter().fold(0.0, |s: f64, p| s.max((*p - polygon[0]).length()));
-        while polygon.len() > 1 && (polygon[polygon.len() - 1] - polygon[0]).length() <= 1e-9 * size {
-            polygon.pop();
-        }
-        if polygon.len() < 3 {
-            self.plant.warnings.add("polygons of fewer than three corners are left out");
-            return;
-        }
-        let material = self.grammar.materials.coloured(self.state.index);
-        self.fill(&polygon, self.state.colour, material);
-    }
-
-    fn fill(&mut self, polygon: &[DVec3], [r, g, b]: [f32; 3], material: u16) {
-        let part = self.plant.polygons.entry(material).or_default();
-        let first = part.positions.len() as u32;
-        part.positions.extend(polygon.iter().map(|p| p.as_vec3().to_array()));
-        part.colors.get_or_insert_default().resize(part.positions.len(), [r, g, b, 1.0]);
-        let before = part.triangles.len();
-        self.cutter.cut(polygon, |t| part.triangles.push(t.map(|i| first + i as u32)));
-        self.plant.counts.polygons += 1;
-        // The analysis of the mesh takes as much memory again, and more.
-        self.plant.bytes += 2 * (28 * polygon.len() + 100 * (part.triangles.len() - before));
-    }
-
-    /// Draw the surface `symbol`; its parameters scale it.
-    fn place(&mut self, symbol: char, arguments: &[f64]) {
-        let Some(surface) = self.grammar.surfaces.get(&symbol) else {
-            self.plant.warnings.add(format!("~{symbol} is left out: there is no #surface {symbol}"));
-            return;
-        };
         let x = self.argument(arguments, 0, 1.0);
-        let y = self.argument(arguments, 1, x);
-        let z = self.argument(arguments, 2, x);
-        let f = self.state.frame;
-        let axes = DMat3::from_cols(-x * f.y_axis, y * f.x_axis, z * f.z_axis);
-        let to_world = DAffine3::from_mat3_translation(axes, self.state.position);
-        match surface {
-            Surface::Polygon { corners, colour } => {
-                let corners: Vec<DVec3> = corners.iter().map(|c| to_world.transform_point3(*c)).collect();
-                let named = &self.grammar.materials;
-                let material = named.surface(symbol).unwrap_or_else(|| named.coloured(self.state.index));
-                self.fill(&corners, colour.unwrap_or(self.state.colour), material);
-            }
-            Surface::Mesh { .. } => {
-                self.plant.meshes.entry(symbol).or_default().push(to_world);
-                self.plant.counts.meshes += 1;
-                self.plant.bytes += 4 * size_of::<DAffine3>();
-            }
-        }
+        let size = [x, self.argument(arguments, 1, x), self.argument(arguments, 2, x)].map(|v| v * self.state.scale);
+        let s = &self.state;
+        let material = self.grammar.materials.surface(symbol).unwrap_or_else(|| self.ink().material);
+        let ink = Ink { colour: s.colour, material };
+        self.plant.place(&mut self.cutter, (symbol, surface), (s.position, s.frame), size, ink);
+        let Surface::Patches { end, .. } = surface else { return Ok(()) };
+        let end = size[0] * s.frame * DVec3::new(end.y, -end.x, end.z);
+        self.plant.end_limb(&mut self.state.limb);
+        self.go(self.state.position + end)
     }
 }
 
 /// Turn column `from` towards column `to`.
-fn turn(frame: &mut DMat3, from: usize, to: usize, degrees: f64) {
+fn rotate(frame: &mut DMat3, from: usize, to: usize, degrees: f64) {
     let (sin, cos) = sin_cos(degrees);
     let (a, b) = (frame.col(from), frame.col(to));
     *frame.col_mut(from) = a * cos + b * sin;

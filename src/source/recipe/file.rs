@@ -9,7 +9,7 @@ use crate::scene::ReadOptions;
 use crate::source::curve::trajectory::TrajectoryOptions;
 use crate::source::curve::{CurveOptions, Interpolation};
 use crate::source::emitter::SectionKind;
-use crate::source::lsystem::LSystemOptions;
+use crate::source::lsystem::{Dialect, LSystemOptions};
 use crate::source::mesh::{Fill, MeshOptions};
 use crate::source::options::{OpenOptions, unread};
 use crate::source::stack::{StackOptions, TransferSpec};
@@ -75,6 +75,9 @@ pub struct SourceTable {
     pub iterations: Option<u64>,
     pub seed: Option<u64>,
     pub angle: Option<Number>,
+    /// Notation of an L-system, and which of several in its file.
+    pub dialect: Option<Dialect>,
+    pub name: Option<String>,
 }
 
 #[derive(Debug, Clone, Copy, Deserialize)]
@@ -160,6 +163,8 @@ impl SourceTable {
             iterations: self.iterations.or(base.lsystem.iterations),
             seed: self.seed.or(base.lsystem.seed),
             angle: self.angle.map(|a| a.0).or(base.lsystem.angle),
+            dialect: self.dialect.or(base.lsystem.dialect),
+            name: self.name.clone().or_else(|| base.lsystem.name.clone()),
             ..base.lsystem.clone()
         };
         let stack = self.stack(&base.stack);
@@ -209,6 +214,8 @@ impl SourceTable {
             ("iterations", self.iterations.is_some()),
             ("seed", self.seed.is_some()),
             ("angle", self.angle.is_some()),
+            ("dialect", self.dialect.is_some()),
+            ("name", self.name.is_some()),
         ];
         let lines = self.line_width.is_some() || base.trajectory.width.is_some();
         let wrong = |(key, said): (&'static str, bool)| {

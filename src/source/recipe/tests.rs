@@ -445,6 +445,7 @@ fn files_are_read_as_the_recipe_says() {
         f.add("s.nrrd", &nrrd);
         f.add("c.csv", "id,t,x,y,z,radius\n1,0,0,0,0,1\n1,1,0,9,0,1\n");
         f.add("l.lsys", "#iterations 1\n#angle 90\naxiom: F\nF -> FF");
+        f.add("f.l", "a {\nangle 4\naxiom F\n}\nb {\nangle 4\naxiom FFFF\n}");
         f.open().map(|s| s.bounds())
     };
     let size = |text: &str| with(text).unwrap_or_else(|e| panic!("{e}")).size();
@@ -463,6 +464,7 @@ fn files_are_read_as_the_recipe_says() {
     // A flat ribbon of width 2 has no thickness, but what its bounds are wide.
     assert!(with("source = { file = \"c.csv\", section = \"flat\", curve = \"catmull-rom\" }").is_ok());
     assert!((size("source = { file = \"l.lsys\", iterations = 3 }").y - 8.0).abs() < 0.2);
+    assert!((size("source = { file = \"f.l\", dialect = \"fractint\", name = \"b\" }").x - 4.0).abs() < 0.2);
     // A folder of slices.
     let f = Folder::new("[[draw]]\nsource = { file = \"slices\", iso = 100, spacing = [1, 1, 2] }");
     std::fs::create_dir(f.0.path().join("slices")).unwrap();

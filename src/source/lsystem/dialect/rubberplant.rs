@@ -2,12 +2,12 @@
 
 use std::collections::BTreeMap;
 
-use super::expr;
-use super::expr::Names;
-use super::grammar::{Action, Considered, Grammar};
-use super::lexer::{Char, Cursor, Parsed, characters, symbols};
-use super::parser::{Reader, START_OF_FILE, arrow};
-use crate::random::SplitMix64;
+use crate::source::lsystem::alphabet::{self, Action};
+use crate::source::lsystem::expr::Environment;
+use crate::source::lsystem::expr_parser::{self, Names, Syntax};
+use crate::source::lsystem::grammar::{Considered, Grammar};
+use crate::source::lsystem::lexer::{Char, Cursor, Parsed, characters, symbols};
+use crate::source::lsystem::parser::{Reader, START_OF_FILE, arrow};
 
 /// Parse a file. It does not say how often its productions are applied.
 pub fn grammar(text: &str) -> Parsed<Grammar> {
@@ -17,7 +17,7 @@ pub fn grammar(text: &str) -> Parsed<Grammar> {
     let (Some(open), Some(close)) = (open, close) else {
         return Err(START_OF_FILE.fault("there is no lsystem { … }"));
     };
-    let mut reader = Reader::new(Grammar { actions: BTreeMap::new(), ..Grammar::default() });
+    let mut reader = Reader::new(Grammar { actions: alphabet::book_without_lines(), ..Grammar::default() });
     for statement in chars.get(open + 1..close).unwrap_or_default().split(|c| c.c == ';') {
         let mut cursor = Cursor::new(statement, chars[open]);
         if cursor.at_end() {
@@ -32,8 +32,10 @@ pub fn grammar(text: &str) -> Parsed<Grammar> {
         match key.as_str() {
             "axiom" => reader.axiom(&mut cursor)?,
             "angle" => {
-                let names = Names { constants: &BTreeMap::new(), parameters: &[] };
-                reader.grammar.angle = expr::parse(&mut cursor, &names)?.value(&[], &mut SplitMix64::new(0));
+                let constants = BTreeMap::new();
+                let names = Names::new(Syntax::Book, &constants, &[]);
+                let angle = expr_parser::parse(&mut cursor, &names)?;
+                reader.grammar.angle = angle.value(&[], &mut Environment::new(0, &[]));
             }
             "ignore" => reader.grammar.considered = Considered::AllBut(symbols(&mut cursor)?),
             "a" => action(cursor.rest(), place, &mut reader.grammar)?,
@@ -61,8 +63,8 @@ fn action(chars: &[Char], place: Char, grammar: &mut Grammar) -> Parsed<()> {
     cursor.skip_space();
     let place = cursor.place();
     let action = match cursor.word(char::is_alphanumeric).as_str() {
-        "draw" => Some(Action::Draw),
-        "move" => Some(Action::Move),
+        "draw" => Some(Action::DRAW),
+        "move" => Some(Action::MOVE),
         "nop" => None,
         other => return Err(place.fault(format!("{other} is none of draw, move and nop"))),
     };
@@ -115,7 +117,10 @@ mod tests {
             r: F 0.25 -> FF ,\n 0.75 -> F[+F] ; // y\n r: O < X > Y -> Z; r: + -> - ; }";
         let g = grammar(text).unwrap();
         assert_eq!((g.angle, g.iterations, g.axiom.len()), (22.5, None, 2));
-        assert_eq!(g.actions, BTreeMap::from([('F', Action::Draw), ('f', Action::Move)]));
+        assert_eq!(
+            [g.actions.get(&'F'), g.actions.get(&'f'), g.actions.get(&'X')],
+            [Some(&Action::DRAW), Some(&Action::MOVE), None]
+        );
         assert_eq!((g.rules.of('F').len(), g.rules.of('+').len()), (2, 1));
         assert!(g.rules.of('F').iter().all(|p| p.weight.is_some()) && g.rules.in_context());
     }
