@@ -31,10 +31,18 @@ pub struct CopyHit {
     pub zoom: f64,
 }
 
+/// The third coordinate of the cells that stand for rigid copies: no shell has a cell there.
+pub const RIGID: i64 = i64::MIN;
+
 impl CopyHit {
     /// The ray in texel space, from t0 on.
     pub fn ray(&self) -> Ray {
         Ray { origin: self.origin, dir: self.dir }
+    }
+
+    /// Whether the copy is a rigid one, which is in no cell.
+    pub fn is_rigid(&self) -> bool {
+        self.cell[2] == RIGID
     }
 
     /// Whether the segment passes by `content`, a box in texel space; where it only just does, it may say no.

@@ -2,7 +2,7 @@
 //! ray asks for it, so that a million copies take no more memory than their placements and a hierarchy over their bounds.
 
 use super::cells;
-use super::cells::CopyHit;
+use super::cells::{CopyHit, RIGID};
 use super::phong::PhongTable;
 use crate::geom::{Aabb, DAffine3, DMat3, DVec3, Ray, Vec3};
 use crate::scene::Scene;
@@ -62,9 +62,6 @@ pub struct RigidCopy {
     /// The renderer's space → the texel's cube.
     pub to_texel: DAffine3,
 }
-
-/// The third coordinate of the cells that stand for copies in a [`CopyHit`]: no shell has a cell there.
-const CELL: i64 = i64::MIN;
 
 impl<'a> Copies<'a> {
     /// `phongs`: the scene's; `info(i)`: what the file of the scene's texel i says, if it is open; `place` takes world space to the renderer's.
@@ -163,7 +160,7 @@ impl RigidCopy {
             texel: self.texel,
             tint: self.tint,
             phong: self.phong,
-            cell: [i64::from(self.index), 0, CELL],
+            cell: [i64::from(self.index), 0, RIGID],
             t0,
             t1,
             // A start on a face may lie outside by rounding.

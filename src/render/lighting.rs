@@ -12,6 +12,7 @@ use super::mesh::{Contact, Surface};
 use super::pixel::{ConeState, Tracer};
 use super::segments::CopySegment;
 use super::shadow::{SelfHit, ShadowCone, ShadowQuality};
+use super::sky::InCopy;
 use super::source_mesh::CopyRay;
 use super::surround::{of_means, of_normal};
 use super::trace::TraceEvent;
@@ -31,6 +32,8 @@ struct Seen<'a> {
     weight: f32,
     /// Where fine rays see it; empty without them.
     places: &'a [LitPlace],
+    /// Where that is in a copy, if it is on one.
+    copy: Option<InCopy<'a>>,
 }
 
 impl Tracer<'_> {
@@ -54,7 +57,7 @@ impl Tracer<'_> {
         let metres = contact.t * world.unit;
         self.trace_event(|| TraceEvent::Surface { metres, albedo, normal, through: weight });
         let start = SelfHit { triangle: contact.triangle, copy: None };
-        self.shade_surface(state, &surface, Seen { start, width, weight, places: &places });
+        self.shade_surface(state, &surface, Seen { start, width, weight, places: &places, copy: None });
     }
 
     /// Light a triangle of a copy's source, whose event carries its weight.
@@ -70,13 +73,14 @@ impl Tracer<'_> {
         let surface = source.surface(&state.cone.ray, &copy, &contact, width * segment.scale);
         let surface = surface.shown(&self.look(&segment, &state.cone.ray, t, width));
         let start = SelfHit { triangle: contact.triangle, copy: Some((segment.hit.texel, segment.hit.cell)) };
-        self.shade_surface(state, &surface, Seen { start, width, weight: event.alpha, places: &[] });
+        let copy = Some(InCopy { segment: &segment, t });
+        self.shade_surface(state, &surface, Seen { start, width, weight: event.alpha, places: &[], copy });
     }
 
     /// Light a plain surface.
     fn shade_surface(&mut self, state: &mut ConeState<'_>, surface: &Surface, seen: Seen<'_>) {
         let world = self.world;
-        let Seen { start, width, weight, places } = seen;
+        let Seen { start, width, weight, places, copy } = seen;
         let albedo = weight * surface.albedo;
         let before = (state.radiance, state.faint);
         let distance = (surface.point - state.cone.ray.origin).dot(state.cone.ray.dir);
@@ -87,10 +91,11 @@ impl Tracer<'_> {
         }
         let transmission = weight * surface.transmission;
         let normals = of_normal(surface.normal);
-        state.radiance += albedo * surface.ambient * self.sky_light(surface.point, &normals, surface.normal, width);
+        state.radiance +=
+            albedo * surface.ambient * self.sky_light(surface.point, &normals, surface.normal, width, copy);
         if transmission != Vec3::ZERO {
             let normals = of_normal(-surface.normal);
-            let light = self.sky_light(surface.point, &normals, -surface.normal, width);
+            let light = self.sky_light(surface.point, &normals, -surface.normal, width, copy);
             state.radiance += transmission * surface.ambient * light;
         }
         for light in &world.lights {
@@ -160,10 +165,11 @@ impl Tracer<'_> {
         let normals = of_means(normal, square, &space.rotation());
         let before = (state.radiance, state.faint);
         let outward = space.world(normal);
-        state.radiance += unlit + albedo * self.sky_light(middle, &normals, outward, cone.width_at(mean));
+        let (width, copy) = (cone.width_at(mean), Some(InCopy { segment: &segment, t: mean }));
+        state.radiance += unlit + albedo * self.sky_light(middle, &normals, outward, width, copy);
         if transmission != Vec3::ZERO {
             let normals = of_means(-normal, square, &space.rotation());
-            state.radiance += transmission * self.sky_light(middle, &normals, -outward, cone.width_at(mean));
+            state.radiance += transmission * self.sky_light(middle, &normals, -outward, width, copy);
         }
         let start = Some(SelfHit { triangle: u32::MAX, copy: Some((hit.texel, hit.cell)) });
         let facet_size = texel.map_or(0.0, |t| t.tree.info().facet_size as f32);
@@ -225,7 +231,7 @@ impl Tracer<'_> {
         cone.transmittance(
             self.world,
             through,
-            ShadowQuality { choice, stop_below: FAINT, source_geometry: true },
+            ShadowQuality { choice, stop_below: FAINT, source_geometry: true, left_out: None },
             &mut self.counts,
         )
     }

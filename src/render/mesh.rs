@@ -313,6 +313,21 @@ impl Mesh {
         found
     }
 
+    /// Calls `each` with t in (0, t1) of every contact of `ray` that lets less than half of the light through, in no order, and
+    /// whether the triangle's own normal is towards the ray's origin.
+    pub fn for_each_contact(&self, model: &Model, ray: &Ray, t1: f64, mut each: impl FnMut(f64, bool)) {
+        let shear = Shear::new(ray.dir);
+        self.bvh.nearest(ray, t1, |i, t1| {
+            if let Some(contact) = self.contact(model, &shear, ray, i, (0.0, t1), None, &|_| 0.0)
+                && contact.alpha >= 0.5
+            {
+                let [p, q, r] = self.corners(&self.triangles[i as usize]);
+                each(contact.t, (q - p).cross(r - p).dot(ray.dir) < 0.0);
+            }
+            t1
+        });
+    }
+
     /// The share of light that comes through from `ray`'s origin up to t1; `skip` is the triangle that it starts on.
     pub fn transmittance(&self, model: &Model, ray: &Ray, t1: f64, skip: Option<u32>, width: f64) -> f32 {
         self.transmittance_scaled(model, ray, (t1, 1.0), skip, width)

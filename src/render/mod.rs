@@ -36,8 +36,7 @@ pub mod reference;
 mod segments;
 mod shadow;
 mod shell;
-mod sky_cache;
-mod sky_light;
+mod sky;
 mod source_lod;
 mod source_mesh;
 mod stats;
@@ -297,7 +296,7 @@ fn film(world: &World<'_>, options: &Options, progress: &dyn Progress) -> (Film,
         }
     }
     film.expose((options.exposure as f32).exp2());
-    counts.merge(&world.sky_cache.counts());
+    counts.merge(&world.sky.counts());
     (film, counts)
 }
 

@@ -14,7 +14,7 @@ use super::mesh::Contact;
 use super::options::Options;
 use super::prepare::{Texel, World};
 use super::segments::{BoxInterval, CopySegment, for_each_segment};
-use super::sky_cache::Recent;
+use super::sky::RecentSky;
 use super::source_mesh::SourceMesh;
 use super::stats::Counts;
 use super::trace::{Trace, TraceEvent};
@@ -56,7 +56,7 @@ pub struct Tracer<'w> {
     /// Scratch space of [`super::lighting`]: groups of one copy's voxels, and unit directions to the lights in its space.
     pub(super) groups: Vec<ShadowGroup>,
     pub(super) local_light_dirs: Vec<Vec3>,
-    pub(super) recent_sky: Recent,
+    pub(super) recent_sky: RecentSky,
 }
 
 /// A camera cone on its way: what has been gathered, front to back.
@@ -101,7 +101,7 @@ impl<'w> Tracer<'w> {
             contacts: Vec::new(),
             groups: Vec::new(),
             local_light_dirs: Vec::new(),
-            recent_sky: Recent::new(),
+            recent_sky: RecentSky::new(),
         }
     }
 

@@ -17,7 +17,7 @@ use super::mesh::{Mesh, MeshBuilder};
 use super::options::{CameraChoice, Options, SourceLod};
 use super::phong::{PhongTable, SurfaceCoords};
 use super::shell::ShellBox;
-use super::sky_cache::SkyCache;
+use super::sky::SkyLight;
 use super::source_lod::LazySource;
 use super::source_mesh::SourceMesh;
 use super::surround::Surround;
@@ -70,7 +70,7 @@ pub struct World<'a> {
     pub texels: Vec<Option<Texel>>,
     pub lights: Vec<PunctualLight>,
     pub surround: Surround,
-    pub sky_cache: SkyCache,
+    pub sky: SkyLight,
     pub warnings: Warnings,
     /// Choices that were made for want of better, a line each.
     pub notes: Vec<String>,
@@ -157,7 +157,7 @@ impl<'a> World<'a> {
             view,
             texels,
             surround,
-            sky_cache: SkyCache::new(&around),
+            sky: SkyLight::new(&around),
             warnings: Warnings::default(),
             notes: Vec::new(),
         };

@@ -5,7 +5,7 @@ use crate::geom::{DAffine3, DMat3, DVec3};
 use crate::progress::Quiet;
 use crate::scene::phong::Phong;
 use crate::scene::shell::{Environment, Layer, ShellMaterial, TexelRef};
-use crate::scene::{Instance, Light, LightKind, Material, Model, Part};
+use crate::scene::{Instance, Light, LightKind, Material, Model, Part, Transmission};
 use crate::volume::{Depth, Info, Volume, Voxel, voxel};
 
 /// A texel that is the same voxel everywhere inside `fill` (texel units), down to `finest`.
@@ -381,6 +381,51 @@ fn occluded_sky_is_dark_under_a_plate() {
     assert!(under(Ambient::Occluded, 0.0) < 4e-3, "{}", under(Ambient::Occluded, 0.0));
     let open = under(Ambient::Occluded, 45.0);
     assert!((open - 0.5).abs() < 4e-3, "{open}");
+}
+
+/// Below the straight edge of a plate, the sun's disc is hidden up to a chord, whichever way the edge runs.
+#[test]
+fn a_half_shadow_is_what_is_left_of_the_disc() {
+    let grey = Material { base_color: [1.0; 4], ..Default::default() };
+    let (radius, height) = (0.1f64, 2.0);
+    for across in [DVec3::X, DVec3::Z, DVec3::new(0.6, 0.0, 0.8)] {
+        let along = across.cross(DVec3::Y);
+        let turn = DMat3::from_cols(across, DVec3::Y, -along);
+        // From the edge, which is above the origin, towards −`across`.
+        let above = DAffine3 { matrix3: turn, translation: DVec3::Y * height - 3.0 * across };
+        let parts = vec![square(9.0, 1.0, 0), square(3.0, 1.0, 0)];
+        let mut land = scene(parts, vec![grey.clone()], vec![DAffine3::IDENTITY, above]);
+        land.model.lights = vec![sun(DVec3::Y, std::f64::consts::PI)];
+        for step in -9..=9 {
+            let u = f64::from(step) * 0.1;
+            let x = u * height * radius.tan() * across;
+            let eye = x + 6.0 * across + 1.5 * DVec3::Y;
+            let options = Options { sun_angle: Some(2.0 * radius), ..looking(eye, x, 65) };
+            let seen = f64::from(shot(&land, vec![None], &options).pixels[32 * 65 + 32][0]);
+            let right = 1.0 - (u.acos() - u * (1.0 - u * u).sqrt()) / std::f64::consts::PI;
+            // A tenth of the disc may be missed, or its sixteen rays count one too many or too few.
+            assert!((seen - right).abs() < 0.105, "{across} {u}: {seen} {right}");
+        }
+    }
+}
+
+/// A level sheet in the air is lit from above on one side and from below on the other, and light from below comes through it.
+#[test]
+fn a_sheet_is_lit_from_both_sides() {
+    let leaf = Transmission { factor: 0.4, factor_texture: None, color: [1.0; 3], color_texture: None };
+    let sheet = Material { base_color: [0.5, 0.5, 0.5, 1.0], transmission: Some(Box::new(leaf)), ..Default::default() };
+    let sheet = dark(scene(vec![square(1.0, 1.0, 0)], vec![sheet], vec![DAffine3::IDENTITY]));
+    for eye in [3.0, -3.0] {
+        let options = Options {
+            sky: Some([1.0; 3].into()),
+            ambient: Ambient::Occluded,
+            ..looking(DVec3::new(0.1, eye, 0.2), DVec3::ZERO, 65)
+        };
+        let seen = shot(&sheet, vec![None], &options).pixels[32 * 65 + 32][0];
+        // Of what comes from before it (1 − .4) · .5 are reflected, of what comes from behind .4 come through; the parts of the
+        // sky are summed by 144 places each.
+        assert!((seen - 0.7).abs() < 4e-3, "{eye}: {seen}");
+    }
 }
 
 #[test]

@@ -16,7 +16,7 @@ use crate::{Error, Result};
 
 pub use harmonics::{Harmonics, Moments, of_means, of_normal};
 pub use panorama::Panorama;
-pub use parts::{Part, parts};
+pub use parts::{PARTS, Part, Parts, Shares};
 pub use sun::Sun;
 
 /// Radiance by direction, linear Rec. 709.
@@ -29,7 +29,7 @@ pub struct Surround {
     /// As it lights what sees all of it.
     pub light: Harmonics,
     /// The directions in parts, each with the light that comes from it.
-    pub parts: Vec<Part>,
+    pub parts: Parts,
     /// Optical depth of the air in a unit of length; 0: none.
     haze: Vec3,
 }
@@ -57,16 +57,16 @@ impl Surround {
             background: None,
             disc: None,
             light: Harmonics::default(),
-            parts: Vec::new(),
+            parts: Parts::default(),
             haze: Vec3::ZERO,
         };
-        surround.parts = parts(|dir| {
+        surround.parts = Parts::new(|dir| {
             let reduced = reduced.as_ref().map(|panorama| panorama.radiance(dir));
             reduced.unwrap_or_else(|| surround.radiance(dir)).as_dvec3()
         });
         surround.light = match surround.kind {
             Kind::Constant(radiance) => Harmonics::constant(radiance.as_vec3()),
-            _ => surround.parts.iter().map(|part| part.light).sum(),
+            _ => surround.parts.list.iter().map(|part| part.light).sum(),
         };
         surround
     }

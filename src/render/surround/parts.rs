@@ -3,7 +3,7 @@
 use std::f64::consts::TAU;
 
 use super::harmonics::Harmonics;
-use crate::geom::DVec3;
+use crate::geom::{DVec3, Vec3};
 
 /// A part of the directions.
 #[derive(Debug, Clone)]
@@ -22,8 +22,48 @@ pub struct Part {
 const RINGS: [(f64, f64, usize, usize); 6] =
     [(-1.0, -0.5, 3, 1), (-0.5, 0.0, 5, 1), (0.0, 0.2, 7, 2), (0.2, 0.45, 7, 2), (0.45, 0.75, 6, 1), (0.75, 1.0, 4, 1)];
 
-/// The parts, lit by `radiance`.
-pub fn parts(radiance: impl Fn(DVec3) -> DVec3) -> Vec<Part> {
+/// Number of parts.
+pub const PARTS: usize = 32;
+
+/// The share of each part's light that arrives.
+pub type Shares = [f32; PARTS];
+
+/// Numbers of [`Harmonics`], and one more: whole vectors of four.
+const NUMBERS: usize = 28;
+
+/// All parts.
+#[derive(Default)]
+pub struct Parts {
+    pub list: Vec<Part>,
+    /// The parts' axes: all x, all y, all z.
+    pub axes: [Shares; 3],
+    /// Their light, as one list of numbers each.
+    lights: Vec<[f32; NUMBERS]>,
+}
+
+impl Parts {
+    /// The parts, lit by `radiance`.
+    pub fn new(radiance: impl Fn(DVec3) -> DVec3) -> Parts {
+        let list = parts(radiance);
+        let axes = [0, 1, 2].map(|a| std::array::from_fn(|k| list.get(k).map_or(0.0, |part| part.axis[a] as f32)));
+        let lights = list.iter().map(|part| std::array::from_fn(|i| part.light.0.get(i / 3).map_or(0.0, |c| c[i % 3])));
+        let lights = lights.collect();
+        Parts { list, axes, lights }
+    }
+
+    /// The light of which these shares arrive.
+    pub fn light(&self, shares: &Shares) -> Harmonics {
+        let mut sum = [0.0; NUMBERS];
+        for (share, light) in shares.iter().zip(&self.lights) {
+            for (s, l) in sum.iter_mut().zip(light) {
+                *s += share * l;
+            }
+        }
+        Harmonics(std::array::from_fn(|k| Vec3::new(sum[3 * k], sum[3 * k + 1], sum[3 * k + 2])))
+    }
+}
+
+fn parts(radiance: impl Fn(DVec3) -> DVec3) -> Vec<Part> {
     let mut all = Vec::new();
     for (low, high, count, rays) in RINGS {
         for k in 0..count {

@@ -1,0 +1,100 @@
+//! Light from all around on a place, past what stands between.
+//!
+//! What stands between is of three kinds, each found where that is cheapest. A copy's own matter is the same for all copies
+//! of its texel: see [`openness`]. What else a copy sees changes little over it, and is found at one or a few of its places:
+//! see [`copies`]. On what is no copy, both are found together, on the surface: see [`surface`].
+//!
+//! All are found at places that do not depend on the picture's frame, kept in [`cache`], and interpolated.
+
+mod cache;
+mod cones;
+mod copies;
+mod grid;
+mod openness;
+mod surface;
+
+use super::options::Ambient;
+use super::pixel::Tracer;
+use super::segments::CopySegment;
+use super::stats::Counts;
+use super::surround::Moments;
+use crate::geom::{Aabb, DVec3, Vec3};
+use cache::{Cache, Recent};
+use cones::SmallShares;
+use grid::Grid;
+use openness::Openness;
+
+/// What was found so far of light from all around.
+pub struct SkyLight {
+    grid: Grid,
+    /// At places.
+    shares: Cache<SmallShares>,
+    /// Near corners of the grid; `None` where nothing is that could be lit.
+    near: Cache<Option<SmallShares>>,
+    openness: Cache<Openness>,
+}
+
+/// What a thread asked for last.
+pub struct RecentSky {
+    shares: Recent<SmallShares>,
+    near: Recent<Option<SmallShares>>,
+    openness: Recent<Openness>,
+}
+
+impl RecentSky {
+    pub fn new() -> RecentSky {
+        RecentSky { shares: Recent::new(), near: Recent::new(), openness: Recent::new() }
+    }
+}
+
+impl SkyLight {
+    /// For what lies in `bounds`, in the renderer's space.
+    pub fn new(bounds: &Aabb) -> SkyLight {
+        SkyLight { grid: Grid::new(bounds), shares: Cache::new(), near: Cache::new(), openness: Cache::new() }
+    }
+
+    /// What it took to find all that was found.
+    pub fn counts(&self) -> Counts {
+        let mut counts = self.shares.counts();
+        counts.merge(&self.near.counts());
+        counts.merge(&self.openness.counts());
+        counts
+    }
+}
+
+/// A place in a copy of a texel.
+#[derive(Clone, Copy)]
+pub struct InCopy<'a> {
+    pub segment: &'a CopySegment,
+    /// Along the ray that met the copy.
+    pub t: f64,
+}
+
+impl Tracer<'_> {
+    /// Irradiance / π from around, on matter at `x` with these normals. `outward`: the mean normal, at most of length 1;
+    /// `width`: of the cone that sees it; `copy`: where that is in a copy, if it is.
+    pub(super) fn sky_light(
+        &mut self,
+        x: DVec3,
+        normals: &Moments,
+        outward: DVec3,
+        width: f64,
+        copy: Option<InCopy<'_>>,
+    ) -> Vec3 {
+        let surround = &self.world.surround;
+        if self.options.ambient == Ambient::Constant {
+            return surround.light.irradiance(normals);
+        }
+        let shares = match copy {
+            Some(copy) => self.shares_in_copy(x, outward, width, copy),
+            None => self.shares_on_surface(x, outward, width),
+        };
+        let light = shares.map_or(surround.light, |shares| surround.parts.light(&shares));
+        light.irradiance(normals)
+    }
+
+    /// What is added to the depth that fits a cone towards the sky.
+    fn sky_bias(&self) -> f32 {
+        (self.options.depth_bias + self.options.shadow_bias) as f32
+    }
+}

@@ -1,0 +1,223 @@
+//! How open a texel is: what share of the light from each direction its own matter lets through to a place in it.
+//!
+//! Every copy of a texel has the same matter, so this is found once for all of them, on a grid in the texel's cube that is as
+//! fine as pixels are small, where some copy is first seen.
+//!
+//! Based on: P.-P. Sloan, J. Kautz, J. Snyder, *Precomputed Radiance Transfer*, SIGGRAPH 2002 (visibility as low harmonics);
+//! N. Max, *Horizon Mapping*, The Visual Computer 1988.
+
+use super::grid::two_levels;
+use crate::geom::{DMat3, DVec3, Vec3};
+use crate::march::transmittance::{DepthChoice, MarchSegment, MarchStats, transmittance};
+use crate::render::prepare::Texel;
+use crate::render::surround::{PARTS, Shares};
+
+/// Edge of a cell, in widths of the cone that asks.
+const CELL: f64 = 5.0;
+/// Coarsest level: the cube's edge is cut into 2^level cells.
+const COARSEST: f64 = 4.0;
+/// And finest; nor is a cell finer than so many voxels, of log2.
+const FINEST: f64 = 8.0;
+const VOXELS: f64 = 1.0;
+/// Width of the cones at their start, in cells, and what they grow by in a unit of length.
+const WIDTH: f64 = 0.15;
+const GROWTH: f32 = 0.25;
+/// A transmittance below this counts as 0.
+const FAINT: f32 = 0.02;
+
+/// A share by direction, as a polynomial of second degree of the direction: 1, x, y, z, x y, y z, z x, x² − y², 3 z² − 1.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Openness(pub [f32; 9]);
+
+/// Means of the polynomials' squares over all directions.
+const SQUARES: [f32; 9] =
+    [1.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 15.0, 1.0 / 15.0, 1.0 / 15.0, 4.0 / 15.0, 4.0 / 5.0];
+
+fn polynomials(d: Vec3) -> [f32; 9] {
+    [1.0, d.x, d.y, d.z, d.x * d.y, d.y * d.z, d.z * d.x, d.x * d.x - d.y * d.y, 3.0 * d.z * d.z - 1.0]
+}
+
+/// A rotation that brings none of the directions near the planes between axes, where flat matter ends as a rule: (2, 3, 6; 3, −6, 2;
+/// 6, 2, −3) / 7.
+const TURN: DMat3 = DMat3::from_cols_array(&[
+    2.0 / 7.0,
+    3.0 / 7.0,
+    6.0 / 7.0,
+    3.0 / 7.0,
+    -6.0 / 7.0,
+    2.0 / 7.0,
+    6.0 / 7.0,
+    2.0 / 7.0,
+    -3.0 / 7.0,
+]);
+
+/// Directions whose weighted mean is that of all directions, for polynomials up to the ninth degree, with their weights: to
+/// the corners of a turned icosahedron and of its dual (A. McLaren, *Optimal Numerical Integration on a Sphere*, 1963).
+fn directions() -> impl Iterator<Item = (Vec3, f32)> {
+    let golden = std::f64::consts::GOLDEN_RATIO;
+    let cyclic = |v: DVec3| [v, DVec3::new(v.z, v.x, v.y), DVec3::new(v.y, v.z, v.x)];
+    let signs = |v: DVec3, weight: f64| {
+        let all =
+            (0..8).map(move |k| v * DVec3::from_array([0, 1, 2].map(|a| if k >> a & 1 == 0 { 1.0 } else { -1.0 })));
+        // A zero has one sign.
+        let zeros = (0..3).filter(|&a| v[a] == 0.0).map(|a| 1usize << a).sum::<usize>();
+        all.enumerate()
+            .filter(move |(k, _)| k & zeros == 0)
+            .map(move |(_, v)| ((TURN * v.normalize()).as_vec3(), weight as f32))
+    };
+    let icosahedron = cyclic(DVec3::new(0.0, 1.0, golden)).into_iter().flat_map(move |v| signs(v, 5.0 / 168.0));
+    let edges = cyclic(DVec3::new(1.0 / golden, 0.0, golden)).into_iter().flat_map(move |v| signs(v, 9.0 / 280.0));
+    icosahedron.chain(edges).chain(signs(DVec3::ONE, 9.0 / 280.0))
+}
+
+impl Openness {
+    /// Of a share by direction.
+    pub fn of(share: impl Fn(Vec3) -> f32) -> Openness {
+        let mut sum = [0.0; 9];
+        for (dir, weight) in directions() {
+            let value = weight * share(dir);
+            for (s, p) in sum.iter_mut().zip(polynomials(dir)) {
+                *s += value * p;
+            }
+        }
+        Openness(std::array::from_fn(|k| sum[k] / SQUARES[k]))
+    }
+
+    /// Of the texel's matter around `at`, in texel space, as cells of `size` cube edges can tell; together with the cells
+    /// `around`, as many on either side along each axis, which hold the same.
+    pub fn at(texel: &Texel, at: DVec3, size: f64, around: [i64; 3], stats: &mut MarchStats) -> Openness {
+        let choice = DepthChoice { finest: texel.finest, ..DepthChoice::default() };
+        let most = around.iter().copied().max().unwrap_or(0) as f32;
+        let stats = std::cell::RefCell::new(stats);
+        let axis = |k: usize| -around[k]..=around[k];
+        Openness::of(|dir| {
+            let mut open = 1.0;
+            for cell in axis(0).flat_map(|u| axis(1).flat_map(move |v| axis(2).map(move |w| [u, v, w]))) {
+                let segment = MarchSegment {
+                    origin: (at - DVec3::from_array(cell.map(|c| c as f64))).as_vec3(),
+                    dir,
+                    // The diagonal of all the cells.
+                    length: 1.733 * (1.0 + most),
+                    footprint: (WIDTH * size) as f32,
+                    growth: GROWTH,
+                    opacity_scale: 1.0,
+                };
+                if open > 0.0 {
+                    open *= transmittance(&texel.tree, &segment, choice, FAINT, &mut stats.borrow_mut());
+                }
+            }
+            open
+        })
+    }
+
+    pub fn add(&mut self, other: &Openness, weight: f32) {
+        for (s, v) in self.0.iter_mut().zip(other.0) {
+            *s += weight * v;
+        }
+    }
+
+    /// Multiply `shares`, which are of the light from the unit directions `axes`, by what comes through along them. `to_texel`
+    /// takes directions to texel space; `opacity_scale` multiplies the rates.
+    pub fn apply(&self, shares: &mut Shares, axes: &[[f32; PARTS]; 3], to_texel: &DMat3, opacity_scale: f32) {
+        let m = to_texel.as_mat3();
+        let c = &self.0;
+        let [x, y, z] = axes;
+        for k in 0..PARTS {
+            let row = |r: usize| m.x_axis[r] * x[k] + m.y_axis[r] * y[k] + m.z_axis[r] * z[k];
+            let (u, v, w) = (row(0), row(1), row(2));
+            let inverse = 1.0 / (u * u + v * v + w * w).max(f32::MIN_POSITIVE).sqrt();
+            let (u, v, w) = (u * inverse, v * inverse, w * inverse);
+            let open = c[0]
+                + c[1] * u
+                + c[2] * v
+                + c[3] * w
+                + c[4] * u * v
+                + c[5] * v * w
+                + c[6] * w * u
+                + c[7] * (u * u - v * v)
+                + c[8] * (3.0 * w * w - 1.0);
+            let open = open.clamp(0.0, 1.0);
+            shares[k] *= if opacity_scale == 1.0 { open } else { libm::powf(open, opacity_scale) };
+        }
+    }
+}
+
+/// The two levels between which the cells fit a cone `width` cube edges wide, with their shares; `finest`: the texel's finest
+/// depth.
+pub fn levels(width: f64, finest: usize) -> [(i32, f64); 2] {
+    let most = (finest as f64 - VOXELS).clamp(COARSEST, FINEST);
+    two_levels(libm::log2(1.0 / (CELL * width).max(f64::MIN_POSITIVE)).clamp(COARSEST, most))
+}
+
+/// Edge of a cell of a level, in cube edges.
+pub fn size(level: i32) -> f64 {
+    libm::exp2(f64::from(-level))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::march::transmittance::tests::sparse;
+    use crate::volume::{Octree, Voxel};
+
+    #[test]
+    fn the_directions_sum_up_polynomials() {
+        let all: Vec<_> = directions().collect();
+        assert_eq!(all.len(), 32);
+        for i in 0..9 {
+            for j in 0..9 {
+                let mean: f32 = all.iter().map(|(d, w)| w * polynomials(*d)[i] * polynomials(*d)[j]).sum();
+                let right = if i == j { SQUARES[i] } else { 0.0 };
+                assert!((mean - right).abs() < 1e-5, "{i} {j}: {mean} {right}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_share_of_second_degree_is_kept_and_turned() {
+        let share = |d: Vec3| 0.4 + 0.2 * d.x - 0.1 * d.z + 0.3 * d.y * d.z;
+        let found = Openness::of(share);
+        let (sin, cos) = libm::sincos(0.7);
+        let turn = DMat3::from_cols(DVec3::new(cos, sin, 0.0), DVec3::new(-sin, cos, 0.0), DVec3::Z) * 5.0;
+        let dirs: Vec<Vec3> = directions().map(|d| d.0).collect();
+        let axes = [0, 1, 2].map(|a| std::array::from_fn(|k| dirs[k][a]));
+        let mut shares = [0.5; PARTS];
+        found.apply(&mut shares, &axes, &turn, 1.0);
+        for (dir, found) in dirs.iter().zip(shares) {
+            let right = 0.5 * share((turn * dir.as_dvec3()).normalize().as_vec3());
+            assert!((found - right).abs() < 1e-5, "{dir}: {found} {right}");
+        }
+    }
+
+    /// Over an opaque half of the cube half of the directions are open: 1/2 + 3/4 z, to the second degree.
+    #[test]
+    fn half_of_the_sky_is_open_over_a_floor() {
+        let mut floor = Voxel { rate: 255, ..Voxel::default() };
+        floor.set_albedo([0.5; 3]);
+        let low: Vec<u64> = (0..512).filter(|&code| crate::morton::decode(code)[2] < 4).collect();
+        let tree = Octree::new(sparse(3, &low, &vec![floor; low.len()], floor)).unwrap();
+        let texel = Texel { tree, finest: u8::MAX, source: None };
+        let mut stats = MarchStats::default();
+        let found = Openness::at(&texel, DVec3::new(0.5, 0.5, 0.52), 1.0 / 16.0, [0; 3], &mut stats).0;
+        assert!(stats.segments == 32);
+        // Of 32 directions, the two or three next to the horizon may be on either side of it.
+        for (k, right) in [0.5, 0.0, 0.0, 0.75].into_iter().enumerate() {
+            assert!((found[k] - right).abs() < 0.1, "{k}: {found:?}");
+        }
+    }
+
+    /// Matter that goes on in the cells around is as deep next to a border as it is in the middle.
+    #[test]
+    fn cells_of_cyclic_texels_have_no_borders() {
+        let voxel = Voxel { rate: crate::volume::voxel::encode_rate(1.0), ..Voxel::default() };
+        let tree = Octree::new(sparse(3, &(0..512).collect::<Vec<_>>(), &vec![voxel; 512], voxel)).unwrap();
+        let texel = Texel { tree, finest: u8::MAX, source: None };
+        let sum = |x: f64, around| {
+            let at = DVec3::new(x, 0.5, 0.9);
+            Openness::at(&texel, at, 1.0 / 16.0, around, &mut MarchStats::default()).0[0]
+        };
+        let [middle, border] = [0.5, 0.05].map(|x| sum(x, [1, 1, 0]));
+        assert!((middle - border).abs() < 0.01, "{middle} {border}");
+        assert!(sum(0.05, [0; 3]) > border + 0.05);
+    }
+}
