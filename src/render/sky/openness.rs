@@ -54,7 +54,7 @@ const TURN: DMat3 = DMat3::from_cols_array(&[
 /// Directions whose weighted mean is that of all directions, for polynomials up to the ninth degree, with their weights: to
 /// the corners of a turned icosahedron and of its dual (A. McLaren, *Optimal Numerical Integration on a Sphere*, 1963).
 fn directions() -> impl Iterator<Item = (Vec3, f32)> {
-    let golden = std::f64::consts::GOLDEN_RATIO;
+    let golden = 0.5 * (1.0 + 5.0f64.sqrt());
     let cyclic = |v: DVec3| [v, DVec3::new(v.z, v.x, v.y), DVec3::new(v.y, v.z, v.x)];
     let signs = |v: DVec3, weight: f64| {
         let all =
