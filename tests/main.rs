@@ -15,6 +15,8 @@ mod copies;
 mod curves;
 mod demo;
 mod depfile;
+#[cfg(feature = "http")]
+mod download;
 mod error;
 mod expand;
 mod export;

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use serde_json::{Value, json};
 
+use super::download::{self, DownloadArgs, Need};
 #[cfg(feature = "render")]
 use super::outputs;
 use super::quantity::size;
@@ -19,7 +20,7 @@ use crate::volume::octree::Pages;
 /// Print what is in .vtex files
 #[derive(clap::Args)]
 pub struct Args {
-    /// The .vtex files
+    /// The .vtex files, or URLs of such
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
     /// Print JSON instead of tables
@@ -33,9 +34,22 @@ pub struct Args {
     #[cfg(feature = "render")]
     #[arg(long, value_name = "PIXELS", default_value_t = 400, requires = "preview")]
     preview_size: usize,
+    // Last: what stands below a heading stays below it.
+    #[command(flatten)]
+    download: DownloadArgs,
 }
 
-pub fn run(args: &Args, ui: &Ui) -> Result<()> {
+impl Args {
+    fn need(&self) -> Need {
+        #[cfg(feature = "render")]
+        if self.preview.is_some() {
+            return Need::Depths;
+        }
+        Need::Head
+    }
+}
+
+pub fn run(mut args: Args, ui: &Ui) -> Result<()> {
     #[cfg(feature = "render")]
     {
         if args.preview.is_some() && args.files.len() > 1 {
@@ -43,9 +57,11 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
         }
         outputs::check(&args.files, args.preview.as_deref())?;
     }
+    let need = args.need();
+    let _downloads = download::local(&mut args.files, need, &args.download, ui)?;
     let mut first = true;
     each(&args.files, args.json, ui, |path| {
-        let reader = Reader::open(path, &Limits { decoded_bytes: u64::MAX })?;
+        let reader = Reader::open_prefix(path, &Limits { decoded_bytes: u64::MAX })?;
         ui.warn(&reader.warnings())?;
         let found = if args.json { describe(&reader) } else { Value::Null };
         if !args.json {
@@ -93,7 +109,8 @@ fn describe(reader: &Reader) -> Value {
     let depths = head.depths.iter().zip(head.depth_sizes()).enumerate().map(|(d, (depth, bytes))| {
         json!({
             "depth": d, "resolution": 1u64 << d, "voxels": depth.nodes, "inner": depth.internal, "bytes": bytes,
-            "occupancy": occupancy(d, depth.nodes), "prefix_bytes": depth.block_end, "error": depth_error(head, d),
+            "occupancy": occupancy(d, depth.nodes), "prefix_bytes": depth.block_end, "whole": d < reader.whole_depths(),
+            "error": depth_error(head, d),
         })
     });
     let streams = head

@@ -28,6 +28,7 @@ mod curves;
 #[cfg(all(feature = "bake", feature = "render"))]
 mod demo;
 mod depfile;
+mod download;
 #[cfg(all(feature = "bake", feature = "render", feature = "plot"))]
 mod error;
 #[cfg(all(feature = "bake", feature = "render"))]
@@ -101,6 +102,7 @@ fn version() -> &'static str {
             (cfg!(feature = "render"), "render"),
             (cfg!(feature = "plot"), "plot"),
             (cfg!(feature = "parallel"), "parallel"),
+            (cfg!(feature = "http"), "http"),
         ];
         let on: Vec<_> = features.into_iter().filter(|f| f.0).map(|f| f.1).collect();
         format!("{} ({})", env!("CARGO_PKG_VERSION"), on.join(", "))
@@ -202,7 +204,7 @@ struct VtexRender {
 #[cfg(feature = "render")]
 pub fn vtex_render() -> ExitCode {
     let cli = VtexRender::parse();
-    report(&Ui::new(cli.global.quiet, cli.global.strict), |ui| render::run(&cli.args, ui))
+    report(&Ui::new(cli.global.quiet, cli.global.strict), |ui| render::run(cli.args, ui))
 }
 
 fn run(command: Command, ui: &Ui) -> crate::Result<()> {
@@ -218,10 +220,10 @@ fn run(command: Command, ui: &Ui) -> crate::Result<()> {
         #[cfg(all(feature = "bake", feature = "render"))]
         Command::Expand(args) => expand::run(&args, ui),
         #[cfg(feature = "bake")]
-        Command::Export(args) => export::run(&args, ui),
+        Command::Export(args) => export::run(args, ui),
         #[cfg(all(feature = "bake", feature = "render"))]
         Command::Farm(args) => farm::run(&args, ui),
-        Command::Inspect(args) => inspect::run(&args, ui),
+        Command::Inspect(args) => inspect::run(args, ui),
         #[cfg(feature = "bake")]
         Command::Merge(args) => merge::run_merge(&args, ui),
         #[cfg(feature = "bake")]
@@ -229,7 +231,7 @@ fn run(command: Command, ui: &Ui) -> crate::Result<()> {
         #[cfg(feature = "bake")]
         Command::Recipe(args) => recipe::run(&args, ui),
         #[cfg(feature = "render")]
-        Command::Render(args) => render::run(&args, ui),
+        Command::Render(args) => render::run(*args, ui),
         #[cfg(feature = "render")]
         Command::Stitch(args) => stitch::run(&args, ui),
         #[cfg(feature = "render")]

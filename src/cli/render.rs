@@ -6,6 +6,7 @@ use std::time::Instant;
 use serde_json::{Value, json};
 
 use super::depfile::{self, DepfileArgs};
+use super::download::{self, DownloadArgs, Need};
 use super::quantity::{bytes, finite, positive};
 use super::results::{each, output_for, shown};
 use super::sequence::{MotionArgs, Said};
@@ -22,7 +23,7 @@ use crate::{Error, Result};
 
 #[derive(clap::Args)]
 pub struct Args {
-    /// The landscapes, .gltf or .glb, a picture of each
+    /// The landscapes, .gltf or .glb, or URLs of such, a picture of each
     #[arg(required = true, value_name = "LANDSCAPE")]
     landscapes: Vec<PathBuf>,
     /// The picture, .png (sRGB) or .exr (linear, with alpha), or with a slash at its end the folder [default: the landscape's
@@ -124,6 +125,8 @@ pub struct Args {
     // Last: what stands below a heading stays below it.
     #[command(flatten)]
     motion: MotionArgs,
+    #[command(flatten)]
+    download: DownloadArgs,
 }
 
 /// Irradiance from which on light is that of a real day, not of a display's: ten times what makes white of white.
@@ -330,7 +333,10 @@ fn said_of_clipping(film: &render::Film, options: &Options, tone: Tone) -> Optio
     Some(format!("{:.0} % of the picture is clipped to white; try --exposure {wanted:.1}", 100.0 * share))
 }
 
-pub fn run(args: &Args, ui: &Ui) -> Result<()> {
+pub fn run(mut args: Args, ui: &Ui) -> Result<()> {
+    let downloads = download::local(&mut args.landscapes, Need::Landscape, &args.download, ui)?;
+    downloads.no_depfile(args.depfile.path())?;
+    let args = &args;
     if let (Some(at), [landscape]) = (args.pixel, &args.landscapes[..]) {
         let scene = read(args, landscape, None, &mut Said::default(), ui)?;
         return print_trace(&render::trace_pixel(&scene, &args.options(&scene, Path::new(""))?, at)?, args.json);

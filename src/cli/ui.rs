@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::progress_log::ProgressLog;
-use super::{flags, text};
+use super::{download, flags, text};
 use crate::Warnings;
 use crate::progress::Progress;
 
@@ -93,13 +93,13 @@ fn watch(log: &Arc<ProgressLog>) {
 /// Write one line to stderr: `kind`, and `line` with flags for options and nothing in it that could look like another line.
 /// Where stderr is closed there is nobody to be told.
 pub fn message(kind: &str, line: &str) {
-    let _ = writeln!(std::io::stderr(), "{kind}{}", text::one_line(&flags::named(line)));
+    let _ = writeln!(std::io::stderr(), "{kind}{}", text::one_line(&download::named(&flags::named(line))));
 }
 
 /// Write JSON to stdout; else as [`put`].
 pub fn put_json(value: &impl serde::Serialize) -> crate::Result<()> {
     let json = serde_json::to_string_pretty(value).map_err(|e| crate::Error::Options(format!("--json: {e}")))?;
-    write(&format!("{}\n", text::json(&json)))
+    write(&format!("{}\n", text::json(&download::named(&json))))
 }
 
 /// Write a result to stdout. A reader that has gone away (`| head`) is no error: what it does not read is dropped.
@@ -107,7 +107,7 @@ pub fn put_json(value: &impl serde::Serialize) -> crate::Result<()> {
 /// # Errors
 /// `Io` where it cannot be written, on a full disk for instance.
 pub fn put(text: fmt::Arguments) -> crate::Result<()> {
-    write(&text::lines(&text.to_string()))
+    write(&text::lines(&download::named(&text.to_string())))
 }
 
 fn write(text: &str) -> crate::Result<()> {

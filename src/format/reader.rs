@@ -96,7 +96,9 @@ pub struct Reader {
 impl Reader {
     /// Read and check the head. Errors: [`Error::Io`], [`Error::Format`], or [`Error::Limit`] where not even the root fits.
     pub fn open(path: impl AsRef<Path>, limits: &Limits) -> Result<Reader> {
-        Reader::open_prefix(path.as_ref(), limits)?.whole()
+        let reader = Reader::open_head(path.as_ref(), limits)?;
+        reader.has_length(reader.file_bytes == reader.head.header.file_length)?;
+        Ok(reader)
     }
 
     /// The same of bytes in memory; `name` stands for their path in messages.
@@ -105,28 +107,38 @@ impl Reader {
     /// As [`Reader::open`].
     pub fn of_bytes(name: impl Into<PathBuf>, bytes: Arc<[u8]>, limits: &Limits) -> Result<Reader> {
         let length = bytes.len() as u64;
-        Reader::of(name.into(), Bytes::Memory(bytes), length, limits)?.whole()
+        let reader = Reader::of(name.into(), Bytes::Memory(bytes), length, limits)?;
+        reader.has_length(reader.file_bytes == reader.head.header.file_length)?;
+        Ok(reader)
     }
 
-    /// This, if nothing is missing of it.
-    fn whole(self) -> Result<Reader> {
-        let reader = self;
-        let (have, want) = (reader.file_bytes, reader.head.header.file_length);
-        let whole = reader.head.depths.iter().filter(|d| d.block_end <= have).count();
-        let advice = match whole {
+    /// [`Reader::open`] for a file that may be cut short, such as a download that broke off: depths that are not whole are not
+    /// opened, and [`Reader::warnings`] says so.
+    ///
+    /// # Errors
+    /// As [`Reader::open`]; `Format` where no depth is whole, or something follows the end.
+    pub fn open_prefix(path: impl AsRef<Path>, limits: &Limits) -> Result<Reader> {
+        let reader = Reader::open_head(path.as_ref(), limits)?;
+        reader.has_length(reader.whole_depths() > 0 && reader.file_bytes <= reader.head.header.file_length)?;
+        Ok(reader)
+    }
+
+    /// Require that the length of the file `is_right`.
+    fn has_length(&self, is_right: bool) -> Result<()> {
+        let (have, want) = (self.file_bytes, self.head.header.file_length);
+        let advice = match self.whole_depths() {
             _ if have > want => "there is something behind its end".to_owned(),
             0 => "no depth of it is whole".to_owned(),
             n => format!("its depths up to {} are whole: `vtex truncate --depth {}` keeps them", n - 1, n - 1),
         };
-        require(have == want, codes::FILE_LENGTH, have.min(want), || {
+        require(is_right, codes::FILE_LENGTH, have.min(want), || {
             format!("it has {have} bytes where its header says {want}; {advice}")
         })
-        .map_err(|b| b.at(&reader.path))?;
-        Ok(reader)
+        .map_err(|b| b.at(&self.path))
     }
 
-    /// [`Reader::open`] for a file that may be cut short: depths that are not whole are not opened.
-    pub(super) fn open_prefix(path: &Path, limits: &Limits) -> Result<Reader> {
+    /// The head of a file of any length, with those depths to be opened that are whole and within the limits.
+    pub(super) fn open_head(path: &Path, limits: &Limits) -> Result<Reader> {
         let file = open_file(path)?;
         let file_bytes = file.metadata().map_err(|e| Error::io(path, e))?.len();
         Reader::of(path.to_path_buf(), Bytes::File(file), file_bytes, limits)
@@ -223,15 +235,25 @@ impl Reader {
         self.file_bytes
     }
 
+    /// Number of depths whose bytes are all there, counted from the root.
+    pub fn whole_depths(&self) -> usize {
+        self.head.depths.iter().take_while(|d| d.block_end <= self.file_bytes).count()
+    }
+
     /// Warnings about what was left out.
     pub fn warnings(&self) -> Warnings {
         let mut warnings = Warnings::default();
-        if self.depths < self.head.depths.len() {
+        let (all, whole) = (self.head.depths.len(), self.whole_depths());
+        let (path, have, want) = (self.path.display(), self.file_bytes, self.head.header.file_length);
+        if have < want {
+            let which =
+                if whole == all { "all its depths".into() } else { format!("its depths up to {}", whole.max(1) - 1) };
+            warnings.add(format!("{path}: is cut short after {have} of {want} bytes; {which} are whole and are read"));
+        }
+        if self.depths < whole {
+            let left = whole - self.depths;
             warnings.add(format!(
-                "{}: the finest {} of {} depths are beyond the memory limit and are not opened",
-                self.path.display(),
-                self.head.depths.len() - self.depths,
-                self.head.depths.len()
+                "{path}: the finest {left} of {all} depths are beyond the memory limit and are not opened"
             ));
         }
         warnings

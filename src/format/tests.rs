@@ -169,29 +169,6 @@ fn a_limit_drops_the_finest_depths() {
 }
 
 #[test]
-fn truncation_is_the_prefix_under_a_new_head() {
-    let volume = volume(9, 7, ALL_CHANNELS);
-    let (dir, path) = written(&volume, Quality::Full);
-    let (short, direct, cut) = (dir.path().join("s.vtex"), dir.path().join("d.vtex"), dir.path().join("c.vtex"));
-    let length = truncate(&path, 4, &short).unwrap();
-    verify(&short).unwrap();
-    let mut coarser = volume.clone();
-    coarser.depths.truncate(5);
-    coarser.depths[4].masks.fill(0);
-    write(&coarser, &direct, &WriteOptions { level: 3, quality: Quality::Full }).unwrap();
-    assert_eq!(std::fs::read(&short).unwrap(), std::fs::read(&direct).unwrap());
-    assert_eq!(std::fs::metadata(&short).unwrap().len(), length);
-    // A download that stopped inside depth 5 gives the same, and cannot be mistaken for a whole file.
-    let end = Reader::open(&path, &Limits::default()).unwrap().head().depths[4].block_end as usize;
-    std::fs::write(&cut, &std::fs::read(&path).unwrap()[..end + 11]).unwrap();
-    let refused = Reader::open(&cut, &Limits::default()).err().unwrap().to_string();
-    assert!(refused.contains("truncate --depth 4") && refused.contains("[file-length"), "{refused}");
-    truncate(&cut, 4, &short).unwrap();
-    assert_eq!(std::fs::read(&short).unwrap(), std::fs::read(&direct).unwrap());
-    assert!(truncate(&cut, 5, &short).is_err());
-}
-
-#[test]
 fn a_volume_that_is_not_a_tree_is_refused_and_leaves_nothing() {
     let dir = tempfile::tempdir().unwrap();
     let mut volume = volume(1, 3, ALL_CHANNELS);

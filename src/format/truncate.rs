@@ -1,12 +1,15 @@
 //! A coarser texel from a finer one: a new head over the same blocks.
 
-use std::io::{Read, Seek, SeekFrom, Write};
+use std::io::Write;
 use std::path::Path;
 
 use super::head::{Head, align8};
 use super::layout::SectionKind;
-use super::{Limits, PartFile, Reader, open_file};
+use super::{Limits, PartFile, Reader};
 use crate::{Error, Result};
+
+/// Bytes that are copied at a time.
+const PIECE: u64 = 1 << 20;
 
 /// Write depths 0 ..= `depth` of `path` to `out`; no page is decoded. A file that is cut short will do, as long as those
 /// depths are whole.
@@ -14,7 +17,7 @@ use crate::{Error, Result};
 /// Errors: those of reading and writing, and [`Error::Options`] where the file has no such depth or `out` is the file itself.
 pub fn truncate(path: impl AsRef<Path>, depth: usize, out: impl AsRef<Path>) -> Result<u64> {
     let (path, out) = (path.as_ref(), out.as_ref());
-    let reader = Reader::open_prefix(path, &Limits { decoded_bytes: u64::MAX })?;
+    let reader = Reader::open_head(path, &Limits { decoded_bytes: u64::MAX })?;
     let head = reader.head();
     let Some(last) = head.depths.get(depth) else {
         return Err(Error::Options(format!(
@@ -30,13 +33,15 @@ pub fn truncate(path: impl AsRef<Path>, depth: usize, out: impl AsRef<Path>) -> 
     let (mut head, shift) = shortened(head, depth);
     let bytes = head.encode();
 
-    let mut source = open_file(path)?;
-    source.seek(SeekFrom::Start(from)).map_err(|e| Error::io(path, e))?;
     let mut part = PartFile::create(out)?;
     part.write_all(&bytes).map_err(|e| Error::io(out, e))?;
-    let copied = std::io::copy(&mut source.take(to - from), &mut part).map_err(|e| Error::io(out, e))?;
-    if copied != to - from {
-        return Err(Error::input(path, "", "the file became shorter while it was read"));
+    let mut at = from;
+    while at < to {
+        let length = PIECE.min(to - at);
+        // By the reader: under the name another file may have come since.
+        let piece = reader.read(at, length).map_err(|b| b.at(path))?;
+        part.write_all(&piece).map_err(|e| Error::io(out, e))?;
+        at += length;
     }
     part.finish()?;
     Ok(to - shift)
@@ -69,4 +74,86 @@ fn shortened(head: &Head, depth: usize) -> (Head, u64) {
     }
     head.header.file_length = head.depths.last().map_or(length, |d| d.block_end);
     (head, shift)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::format::tests::{ALL_CHANNELS, volume, written};
+    use crate::format::{Quality, WriteOptions, verify, write};
+
+    #[test]
+    fn a_file_that_is_cut_short_opens_to_the_depth_that_is_whole() {
+        let dir = tempfile::tempdir().unwrap();
+        let (path, cut) = (dir.path().join("t.vtex"), dir.path().join("c.vtex"));
+        let volume = volume(3, 6, ALL_CHANNELS);
+        write(&volume, &path, &WriteOptions::default()).unwrap();
+        let bytes = std::fs::read(&path).unwrap();
+        let reader = Reader::open(&path, &Limits::default()).unwrap();
+        let (whole, ends) = (reader.read_all().unwrap(), reader.head().depths.iter().map(|d| d.block_end as usize));
+        assert!(reader.warnings().is_empty() && reader.whole_depths() == 6);
+        for (depth, end) in ends.enumerate() {
+            for (length, opened) in [(end - 1, depth), (end, depth + 1)] {
+                std::fs::write(&cut, &bytes[..length]).unwrap();
+                let prefix = Reader::open_prefix(&cut, &Limits::default());
+                if opened == 0 {
+                    let refused = prefix.err().unwrap().to_string();
+                    assert!(
+                        refused.contains("no depth of it is whole") && refused.contains("[file-length"),
+                        "{refused}"
+                    );
+                    continue;
+                }
+                let prefix = prefix.unwrap();
+                let found = prefix.read_all().unwrap();
+                assert_eq!((found.depths.len(), prefix.whole_depths()), (opened, opened));
+                for (d, (found, whole)) in found.depths.iter().zip(&whole.depths).enumerate() {
+                    assert_eq!(found.voxels, whole.voxels);
+                    // The last depth that is there is the finest.
+                    assert!(if d + 1 < opened {
+                        found.masks == whole.masks
+                    } else {
+                        found.masks.iter().all(|&m| m == 0)
+                    });
+                }
+                let said: Vec<_> = prefix.warnings().iter().map(|(text, _)| text.to_owned()).collect();
+                let wanted = format!(
+                    "cut short after {length} of {} bytes; its depths up to {} are whole",
+                    bytes.len(),
+                    opened - 1
+                );
+                assert_eq!(said.len(), usize::from(length < bytes.len()), "{said:?}");
+                assert!(said.iter().all(|text| text.contains(&wanted)), "{said:?}");
+                assert!(length == bytes.len() || Reader::open(&cut, &Limits::default()).is_err());
+            }
+        }
+        // Within the head nothing can be read, and what is too long is no prefix.
+        for wrong in [&bytes[..200], &[&bytes[..], b"x"].concat()] {
+            std::fs::write(&cut, wrong).unwrap();
+            assert!(Reader::open_prefix(&cut, &Limits::default()).is_err());
+        }
+    }
+
+    #[test]
+    fn truncation_is_the_prefix_under_a_new_head() {
+        let volume = volume(9, 7, ALL_CHANNELS);
+        let (dir, path) = written(&volume, Quality::Full);
+        let (short, direct, cut) = (dir.path().join("s.vtex"), dir.path().join("d.vtex"), dir.path().join("c.vtex"));
+        let length = truncate(&path, 4, &short).unwrap();
+        verify(&short).unwrap();
+        let mut coarser = volume.clone();
+        coarser.depths.truncate(5);
+        coarser.depths[4].masks.fill(0);
+        write(&coarser, &direct, &WriteOptions { level: 3, quality: Quality::Full }).unwrap();
+        assert_eq!(std::fs::read(&short).unwrap(), std::fs::read(&direct).unwrap());
+        assert_eq!(std::fs::metadata(&short).unwrap().len(), length);
+        // A download that stopped inside depth 5 gives the same, and cannot be mistaken for a whole file.
+        let end = Reader::open(&path, &Limits::default()).unwrap().head().depths[4].block_end as usize;
+        std::fs::write(&cut, &std::fs::read(&path).unwrap()[..end + 11]).unwrap();
+        let refused = Reader::open(&cut, &Limits::default()).err().unwrap().to_string();
+        assert!(refused.contains("truncate --depth 4") && refused.contains("[file-length"), "{refused}");
+        truncate(&cut, 4, &short).unwrap();
+        assert_eq!(std::fs::read(&short).unwrap(), std::fs::read(&direct).unwrap());
+        assert!(truncate(&cut, 5, &short).is_err());
+    }
 }

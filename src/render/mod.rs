@@ -222,7 +222,7 @@ impl Opened {
         let limits = Limits::default();
         let reader = match &texel.bytes {
             Some(bytes) => Reader::of_bytes(path, Arc::clone(bytes), &limits)?,
-            None => Reader::open(path, &limits)?,
+            None => Reader::open_prefix(path, &limits)?,
         };
         if texel.content_id.is_some_and(|id| id != reader.head().content_id()) {
             let path = path.display();

@@ -11,6 +11,7 @@ use std::path::{Path, PathBuf};
 use serde_json::json;
 
 use super::depfile::DepfileArgs;
+use super::download::{self, DownloadArgs, Need};
 use super::results::{print, shown};
 use super::{Ui, outputs};
 use crate::format::{Limits, Reader, save};
@@ -27,7 +28,7 @@ const MOST_VOXELS: usize = 1 << 24;
 /// a scene of Mitsuba 3 (.xml)
 #[derive(clap::Args)]
 pub struct Args {
-    /// The .vtex file
+    /// The .vtex file, or a URL of one
     file: PathBuf,
     /// The file to write: .html, .glb, .ply or .xml
     #[arg(long, short, value_name = "FILE")]
@@ -49,6 +50,8 @@ pub struct Args {
     /// Print a summary as JSON
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    download: DownloadArgs,
 }
 
 /// What was written.
@@ -60,7 +63,7 @@ struct Written {
     more: Vec<PathBuf>,
 }
 
-pub fn run(args: &Args, ui: &Ui) -> Result<()> {
+pub fn run(mut args: Args, ui: &Ui) -> Result<()> {
     let writes = [Some(args.output.as_path()), args.depfile.path()];
     let kind = args.output.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
     let export = match kind.as_str() {
@@ -74,6 +77,9 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
         }
     };
     outputs::check(std::slice::from_ref(&args.file), writes.into_iter().flatten())?;
+    let downloads = download::local(std::slice::from_mut(&mut args.file), Need::Whole, &args.download, ui)?;
+    downloads.no_depfile(args.depfile.path())?;
+    let args = &args;
     let reader = Reader::open(&args.file, &Limits::default())?;
     let written = export(args, &reader)?;
     args.depfile.write([(args.output.as_path(), vec![args.file.clone()])], ui)?;
