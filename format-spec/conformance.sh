@@ -1,13 +1,18 @@
 #!/usr/bin/env bash
-# Holds the Python, the JavaScript and the Kaitai reader to the vectors. Needs python3 with venv, node and npm, and a network for
-# three packages: numpy and zstandard, and Kaitai's compiler, in pinned versions, in a temporary folder. ./conformance.sh [FILE.vtex …]
-# compares what Python and JavaScript read of further files.
+# Holds the Python, the JavaScript and the Kaitai reader to the vectors and to the corpus of ../tests/corpus, and landscapes to their
+# schema. Needs python3 with venv, node and npm, and a network for packages in pinned versions, in a temporary folder: numpy,
+# zstandard and jsonschema, and Kaitai's compiler. ./conformance.sh [FILE …] compares what Python and JavaScript read of further .vtex
+# files, and checks further landscapes (.gltf, .glb).
 set -euo pipefail
+texels=() landscapes=()
+for file in "$@"; do
+    case $file in *.gltf | *.glb) landscapes+=("$(realpath "$file")") ;; *) texels+=("$(realpath "$file")") ;; esac
+done
 cd "$(dirname "$0")"
 here=$PWD work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 python3 -m venv "$work/venv"
-"$work/venv/bin/pip" -q install numpy==2.2.6 zstandard==0.23.0
+"$work/venv/bin/pip" -q install numpy==2.2.6 zstandard==0.23.0 jsonschema==4.26.0
 (cd "$work" && npm install --silent --no-fund --no-audit kaitai-struct-compiler@0.11.0 kaitai-struct@0.11.0 js-yaml@4.1.0 > /dev/null)
 cp js/kaitai.mjs "$work/"
 python() { "$work/venv/bin/python" "$here/reader.py" "$@" 2>&1; }
@@ -20,7 +25,19 @@ mkdir "$work/made"
 "$work/venv/bin/python" vectors/make.py "$work/made"
 for text in vectors/ok-*.txt; do cmp -s "$text" "$work/made/$(basename "$text")" || fault "$text is not what make.py makes"; done
 
-for file in vectors/ok-*.vtex "$@"; do
+for folder in ../tests/corpus/*/; do
+    landscapes+=("$folder"*.glb)
+    # The digests are of what Python reads.
+    while read -r digest name; do
+        for reader in python javascript; do
+            [ "$($reader "$folder$name" | sha256sum | cut -c 1-64)" = "$digest" ] || fault "$reader reads $folder$name otherwise"
+        done
+        count=$((count + 1))
+    done < "${folder}digests"
+done
+"$work/venv/bin/python" schema.py "${landscapes[@]}" || failed=1
+
+for file in vectors/ok-*.vtex "${texels[@]}"; do
     python "$file" > "$work/python.txt" || fault "Python refuses $file"
     javascript "$file" > "$work/javascript.txt" || fault "JavaScript refuses $file"
     wanted="${file%.vtex}.txt"

@@ -77,7 +77,7 @@ fn rays_lose_what_the_text_says() {
 }
 
 /// What `format-spec/vtex-1.md` calls the text of a texel.
-fn listing(volume: &Volume) -> Vec<String> {
+pub fn listing(volume: &Volume) -> Vec<String> {
     let info = &volume.info;
     let cyclic: u8 = (0..3).map(|k| u8::from(info.cyclic[k]) << k).sum();
     let model = format!("{:?}", info.model).to_lowercase();
