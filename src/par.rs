@@ -139,9 +139,16 @@ pub fn chunks_mut<T: Send>(data: &mut [T], len: usize, f: impl Fn(usize, &mut [T
 #[cfg(feature = "parallel")]
 const MAX_THREADS: usize = 256;
 
-/// Run `f` with at most `threads` threads (0: all cores; at most 256) for every loop of this module inside it.
+/// Run `f` with at most `threads` threads (at most 256) for every loop of this module inside it; 0: those that are there, which
+/// is one per core unless the caller runs in a pool of its own.
+///
+/// A program that calls this again and again should say 0: each pool that rayon ends leaves some 2 kB per thread behind, in what
+/// its queues have yet to free.
 #[cfg(feature = "parallel")]
 pub fn with_threads<T: Send>(threads: usize, f: impl FnOnce() -> T + Send) -> crate::Result<T> {
+    if threads == 0 && rayon::current_num_threads() <= MAX_THREADS {
+        return Ok(f());
+    }
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(threads.min(MAX_THREADS))
         .build()
