@@ -77,7 +77,11 @@ pub fn formats(folder: &Path) -> Vec<Format> {
         Format { name: "NIfTI", command: bake, seeds: packed("a.nii", small::nifti()) },
         Format { name: "NRRD", command: bake, seeds: vec![own("a.nrrd", small::nrrd()), small::nhdr()] },
         Format { name: "MetaImage", command: bake, seeds: vec![own("a.mha", small::mha()), small::mhd()] },
-        Format { name: "TIFF", command: bake, seeds: vec![own("a.tif", small::tiff())] },
+        Format {
+            name: "TIFF",
+            command: bake,
+            seeds: vec![own("a.tif", small::tiff()), own("a.tif", small::tiff_by_lzma())],
+        },
         Format { name: "EXR", command: bake, seeds: vec![small::slices("exr", |_| small::exr(folder))] },
         Format { name: "PNG", command: bake, seeds: vec![small::slices("png", |_| small::png(5, 4))] },
         Format { name: "JPEG", command: bake, seeds: vec![small::slices("jpg", |_| small::jpeg())] },

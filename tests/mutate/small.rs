@@ -71,6 +71,37 @@ pub fn tiff() -> Vec<u8> {
     bytes.into_inner()
 }
 
+/// A page of 5 × 4 numbers of 8 bits, packed by LZMA.
+pub fn tiff_by_lzma() -> Vec<u8> {
+    // What liblzma makes of 0, 10, … 190, with a delta filter of a byte.
+    const PACKED: [u8; 60] = [
+        0xfd, 0x37, 0x7a, 0x58, 0x5a, 0x00, 0x00, 0x00, 0xff, 0x12, 0xd9, 0x41, 0x02, 0x01, 0x03, 0x01, 0x00, 0x21,
+        0x01, 0x16, 0x79, 0x20, 0xc4, 0xee, 0xe0, 0x00, 0x13, 0x00, 0x07, 0x5d, 0x00, 0x00, 0x03, 0x19, 0xac, 0x8b,
+        0x90, 0x00, 0x00, 0x00, 0x00, 0x01, 0x1b, 0x14, 0xcc, 0xaa, 0x6a, 0x93, 0x06, 0x72, 0x9e, 0x7a, 0x01, 0x00,
+        0x00, 0x00, 0x00, 0x00, 0x59, 0x5a,
+    ];
+    let tags: [(u16, u32); 9] = [
+        (256, 5),
+        (257, 4),
+        (258, 8),
+        (259, 34925),
+        (262, 1),
+        (273, 8),
+        (277, 1),
+        (278, 4),
+        (279, PACKED.len() as u32),
+    ];
+    let mut file = [&b"II*\0"[..], &(8 + PACKED.len() as u32).to_le_bytes(), &PACKED].concat();
+    file.extend((tags.len() as u16).to_le_bytes());
+    for (tag, value) in tags {
+        // One number of 32 bits.
+        file.extend([tag, 4].iter().flat_map(|v| v.to_le_bytes()));
+        file.extend([1, value].iter().flat_map(|v| v.to_le_bytes()));
+    }
+    file.extend([0; 4]);
+    file
+}
+
 /// A ball of bytes, 6 to each side.
 fn ball() -> Vec<u8> {
     let square = |v: usize| (v as f32 - 2.5).powi(2);

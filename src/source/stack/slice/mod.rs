@@ -1,6 +1,7 @@
 //! Slices of an image file: one of PNG, JPEG and what else `image` reads, the pages of a TIFF, the parts of an EXR.
 
 mod description;
+mod lzma;
 mod pages;
 mod parts;
 

@@ -11,6 +11,7 @@ use tiff::tags::{Tag, Type, ValueBuffer};
 use tiff::{ColorType, TiffUnsupportedError};
 
 use super::description::{Description, Resolution};
+use super::lzma::METHOD;
 use super::{About, Sink, Slice, check_memory, check_size};
 use crate::source::stack::choice::Choice;
 use crate::source::stack::coding::{Coding, Kind, rgb_of_ycbcr};
@@ -19,13 +20,14 @@ use crate::{Error, Result};
 /// Bytes of a page's samples.
 const MAX_PAGE: usize = 1 << 32;
 /// Bytes of samples per byte of the file, which no packing of real pages exceeds.
-const MAX_RATIO: usize = 8 * 1032;
+pub(super) const MAX_RATIO: usize = 8 * 1032;
 
-struct Pages<'a> {
-    choice: &'a Choice<'a>,
-    path: &'a Path,
-    bytes: &'a [u8],
-    decoder: Decoder<Cursor<&'a [u8]>>,
+/// The pages of a file, at one of which its decoder stands.
+pub(super) struct Pages<'a> {
+    pub choice: &'a Choice<'a>,
+    pub path: &'a Path,
+    pub bytes: &'a [u8],
+    pub decoder: Decoder<Cursor<&'a [u8]>>,
 }
 
 /// Name of a packing that is not unpacked.
@@ -34,7 +36,6 @@ fn packing(method: u16) -> &'static str {
         2..=4 => " (fax)",
         34712 => " (JPEG 2000)",
         34887 => " (LERC)",
-        34925 => " (LZMA)",
         50001 => " (WebP)",
         50002 => " (JPEG XL)",
         _ => "",
@@ -42,7 +43,7 @@ fn packing(method: u16) -> &'static str {
 }
 
 /// Error about the page `n`, which counts from 0.
-fn broken(path: &Path, n: usize) -> impl Fn(tiff::TiffError) -> Error {
+pub(super) fn broken(path: &Path, n: usize) -> impl Fn(tiff::TiffError) -> Error {
     let (path, page) = (path.to_path_buf(), n + 1);
     move |e| match e {
         tiff::TiffError::UnsupportedError(TiffUnsupportedError::UnsupportedCompressionMethod(method)) => {
@@ -59,13 +60,18 @@ fn broken(path: &Path, n: usize) -> impl Fn(tiff::TiffError) -> Error {
     }
 }
 
-/// Give the slices of a TIFF.
-pub fn read(choice: &Choice, path: &Path, bytes: &[u8], sink: &mut dyn Sink) -> Result<()> {
+/// A decoder of the file `bytes` that takes at most `memory` bytes.
+fn decoder<'a>(path: &Path, bytes: &'a [u8], memory: u64) -> Result<Decoder<Cursor<&'a [u8]>>> {
     let mut limits = Limits::default();
-    let most = usize::try_from(choice.memory).unwrap_or(MAX_PAGE).min(MAX_PAGE);
+    let most = usize::try_from(memory).unwrap_or(MAX_PAGE).min(MAX_PAGE);
     limits.decoding_buffer_size = most;
     limits.intermediate_buffer_size = most;
-    let mut decoder = Decoder::new(Cursor::new(bytes)).map_err(broken(path, 0))?.with_limits(limits);
+    Ok(Decoder::new(Cursor::new(bytes)).map_err(broken(path, 0))?.with_limits(limits))
+}
+
+/// Give the slices of a TIFF.
+pub fn read(choice: &Choice, path: &Path, bytes: &[u8], sink: &mut dyn Sink) -> Result<()> {
+    let mut decoder = decoder(path, bytes, choice.memory)?;
     let mut about = About::default();
     // Before its pages are walked through: its tags are at hand.
     let described = describe(path, &mut decoder);
@@ -168,11 +174,11 @@ fn describe(path: &Path, decoder: &mut Decoder<Cursor<&[u8]>>) -> Option<Descrip
 }
 
 /// Type and channels of a page's pixels.
-struct Layout {
-    width: usize,
-    height: usize,
-    channels: usize,
-    bits: usize,
+pub(super) struct Layout {
+    pub width: usize,
+    pub height: usize,
+    pub channels: usize,
+    pub bits: usize,
     colour: ColorType,
 }
 
@@ -229,9 +235,15 @@ impl Pages<'_> {
         }
         // The page as it is decoded, and in the order in which it is kept.
         let kept = (width * height).saturating_mul(channels).saturating_mul(bits.max(8) / 8);
-        check_memory(self.choice, self.path, size.saturating_add(kept) as u64)?;
+        let taken = size.saturating_add(kept) as u64;
+        check_memory(self.choice, self.path, taken)?;
         let mut decoded = DecodingResult::U8(Vec::new());
-        self.decoder.read_image_to_buffer(&mut decoded).map_err(&wrong)?;
+        if self.decoder.find_tag_unsigned::<u16>(Tag::Compression).map_err(&wrong)? == Some(METHOD) {
+            let file = self.unpacked(page, &layout, taken)?;
+            decoder(self.path, &file, self.choice.memory)?.read_image_to_buffer(&mut decoded).map_err(&wrong)?;
+        } else {
+            self.decoder.read_image_to_buffer(&mut decoded).map_err(&wrong)?;
+        }
         let (kind, mut bytes) = numbers(decoded);
         if bits < 8 {
             bytes = unpacked(&bytes, width, bits);

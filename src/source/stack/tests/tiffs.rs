@@ -183,10 +183,10 @@ fn every_layout_of_samples_is_read() {
     // Packed with Zstandard.
     let packed = zstd::encode_all(&[1u8, 0, 2, 0, 3, 0, 4, 0][..], 3).unwrap();
     assert_eq!(values(&one(&dir, vec![(259, short(&[50000]))], &packed)), [1.0, 2.0, 3.0, 4.0]);
-    // Packed as nothing here unpacks: LZMA, and what nobody knows.
-    for method in [34925, 4711] {
+    // Packed as nothing here unpacks: JPEG 2000, and what nobody knows.
+    for method in [34712, 4711] {
         let page = Page { tags: vec![(259, short(&[method]))], data: vec![0; 64] };
-        let said = error(&dir.save("lzma.tif", &tiff(&[page])));
+        let said = error(&dir.save("packed.tif", &tiff(&[page])));
         assert!(said.contains("tiffcp -c zip") && !said.contains('\n'), "{said}");
     }
     // Single bits, a row at a time.
@@ -194,6 +194,67 @@ fn every_layout_of_samples_is_read() {
     // White is zero: values are as stored.
     assert_eq!(values(&one(&dir, vec![(262, short(&[0]))], &[1, 0, 2, 0, 0, 1, 4, 0])), [1.0, 2.0, 256.0, 4.0]);
     assert_eq!(values(&one(&dir, vec![(262, short(&[0])), (258, short(&[8]))], &[1, 2, 3, 4])), [1.0, 2.0, 3.0, 4.0]);
+}
+
+/// What liblzma makes of the numbers 1, 2, 3, 4 of 16 bits, as libtiff calls it: with a delta filter of 2 bytes.
+const BY_DELTA: &str = "fd377a585a000000ff12d94102010301012101161c4778560100070100010001000100000001180840a546ac06729e7a01\
+    0000000000595a";
+/// Of 1, 1, 3, 1 without a filter: the rows' differences of 1, 2 and 3, 4.
+const DIFFERENCES: &str = "fd377a585a000000ff12d9410200210116000000742fe5a30100070100010003000100000001180840a546ac06729e7a\
+    010000000000595a";
+/// Of 1, 2, 3, 4, with a dictionary of 1 GiB.
+const WIDE: &str = "fd377a585a000000ff12d94102002101240000005e1fc7f90100070100020003000400000001180840a546ac06729e7a01000000\
+    0000595a";
+
+fn bytes_of(hex: &str) -> Vec<u8> {
+    (0..hex.len() / 2).map(|i| u8::from_str_radix(&hex[2 * i..2 * i + 2], 16).unwrap()).collect()
+}
+
+#[test]
+fn lzma_is_unpacked_within_the_memory() {
+    let dir = Dir::new();
+    let options = StackOptions::default();
+    // The usual dictionary has 8 MiB.
+    let open = |path: &Path| read(path, &options, 1 << 26);
+    let error = |path: &Path| open(path).err().unwrap().to_string();
+    let short = |v: &[u16]| Value::Short(v.to_vec());
+    let page = |more: Vec<(u16, Value)>, data: &[u8]| Page {
+        tags: std::iter::once((259, short(&[34925]))).chain(more).collect(),
+        data: data.to_vec(),
+    };
+    let packed = bytes_of(BY_DELTA);
+    // Two pages of one strip.
+    let path = dir.save("two.tif", &tiff(&[page(vec![], &packed), page(vec![], &packed)]));
+    assert_eq!(values(&open(&path).unwrap()), [1.0, 2.0, 3.0, 4.0].repeat(2));
+    let path = dir.save("predicted.tif", &tiff(&[page(vec![(317, short(&[2]))], &bytes_of(DIFFERENCES))]));
+    assert_eq!(values(&open(&path).unwrap()), [1.0, 2.0, 3.0, 4.0]);
+    let path = dir.save("wide.tif", &tiff(&[page(vec![], &bytes_of(WIDE))]));
+    assert!(error(&path).contains("takes more memory than is allowed"));
+    assert_eq!(values(&read(&path, &options, 2 << 30).unwrap()), [1.0, 2.0, 3.0, 4.0]);
+    // Cut short before its numbers end, and with any byte changed, it is an error of one line or other numbers.
+    for end in 0..35 {
+        let said = error(&dir.save("short.tif", &tiff(&[page(vec![], &packed[..end])])));
+        assert!(said.contains("strip or tile 1, packed by LZMA,") && !said.contains('\n'), "{end}: {said}");
+    }
+    for at in 0..packed.len() {
+        for flip in [1, 128] {
+            let mut broken = packed.clone();
+            broken[at] ^= flip;
+            let path = dir.save("broken.tif", &tiff(&[page(vec![], &broken)]));
+            assert!(open(&path).map_or_else(|e| !e.to_string().is_empty(), |stack| values(&stack).len() == 4));
+        }
+    }
+    // A tile far larger than its page and the file.
+    let tags = vec![(322, short(&[65535])), (323, short(&[65535])), (324, short(&[8])), (325, short(&[56]))];
+    let mut large = page(tags, &packed);
+    large.tags.extend([(256, short(&[1])), (257, short(&[1]))]);
+    let mut file = tiff(&[large]);
+    // Without the tags of strips, which tiles exclude.
+    for tag in [273u16, 279] {
+        let at = file.windows(2).rposition(|w| w == tag.to_le_bytes()).unwrap();
+        file[at..at + 2].copy_from_slice(&(tag - 273 + 60000).to_le_bytes());
+    }
+    assert!(!error(&dir.save("tile.tif", &file)).is_empty());
 }
 
 /// A TIFF of one page whose data are as many strips as planes.
