@@ -75,19 +75,12 @@ struct StackArgs {
     frame: Option<usize>,
 }
 
-/// The files that the options are for: what a recipe draws, and else the input itself.
+/// The files that the options are for: what a recipe draws, and else the input itself. A recipe that cannot be read will say so
+/// itself.
 fn drawn(input: &Path) -> Vec<PathBuf> {
-    let mut files = vec![input.to_path_buf()];
-    if source::file_kind(input) == FileKind::Recipe {
-        let named = source::recipe::files(input);
-        // Without a file to read, and where it cannot be read, it is the recipe that says so.
-        let kept = named.into_iter().filter(|f| source::file_kind(f) != FileKind::Recipe);
-        let kept: Vec<PathBuf> = kept.collect();
-        if !kept.is_empty() {
-            files = kept;
-        }
-    }
-    files
+    let is_recipe = source::file_kind(input) == FileKind::Recipe;
+    let files = is_recipe.then(|| source::recipe::drawn_files(input)).flatten();
+    files.unwrap_or_else(|| vec![input.to_path_buf()])
 }
 
 /// Three numbers above 0, apart by commas.
@@ -187,14 +180,16 @@ impl SourceArgs {
         let keys = said.as_object().into_iter().flat_map(|o| o.keys()).map(String::as_str);
         let files: Vec<PathBuf> = inputs.iter().flat_map(|input| drawn(input)).collect();
         for key in keys.filter(|&key| key != "fill" || !matches!(self.fill, FillArg::Auto)) {
-            let unread = |path: &PathBuf| source::unread(key, path, self.line_width.is_some());
-            let of: Vec<_> = files.iter().map(unread).collect();
-            if let (true, Some(Some(of)), Some(input)) = (of.iter().all(Option::is_some), of.first(), inputs.first()) {
+            let is_read = |path: &PathBuf| source::unread(key, path, self.line_width.is_some()).is_none();
+            let reading = source::READING.iter().find(|(keys, ..)| keys.contains(&key));
+            let (Some((.., of)), Some(input)) = (reading, inputs.first()) else { continue };
+            if !files.iter().any(is_read) {
+                let verb = if source::file_kind(input) == FileKind::Recipe { "draws" } else { "is" };
                 let (option, input) = (key.replace('_', "-"), input.display());
                 let lines = ["section", "curve", "width_scale"].contains(&key) && self.line_width.is_none();
                 let hint = if lines { " (lines of meshes become curves by --line-width)" } else { "" };
                 return Err(Error::Options(format!(
-                    "--{option} says how {of} are read; {input} is none of them{hint}"
+                    "--{option} says how {of} are read; {input} {verb} none of them{hint}"
                 )));
             }
         }

@@ -240,6 +240,30 @@ fn an_option_that_says_nothing_of_the_input_is_refused() {
     assert!(failure(&["bake", "no.glb", "--section", "flat"]).contains("--line-width"));
     // What is of one of several inputs is not refused.
     assert!(!failure(&["bake", "no.glb", "no.nii", "--iso", "3"]).contains("says how"));
+    // A recipe passes options on to the files that it draws: here there are none, a picture of colours, and a mesh.
+    let folder = tempfile::tempdir().unwrap();
+    let recipe = |name: &str, text: &str| {
+        let path = folder.path().join(name);
+        std::fs::write(&path, text).unwrap();
+        path.to_string_lossy().into_owned()
+    };
+    let sphere = "[[draw]]\nsphere = { centre = [0, 0, 0], radius = 1 }\n";
+    let shapes = recipe("shapes.toml", sphere);
+    recipe("p.png", "");
+    let painted = recipe("painted.toml", &format!("{sphere}albedo = {{ image = \"p.png\", axis = [0, 0, 1] }}\n"));
+    recipe("m.glb", "");
+    recipe("within.toml", "[[draw]]\nsource = { file = \"m.glb\" }\n");
+    let nested = recipe("nested.toml", "[[draw]]\nsource = { file = \"within.toml\" }\n");
+    for (path, of) in [(&shapes, ""), (&painted, ""), (&nested, "scene fill line-width include")] {
+        for option in ["iso", "channel", "seed", "section", "scene", "fill", "line-width", "include"] {
+            let said = failure(&["bake", path, &format!("--{option}={}", example(option))]);
+            let is_refused = said.contains(&format!("--{option} says how"));
+            assert_eq!(is_refused, !of.split(' ').any(|o| o == option), "{path} --{option}: {said}");
+        }
+    }
+    // What is not there is told of as it is.
+    let missing = recipe("missing.toml", "[[draw]]\nsource = { file = \"no.nrrd\" }\n");
+    assert!(!failure(&["bake", &missing, "--iso", "3"]).contains("says how"));
     assert!(failure(&["bake", "no.glb", "--model", "neyret", "--refine", "3"]).contains("--refine says nothing"));
     assert!(failure(&["bake", "no.glb", "--voxel-size", "1", "-r", "64"]).contains("-r says nothing"));
     assert!(failure(&["error", "no.vtex", "--source", "no.glb", "--channel", "99"]).len() > 1);

@@ -57,26 +57,52 @@ pub fn check(path: &Path, options: &OpenOptions, opener: Opener) -> Result<usize
 
 /// The files that the recipe names, and those that recipes in it name; nothing of what cannot be read.
 pub fn files(path: &Path) -> Vec<PathBuf> {
-    let (mut found, mut left) = (Vec::new(), vec![path.to_path_buf()]);
+    named(path).0.into_iter().map(|file| file.path).collect()
+}
+
+/// The files other than recipes that are drawn by the recipe, and by recipes in it; `None` where one cannot be read or is missing.
+pub fn drawn_files(path: &Path) -> Option<Vec<PathBuf>> {
+    let (files, all) = named(path);
+    let drawn = files.into_iter().filter(|file| file.is_drawn && !is_recipe(&file.path));
+    all.then(|| drawn.map(|file| file.path).collect())
+}
+
+/// A file that a recipe names.
+struct Named {
+    path: PathBuf,
+    /// Whether it is a source, and not a picture of colours.
+    is_drawn: bool,
+}
+
+/// The files that the recipe and recipes in it name, and whether all are there and all recipes could be read.
+fn named(path: &Path) -> (Vec<Named>, bool) {
+    let (mut found, mut left, mut all): (Vec<Named>, _, _) = (Vec::new(), vec![path.to_path_buf()], true);
     // A recipe may be named by many paths, without end where it names itself.
     let mut entered = BTreeSet::new();
     while let Some(path) = left.pop() {
-        if !std::fs::canonicalize(&path).is_ok_and(|real| entered.insert(real)) {
+        if std::fs::canonicalize(&path).is_ok_and(|real| !entered.insert(real)) {
             continue;
         }
-        let Ok((recipe, _)) = read(&path) else { continue };
-        for name in names(&recipe) {
-            let Some(file) = beside(&path, &name) else { continue };
-            if found.contains(&file) {
+        let Ok((recipe, _)) = read(&path) else {
+            all = false;
+            continue;
+        };
+        for (name, is_drawn) in names(&recipe) {
+            let Some(file) = beside(&path, &name) else {
+                all = false;
+                continue;
+            };
+            if let Some(known) = found.iter_mut().find(|known| known.path == file) {
+                known.is_drawn |= is_drawn;
                 continue;
             }
             if is_recipe(&file) {
                 left.push(file.clone());
             }
-            found.push(file);
+            found.push(Named { path: file, is_drawn });
         }
     }
-    found
+    (found, all)
 }
 
 /// Whether a file is a recipe, by its name.
@@ -91,20 +117,20 @@ fn beside(path: &Path, name: &str) -> Option<PathBuf> {
     files::find(here, name, false).or_else(folder)
 }
 
-/// Names of files, in order.
-fn names(recipe: &Recipe) -> Vec<String> {
+/// Names of files, in order, and whether each is drawn.
+fn names(recipe: &Recipe) -> Vec<(String, bool)> {
     let mut names = Vec::new();
     let mut left: Vec<&Node> = recipe.draw.iter().chain(recipe.define.values()).rev().collect();
     while let Some(node) = left.pop() {
         match &node.shape {
-            Shape::Source(source) => names.push(source.0.file.clone()),
+            Shape::Source(source) => names.push((source.0.file.clone(), true)),
             Shape::Group(n) | Shape::Union(n) | Shape::Intersection(n) | Shape::Difference(n) => {
                 left.extend(n.iter().rev());
             }
             _ => {}
         }
         if let Some(Either::Table(varied)) = &node.albedo {
-            names.extend(varied.image.clone());
+            names.extend(varied.image.clone().map(|image| (image, false)));
         }
     }
     names
