@@ -166,14 +166,16 @@ impl<'a> Axes<'a> {
 pub fn read(choice: &Choice, in_memory: u64) -> Result<Stack> {
     let path = choice.path;
     let map = map_file(path)?;
-    if !map.starts_with(b"NRRD000") {
+    // Editors put a byte-order mark before a text.
+    let begin = if map.starts_with(b"\xef\xbb\xbf") { 3 } else { 0 };
+    if !map[begin..].starts_with(b"NRRD000") {
         return Err(Error::input(path, "", "not a NRRD file: it does not begin with NRRD000"));
     }
     let head = &map[..map.len().min(MAX_HEADER)];
     let mut fields = Fields { path, list: Vec::new() };
     // Where the data begin, where an empty line says so.
     let mut body = None;
-    let mut at = 0;
+    let mut at = begin;
     let mut row = 0;
     while let Some(length) = head[at..].iter().position(|&c| c == b'\n') {
         let line = String::from_utf8_lossy(&head[at..at + length]).trim_end_matches('\r').to_owned();

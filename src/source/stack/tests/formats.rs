@@ -14,6 +14,10 @@ fn nrrd_attached_and_apart() {
     let apart = dir.save("a.nhdr", &head("encoding: raw\nbyte skip: -1\ndata file: a.raw\n"));
     expect(&apart, nrrd_place);
     assert_eq!(files(&apart).len(), 2);
+    // As an editor saves it: with a byte-order mark and carriage returns.
+    let edited =
+        String::from_utf8(head("encoding: raw\nbyte skip: -1\ndata file: a.raw\n")).unwrap().replace('\n', "\r\n");
+    expect(&dir.save("edited.nhdr", format!("\u{feff}{edited}").as_bytes()), nrrd_place);
     for (n, slice) in little().chunks(24).enumerate() {
         dir.save(&format!("s{n:02}.raw"), slice);
     }
