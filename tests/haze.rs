@@ -20,7 +20,7 @@ fn read(path: &Path) -> Octree {
 }
 
 /// Mean opacity at `depth` over 32² lines along `dir` through a square of the edge `width` in the middle of the cube.
-fn opacity(tree: &Octree, depth: usize, dir: DVec3, width: f64) -> f64 {
+pub fn opacity(tree: &Octree, depth: usize, dir: DVec3, width: f64) -> f64 {
     let dir = dir.normalize();
     let (a, b) = dir.any_orthonormal_pair();
     let mut sum = 0.0;
@@ -125,11 +125,12 @@ fn sheets_of_half_opacity_hide_each_other_as_unrelated_matter() {
             // Up is w. Sheets take of light that is aslant what they take of any other.
             for dir in [DVec3::Z, DVec3::new(1.0, 0.0, 1.0), DVec3::new(1.0, 1.0, 2.0)] {
                 for depth in 2..=6 {
-                    // A code of the file may be 4.4 % off in the rate, which is 3 % of 3/4 and 1 % of 15/16; what the dithers of two
-                    // sheets share, 1 % over all voxels and more where there are few; the SGGX of a sheet that is seen aslant,
-                    // 2 %. At depth 2 and 3 two sheets are in one voxel.
+                    // A code of the file may be 4.4 % off in the rate, which is 3 % of 3/4 and 1 % of 15/16; the SGGX of a sheet
+                    // that is seen aslant, 2 %. At depth 2 and 3 two of the parallel sheets are in one voxel, and others of its block
+                    // hide them by one number.
+                    let most = if name == "coincident" { 0.05 } else { 0.06 };
                     let got = opacity(&tree, depth, dir, 0.1);
-                    assert!((got / want - 1.0).abs() < 0.06, "{name} {refine}, depth {depth}, {dir}: {got} {want}");
+                    assert!((got / want - 1.0).abs() < most, "{name} {refine}, depth {depth}, {dir}: {got} {want}");
                 }
             }
         }

@@ -17,6 +17,15 @@ const MIN_CELLS: usize = 4;
 const CELLS_PER_TEXEL: f64 = 2.0;
 /// Number of opaque cells whose colour is looked up.
 const COLOUR_SAMPLES: usize = 4;
+/// Steps of the dither's threshold from column to column and from row to row: the recurrence of the plastic number, whose terms are
+/// even in the plane, and its mirror images. Any two of them are even together, too: where one is below a share, so is the other in
+/// that share of the cells. Two facets in one place with the same steps would hide each other by anything between none and all.
+const DITHERS: [[f64; 2]; 4] = [
+    [0.754_877_666, 0.569_840_291],
+    [0.569_840_291, 0.754_877_666],
+    [0.754_877_666, 0.430_159_709],
+    [0.569_840_291, 0.245_122_334],
+];
 
 /// Part of a piece that alpha leaves: its opaque cells, and the share, colour and bounds of what is left.
 pub struct AlphaMask {
@@ -133,6 +142,7 @@ impl AlphaSamples {
         let mut range = CellRange { first: [usize::MAX; 2], end: [0; 2] };
         let (mut densest, mut highest) = (polygon.corner_mean(), 0.0);
         let seed = hash(polygon.facet, origin);
+        let [across, down] = DITHERS[polygon.facet as usize % DITHERS.len()];
         let mut row = [0.0f32; MAX_ALPHA_CELLS];
         for j in 0..grid.size[1] {
             let y = grid.coordinate(1, j as f64 + 0.5);
@@ -142,8 +152,7 @@ impl AlphaSamples {
             for (i, &alpha) in row.iter().enumerate() {
                 let alpha = f64::from(alpha).clamp(0.0, 1.0);
                 let x = grid.coordinate(0, i as f64 + 0.5);
-                // The recurrence of the plastic number gives an even dither of partial alpha.
-                let term = seed + 0.754_877_666 * i as f64 + 0.569_840_291 * j as f64;
+                let term = seed + across * i as f64 + down * j as f64;
                 let threshold = term - f64::from(term as u32);
                 cells |= u64::from(alpha > threshold) << (j * MAX_ALPHA_CELLS + i);
                 if x >= from && x < to {
