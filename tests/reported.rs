@@ -4,7 +4,14 @@ use std::path::{Path, PathBuf};
 
 use assert_cmd::Command;
 use vtex::format::{Limits, Reader, verify};
-use vtex::volume::Volume;
+use vtex::geom::DVec3;
+use vtex::progress::Quiet;
+use vtex::render::{Options, render};
+use vtex::scene::shell::Environment;
+use vtex::scene::{Scene, gltf};
+use vtex::volume::{Octree, Volume};
+
+use crate::haze::opacity;
 
 struct Reported {
     inputs: PathBuf,
@@ -64,7 +71,7 @@ fn texts_are_read_whatever_their_writers_put_around_lines() {
     assert_eq!((marked.info.bounds, &marked.depths), (plain.info.bounds, &plain.depths));
     // 3 × 3 × 4 units of a cube of 4.
     let size = marked.info.content.size();
-    assert!((size - vtex::geom::DVec3::new(0.75, 1.0, 0.75)).abs().max_element() < 1.0 / 32.0, "{size}");
+    assert!((size - DVec3::new(0.75, 1.0, 0.75)).abs().max_element() < 1.0 / 32.0, "{size}");
     for input in ["obj_bom/o_bom_mtllib.obj", "mtl_continuation/o_cont.obj"] {
         let volume = r.baked(input, &["-r", "16"]).0;
         for (name, want) in [("leaf", [0.1, 0.6, 0.05]), ("bark", [0.3, 0.2, 0.1])] {
@@ -84,7 +91,7 @@ fn what_lies_far_from_0_is_what_it_is_near_it() {
     assert_eq!((far.depths, far.info.facet_size), (near.depths, near.info.facet_size));
     let moved = far.info.bounds.min - near.info.bounds.min;
     // Doubles of some 5 million are right to a billionth.
-    assert!((moved - vtex::geom::DVec3::new(448_262.0, 5_411_932.0, 120.0)).abs().max_element() < 1e-8, "{moved}");
+    assert!((moved - DVec3::new(448_262.0, 5_411_932.0, 120.0)).abs().max_element() < 1e-8, "{moved}");
 }
 
 #[test]
@@ -131,6 +138,40 @@ fn what_is_written_can_be_read_and_what_cannot_end_does_not_begin() {
     // lot so that their sum is kept; none of them was there.
     let haze = r.baked("faint/haze.nii", &["-r", "256", "--sigma", "0", "--transfer", "faint/h.json"]).0;
     assert!(haze.depths.last().unwrap().voxels.iter().any(|v| v.rate > 0));
+    // Its depths are equally bright, as it hardly shades itself; what each takes of the light is in haze.rs.
+    for factor in vtex::volume::brightness::read(&haze.info).iter().take(8) {
+        assert!(factor.light.iter().all(|f| (f - 1.0).abs() < 0.16), "{factor:?}");
+    }
+}
+
+#[test]
+fn a_card_covers_as_much_from_afar() {
+    let Some(r) = Reported::open() else { return };
+    for (name, half) in [("0.5", 0.5), ("2", 2.0), ("8", 8.0)] {
+        let model = gltf::read(&r.inputs.join(format!("render/k_card_{name}.glb")), &Default::default()).unwrap().model;
+        let environment = Environment { sky: Some([1.0; 3].into()), background: Some([0.0; 3]), ..Default::default() };
+        let scene = Scene { model, texels: vec![], copies: vec![], environment };
+        let film = render(&scene, &Options { size: [64; 2], ..Options::measuring() }, &Quiet).unwrap().film;
+        let share = film.pixels.iter().map(|p| f64::from(p[3])).sum::<f64>() / film.pixels.len() as f64;
+        let area = 4.0 * half * half * share;
+        // 4096 points of the smallest card's 16 pixels, some 400 of them on what is there: 5 % where they are random, and these are
+        // even over each pixel.
+        assert!((area / 0.0956 - 1.0).abs() < 0.03, "{name}: {area}");
+    }
+}
+
+#[test]
+fn coincident_sheets_hide_each_other_as_unrelated_matter() {
+    let Some(r) = Reported::open() else { return };
+    for refine in ["0", "10"] {
+        let sheets = r.baked("sheets/coincident_sheets.toml", &["-r", "64", "--refine", refine]).0;
+        let tree = Octree::new(sheets).unwrap();
+        for depth in 3..=6 {
+            // Up is w.
+            let found = opacity(&tree, depth, DVec3::Z, 0.9);
+            assert!((found / 0.75 - 1.0).abs() < 0.05, "{refine}, depth {depth}: {found}");
+        }
+    }
 }
 
 #[test]

@@ -143,9 +143,15 @@ impl Bvh {
 }
 
 impl Bvh {
-    /// How many items may come as near to the ray before `t1` as `reach(t)`, which does not fall with t; counted up to `most`, and
-    /// never too few.
-    pub fn count_near(&self, ray: &Ray, t1: f64, reach: impl Fn(f64) -> f64, most: u32) -> u32 {
+    /// The box around all items; empty without any.
+    pub fn bounds(&self) -> Aabb {
+        let of = |v: [f32; 3]| Vec3::from_array(v).as_dvec3();
+        self.nodes.first().map_or(Aabb::EMPTY, |root| Aabb::new(of(root.min), of(root.max)))
+    }
+
+    /// Give `each` the items that may come as near to the ray before `t1` as `reach(t)`, which does not fall with t, a few at a
+    /// time, until it returns false.
+    pub fn each_near(&self, ray: &Ray, t1: f64, reach: impl Fn(f64) -> f64, mut each: impl FnMut(&[u32]) -> bool) {
         let slabs = Slabs::new(ray);
         let dir = ray.dir.as_vec3();
         let is_near = |node: &Node| {
@@ -156,7 +162,7 @@ impl Bvh {
             let grown = Node { min: (min - r).to_array(), max: (max + r).to_array(), ..*node };
             middle + half + r >= 0.0 && slabs.enter(&grown, t1 as f32).is_some()
         };
-        let (mut count, mut open) = (0, vec![0u32]);
+        let mut open = vec![0u32];
         while let Some(node) = open.pop().and_then(|i| self.nodes.get(i as usize)) {
             if !is_near(node) {
                 continue;
@@ -165,12 +171,10 @@ impl Bvh {
                 open.extend([node.first, node.first + 1]);
                 continue;
             }
-            count += node.count;
-            if count >= most {
-                return most;
+            if !each(&self.items[node.first as usize..(node.first + node.count) as usize]) {
+                return;
             }
         }
-        count
     }
 }
 

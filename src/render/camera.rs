@@ -13,6 +13,8 @@ pub struct View {
     forward: DVec3,
     size: [f64; 2],
     projection: Projection,
+    /// Half of the picture's height: at distance 1, or in metres where rays are parallel.
+    half: f64,
 }
 
 /// A pixel's ray with the width of its cone.
@@ -44,6 +46,10 @@ impl View {
         let forward = forward.try_normalize()?;
         let right = forward.cross(up).try_normalize().or_else(|| forward.cross(DVec3::Z).try_normalize());
         let right = right.or_else(|| forward.cross(DVec3::X).try_normalize())?;
+        let half = match projection {
+            Projection::Perspective { yfov } => (0.5 * yfov).tan(),
+            Projection::Orthographic { ymag } => ymag,
+        };
         let valid = match projection {
             Projection::Perspective { yfov } => yfov > 0.0 && yfov < std::f64::consts::PI,
             Projection::Orthographic { ymag } => ymag > 0.0 && ymag.is_finite(),
@@ -55,6 +61,7 @@ impl View {
             forward,
             size: size.map(f64::from),
             projection,
+            half,
         })
     }
 
@@ -68,25 +75,34 @@ impl View {
         Self::towards(eye, -from, DVec3::Y, size, Projection::Perspective { yfov: YFOV })
     }
 
+    /// The ray of [`View::cone`].
+    pub fn ray(&self, x: f64, y: f64, unit: f64) -> Ray {
+        let across = self.across(x, y);
+        match self.projection {
+            Projection::Perspective { .. } => {
+                Ray { origin: DVec3::ZERO, dir: (self.forward + self.half * across).normalize() }
+            }
+            Projection::Orthographic { .. } => Ray { origin: self.half / unit * across, dir: self.forward },
+        }
+    }
+
+    /// A point of the picture in half heights from its middle.
+    fn across(&self, x: f64, y: f64) -> DVec3 {
+        let [width, height] = self.size;
+        (2.0 * x - width) / height * self.right + (1.0 - 2.0 * y / height) * self.up
+    }
+
     /// The cone through (x, y), in pixels from the upper left corner; `unit` is the length that becomes 1.
     pub fn cone(&self, x: f64, y: f64, unit: f64) -> Cone {
-        let [width, height] = self.size;
-        // In half heights, y up.
-        let (u, v) = ((2.0 * x - width) / height, 1.0 - 2.0 * y / height);
+        let ray = self.ray(x, y, unit);
+        let pixel = 2.0 * self.half / self.size[1];
         match self.projection {
-            Projection::Perspective { yfov } => {
-                let tan = (0.5 * yfov).tan();
-                let dir = (self.forward + tan * (u * self.right + v * self.up)).normalize();
-                let cos = dir.dot(self.forward);
+            Projection::Perspective { .. } => {
+                let cos = ray.dir.dot(self.forward);
                 // The square root of a pixel's solid angle.
-                let growth = 2.0 * tan / height * cos * cos.sqrt();
-                Cone { ray: Ray { origin: DVec3::ZERO, dir }, width: 0.0, growth }
+                Cone { ray, width: 0.0, growth: pixel * cos * cos.sqrt() }
             }
-            Projection::Orthographic { ymag } => {
-                let ymag = ymag / unit;
-                let origin = ymag * (u * self.right + v * self.up);
-                Cone { ray: Ray { origin, dir: self.forward }, width: 2.0 * ymag / height, growth: 0.0 }
-            }
+            Projection::Orthographic { .. } => Cone { ray, width: pixel / unit, growth: 0.0 },
         }
     }
 }

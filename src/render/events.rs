@@ -11,7 +11,7 @@ use std::ops::Range;
 
 use super::mesh::Contact;
 use super::segments::CopySegment;
-use crate::geom::Vec3;
+use crate::geom::{Ray, Vec3};
 use crate::march::transmittance::{Sink, VoxelHit};
 use crate::volume::Voxel;
 
@@ -119,7 +119,8 @@ pub struct EventLists {
     pub copies: Vec<CopySegment>,
     /// Triangles of the scene before the first opaque one; with fine rays, all that they see.
     pub blended: Vec<Contact>,
-    /// What fine rays see, and which of it belongs to each item of `blended`; empty without them.
+    /// Fine rays, what they see, and which of it belongs to each item of `blended`; empty without them.
+    pub rays: Vec<Ray>,
     pub fine: Vec<FineHit>,
     pub places: Vec<Range<usize>>,
 }
@@ -139,6 +140,7 @@ impl EventLists {
         self.events.clear();
         self.copies.clear();
         self.blended.clear();
+        self.rays.clear();
         self.fine.clear();
         self.places.clear();
     }

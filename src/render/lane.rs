@@ -1,7 +1,8 @@
 //! The rays of a pixel: where its lanes look, and the fine rays that share a lane's work where one is not enough.
 
 use super::camera::{Cone, View};
-use super::reference::sampling::{hash, point};
+use super::reference::sampling::{Place, place};
+use crate::geom::Ray;
 
 /// How far from its middle a square cone reaches, in widths: half a diagonal.
 pub const REACH: f64 = 0.71;
@@ -46,16 +47,18 @@ impl Lane {
         (all / self.count).max(1)
     }
 
-    /// The cone through the middle of the lane's fine ray k of [`Lane::share`]: over all lanes they fill the pixel evenly.
-    pub fn fine(&self, view: &View, unit: f64, k: u32, all: u32) -> Cone {
-        let [dx, dy] = self.point(k, all, 0);
-        view.cone(f64::from(self.x) + dx, f64::from(self.y) + dy, unit)
+    /// The lane's fine rays, [`Lane::share`] of them: over all lanes they fill the pixel evenly.
+    pub fn fine(self, view: &View, unit: f64, all: u32) -> impl Iterator<Item = Ray> {
+        (0..self.share(all)).map(move |k| {
+            let [dx, dy] = self.place(k, all).in_pixel();
+            view.ray(f64::from(self.x) + dx, f64::from(self.y) + dy, unit)
+        })
     }
 
-    /// A point in [0, 1)² for the lane's fine ray k, evenly spread over the pixel's; sets are apart from one another, and 0 is that
-    /// of the places in the pixel.
-    pub fn point(&self, k: u32, all: u32, set: u32) -> [f64; 2] {
-        point(self.index * self.share(all) + k, hash(self.x ^ hash(self.y ^ hash(set))))
+    /// Where the lane's fine ray k looks: where the reference's samples of the pixel do, so that a picture and its reference do not
+    /// differ by that.
+    pub fn place(&self, k: u32, all: u32) -> Place {
+        place(self.x, self.y, self.index * self.share(all) + k)
     }
 }
 
@@ -65,11 +68,4 @@ pub struct FineRays {
     pub lane: Lane,
     /// Of the whole pixel.
     pub all: u32,
-}
-
-impl FineRays {
-    /// Width of a fine cone, in widths of the pixel's.
-    pub fn narrow(&self) -> f64 {
-        f64::from(self.lane.share(self.all) * self.lane.count).sqrt().recip()
-    }
 }

@@ -48,11 +48,11 @@ impl Tracer<'_> {
     ) {
         let width = state.cone.width_at(contact.t);
         let fine = state.fine.zip(index);
-        let places = fine.map_or(Vec::new(), |(rays, index)| self.lit_places(rays, index));
         // Fine rays see it in a part of the pixel.
-        let part = if places.is_empty() { 1.0 } else { places.iter().map(|p| f64::from(p.weight)).sum() };
+        let part = fine.map_or(1.0, |(_, index)| f64::from(self.seen_share(index)));
         let world = self.world;
         let surface = world.mesh.surface(&world.scene.model, &state.cone.ray, contact, width * part.sqrt());
+        let places = fine.map_or(Vec::new(), |(_, index)| self.lit_places(surface.point, index));
         let (albedo, normal) = (surface.albedo.to_array(), surface.normal.to_array());
         let metres = contact.t * world.unit;
         self.trace_event(|| TraceEvent::Surface { metres, albedo, normal, through: weight });
@@ -111,7 +111,7 @@ impl Tracer<'_> {
                 let cone = ShadowCone { ray, end: incident.distance, start: Some(start), width, growth };
                 match state.fine.filter(|_| !places.is_empty()) {
                     Some(rays) => {
-                        let open = || openness(world, rays, places, light, width);
+                        let open = || openness(world, rays, places, light, &cone);
                         self.add_light(state, radiance, &cone, FAINT / MOST_LIT as f32, open);
                     }
                     None => self.add_light(state, radiance, &cone, FAINT, || cone.soft_mesh_transmittance(world)),

@@ -3,7 +3,11 @@
 //! Based on: S. Woop, C. Benthin, I. Wald, *Watertight Ray/Triangle Intersection*, JCGT 2013; J. Hanika, *Hacking the
 //! Shadow Terminator*, Ray Tracing Gems II, 2021.
 
+mod bundle;
+mod cards;
 mod transmission;
+
+pub use bundle::Bundle;
 
 use glam::DVec4;
 
@@ -162,20 +166,23 @@ impl Shear {
         t.is_finite().then_some((t, [v / det, w / det]))
     }
 
-    /// Whether the triangle is met by the ray moved aside by (ε, ε²), ε → 0: of two triangles that share an edge, one alone is,
-    /// where the ray itself meets both of them on their edge. Based on: H. Edelsbrunner, E. Mücke, *Simulation of Simplicity*,
-    /// TOG 1990.
+    /// Whether the triangle is met by the ray, as [`is_within`] has it.
     fn is_within(&self, corners: [DVec3; 3]) -> bool {
         let [x, y, z] = self.axes;
-        let [a, b, c] = corners.map(|p| [p[x] - self.scale.x * p[z], p[y] - self.scale.y * p[z]]);
-        let side = |from: [f64; 2], to: [f64; 2]| {
-            let exact = from[0] * to[1] - from[1] * to[0];
-            let terms = [exact, from[1] - to[1], to[0] - from[0]];
-            terms.into_iter().find(|v| *v != 0.0).unwrap_or(0.0) > 0.0
-        };
-        let first = side(c, b);
-        side(a, c) == first && side(b, a) == first
+        is_within(corners.map(|p| [p[x] - self.scale.x * p[z], p[y] - self.scale.y * p[z]]))
     }
+}
+
+/// Whether the origin, moved aside by (ε, ε²), ε → 0, is in the triangle: of two triangles that share an edge on which the origin
+/// is, it is in one alone. Based on: H. Edelsbrunner, E. Mücke, *Simulation of Simplicity*, TOG 1990.
+fn is_within([a, b, c]: [[f64; 2]; 3]) -> bool {
+    let side = |from: [f64; 2], to: [f64; 2]| {
+        let exact = from[0] * to[1] - from[1] * to[0];
+        let terms = [exact, from[1] - to[1], to[0] - from[0]];
+        terms.into_iter().find(|v| *v != 0.0).unwrap_or(0.0) > 0.0
+    };
+    let first = side(c, b);
+    side(a, c) == first && side(b, a) == first
 }
 
 /// Builds a [`Mesh`].
@@ -291,14 +298,24 @@ impl Mesh {
         width_at: impl Fn(f64) -> f64,
         blended: &mut Vec<Contact>,
     ) -> Option<Contact> {
-        let mut found = None;
-        let shear = Shear::new(ray.dir);
-        let contact = |i: u32, t1: f64| {
-            let contact = self.contact(model, &shear, ray, i, (0.0, t1), None, &width_at)?;
+        self.nearest_of(ray, t1, blended, |i, shear, t1| {
+            let contact = self.contact(model, shear, ray, i, (0.0, t1), None, &width_at)?;
             let alpha = scaled_alpha(contact.alpha, opacity_scale);
             (alpha > 0.0).then_some(Contact { alpha, ..contact })
-        };
-        let end = self.bvh.nearest(ray, t1, |i, t1| match contact(i, t1) {
+        })
+    }
+
+    /// The nearest of the contacts that `contact` gives for a triangle before a distance.
+    fn nearest_of(
+        &self,
+        ray: &Ray,
+        t1: f64,
+        blended: &mut Vec<Contact>,
+        contact: impl Fn(u32, &Shear, f64) -> Option<Contact>,
+    ) -> Option<Contact> {
+        let mut found = None;
+        let shear = Shear::new(ray.dir);
+        let end = self.bvh.nearest(ray, t1, |i, t1| match contact(i, &shear, t1) {
             Some(contact) if contact.alpha >= 1.0 => {
                 found = Some(contact);
                 contact.t
@@ -365,31 +382,6 @@ impl Mesh {
         if met > 1 && found > 0.0 { each(0.0).0 } else { found }
     }
 
-    /// The share that cards alone let through along `ray`, and all else along `solid`.
-    pub fn transmittance_apart(&self, model: &Model, ray: &Ray, solid: &Ray, t1: f64, skip: Option<u32>) -> f32 {
-        let (cards, _) = through(&self.card_bvh, ray, t1, |i, shear, t1| {
-            self.contact(model, shear, ray, self.cards[i as usize], (1e-9, t1), skip, &|_| 0.0)
-        });
-        if cards <= 0.0 {
-            return 0.0;
-        }
-        let (rest, _) = through(&self.bvh, solid, t1, |i, shear, t1| {
-            let is_card = self.cards.binary_search(&i).is_ok();
-            if is_card { None } else { self.contact(model, shear, solid, i, (1e-9, t1), skip, &|_| 0.0) }
-        });
-        cards * rest
-    }
-
-    /// Whether there are cards: triangles whose alpha varies.
-    pub fn has_cards(&self) -> bool {
-        !self.cards.is_empty()
-    }
-
-    /// How many cards may come as near to the ray before `t1` as `reach(t)`, counted up to `most`.
-    pub fn cards_near(&self, ray: &Ray, t1: f64, reach: impl Fn(f64) -> f64, most: u32) -> u32 {
-        if self.has_cards() { self.card_bvh.count_near(ray, t1, reach, most) } else { 0 }
-    }
-
     #[allow(clippy::too_many_arguments)]
     fn contact(
         &self,
@@ -451,9 +443,7 @@ impl Mesh {
         let [a, b, c] = corners;
         let weights = at.weights();
         let uv = [0, 1].map(|k| weights[0] * a[k] + weights[1] * b[k] + weights[2] * c[k]);
-        let colors = part.colors.as_ref();
-        let alpha = |i: u32| f64::from(colors.and_then(|c| c.get(i as usize)).map_or(1.0, |c| c[3]));
-        let corner_alphas = self.at_corners(part, triangle, |i| DVec4::splat(alpha(i)))?.map(|c| c.x as f32);
+        let corner_alphas = self.corner_alphas(part, triangle);
         let own_alpha = weights.iter().zip(corner_alphas).map(|(w, alpha)| w * alpha).sum();
         // Texels across the width, by how fast u and v change on the surface: the gradient of a linear function whose differences
         // along the edges e and f are d has the square (d₀² f·f − 2 d₀ d₁ e·f + d₁² e·e) / |e × f|².
@@ -466,6 +456,13 @@ impl Mesh {
             if area > 0.0 { (width * f64::from(size) * square.max(0.0).sqrt()) as f32 } else { 0.0 }
         });
         Some(Lookup { texture, uv, corners, widths, corner_alphas, own_alpha })
+    }
+
+    /// Alpha of the vertices' own colours at a triangle's corners.
+    fn corner_alphas(&self, part: &Part, triangle: &Triangle) -> [f32; 3] {
+        let Some(colors) = &part.colors else { return [1.0; 3] };
+        let alpha = |i: u32| DVec4::splat(f64::from(colors.get(i as usize).map_or(1.0, |c| c[3])));
+        self.at_corners(part, triangle, alpha).map_or([0.0; 3], |corners| corners.map(|c| c.x as f32))
     }
 
     /// Linear RGBA at a contact, over `width` of the surface.

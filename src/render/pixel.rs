@@ -119,16 +119,8 @@ impl<'w> Tracer<'w> {
         self.counts.cones += 1;
         self.lists.clear();
         self.waiting.clear();
-        let width_at = |t: f64| cone.width_at(t);
-        let blended = &mut self.lists.blended;
-        let mut contact = world.mesh.nearest(&world.scene.model, &cone.ray, f64::INFINITY, width_at, blended);
-        let fine = self.fine_rays(lane, cone, contact.as_ref());
-        let mut end = contact.map_or(f64::INFINITY, |c| c.t);
-        if let Some(rays) = fine {
-            self.uses_fine_rays = true;
-            end = self.gather_cards(rays, cone);
-            contact = None;
-        }
+        let (contact, fine, end) = self.meet_meshes(lane, cone);
+        self.uses_fine_rays |= fine.is_some();
         let blended = &self.lists.blended;
         let waits = |(i, surface): (usize, &Contact)| Waiting::BlendedSurface { index: i as u32, t: surface.t };
         self.waiting.extend(blended.iter().enumerate().map(waits));

@@ -4,6 +4,7 @@
 
 use super::cells::CopyHit;
 use super::lane::REACH;
+use super::mesh::Bundle;
 use super::prepare::World;
 use super::reference::sampling::point;
 use super::segments::{BoxInterval, CopySegment, for_each_segment};
@@ -93,43 +94,56 @@ impl ShadowCone {
         // same, an edge hides a tenth of the light at the most from the others. (Every fourth ray lies near one line, and an
         // edge along it is not seen.)
         const FIRST: usize = 5;
+        const CARD_RAYS: usize = 64;
         if world.mesh.is_empty() {
             return 1.0;
         }
         let reach = |t: f64| REACH * (self.width + self.growth * t);
-        let has_cards = world.mesh.cards_near(&self.ray, self.end, reach, 1) > 0;
+        let has_cards = world.mesh.are_cards_near(&self.ray, self.end, reach);
         let radius = 0.5 * self.growth;
-        if radius <= 0.0 && !has_cards {
-            return self.mesh_transmittance(world);
-        }
         let (across, other) = self.ray.dir.any_orthonormal_pair();
         let size = libm::tan(radius);
         // Even over the disc (H. Vogel 1979), from the middle outwards.
-        let towards = |i: usize| {
+        let towards = |i: usize, count: usize| {
             let (sin, cos) = libm::sincos(2.399_963_23 * i as f64);
-            let reach = size * ((i as f64 + 0.5) / RAYS as f64).sqrt();
+            let reach = size * ((i as f64 + 0.5) / count as f64).sqrt();
             let dir = (self.ray.dir + reach * (cos * across + sin * other)).normalize();
-            ShadowCone { ray: Ray { dir, ..self.ray }, ..*self }
+            Ray { dir, ..self.ray }
         };
+        let (model, skip) = (&world.scene.model, SelfHit::mesh_triangle(self.start));
+        let mut cards = 1.0;
         if has_cards {
-            // Cards cover as they do over the whole width of the cone; what is solid may be the ground that the cone starts on.
-            let one = |i: usize| {
-                let solid = towards(i).ray;
+            // They cover as they do over the whole width of the cone; what is solid may be the ground that the cone starts on.
+            let mut bundle = Bundle::new(self.ray);
+            for i in 0..CARD_RAYS {
+                let ray = towards(i, CARD_RAYS);
                 let [u, v] = point(i as u32, 0).map(|k| (k - 0.5) * self.width);
-                let ray = Ray { origin: solid.origin + u * across + v * other, ..solid };
-                let skip = SelfHit::mesh_triangle(self.start);
-                world.mesh.transmittance_apart(&world.scene.model, &ray, &solid, self.end, skip)
-            };
-            return (0..RAYS).map(one).sum::<f32>() / RAYS as f32;
+                bundle.push(&Ray { origin: ray.origin + u * across + v * other, ..ray }, 1e-9, self.end);
+            }
+            let mut through = [1.0f32; CARD_RAYS];
+            world.mesh.cards_along(model, &bundle, skip, |hit| through[hit.ray] *= 1.0 - hit.contact.alpha);
+            cards = through.iter().sum::<f32>() / CARD_RAYS as f32;
+            if cards <= 0.0 || world.mesh.is_all_cards() {
+                return cards;
+            }
         }
-        let one = |i: usize| towards(i).mesh_transmittance(world);
+        let through = |ray: &Ray| {
+            if has_cards {
+                return world.mesh.transmittance_but_cards(model, ray, self.end, skip);
+            }
+            world.mesh.transmittance_of_overlapping(model, ray, self.end, skip, self.width)
+        };
+        if radius <= 0.0 {
+            return cards * through(&self.ray);
+        }
+        let one = |i: usize| through(&towards(i, RAYS));
         let is_first = |i: &usize| *i >= RAYS - FIRST;
         let first: Vec<f32> = (0..RAYS).filter(is_first).map(one).collect();
         let sum: f32 = first.iter().sum();
         if first.iter().all(|v| *v == first[0]) {
-            return sum / FIRST as f32;
+            return cards * sum / FIRST as f32;
         }
-        (sum + (0..RAYS).filter(|i| !is_first(i)).map(one).sum::<f32>()) / RAYS as f32
+        cards * (sum + (0..RAYS).filter(|i| !is_first(i)).map(one).sum::<f32>()) / RAYS as f32
     }
 
     /// The share of light that comes through all texels, times the share `through` that meshes leave.

@@ -3,6 +3,8 @@
 //! Based on: I. Sobol', *On the Distribution of Points in a Cube*, 1967; B. Burley, *Practical Hash-based Owen
 //! Scrambling*, JCGT 2020.
 
+use crate::geom::DVec3;
+
 /// Sample `index` of the points of `seed`, in [0, 1)². Any 2^k points from a multiple of 2^k on have one point in each of
 /// the 2^k boxes of any power-of-two proportion.
 pub fn point(index: u32, seed: u32) -> [f64; 2] {
@@ -10,6 +12,36 @@ pub fn point(index: u32, seed: u32) -> [f64; 2] {
     let x = scramble(index.reverse_bits(), hash(seed ^ 0x5bd1_e995));
     let y = scramble(second(index), hash(seed ^ 0xa136_aaad));
     [x, y].map(unit)
+}
+
+/// Where one sample of a pixel looks, and where it looks for light: points of sets that are the pixel's own.
+#[derive(Clone, Copy)]
+pub struct Place {
+    pub index: u32,
+    pub set: u32,
+}
+
+/// The place of a pixel's sample `index`. Even and odd samples are two sets of points, drawn apart.
+pub fn place(x: u32, y: u32, index: u32) -> Place {
+    Place { index: index >> 1, set: hash(x ^ hash(y ^ hash(index & 1))) }
+}
+
+impl Place {
+    /// In pixels from its corner.
+    pub fn in_pixel(self) -> [f64; 2] {
+        point(self.index, self.set)
+    }
+
+    /// The direction to a light of the angular size 2 `radius` about `dir`, even over its disc.
+    pub fn towards(self, dir: DVec3, radius: f64) -> DVec3 {
+        if radius <= 0.0 {
+            return dir;
+        }
+        let [u, v] = point(self.index, hash(self.set));
+        let (across, other) = dir.any_orthonormal_pair();
+        let (sin, cos) = libm::sincos(std::f64::consts::TAU * v);
+        (dir + libm::tan(radius) * u.sqrt() * (cos * across + sin * other)).normalize()
+    }
 }
 
 /// A number in [0, 1) for `index` of `seed`, evenly distributed, with no order.

@@ -12,7 +12,7 @@ use crate::render::source_mesh::{CopyRay, SourceMesh};
 use crate::render::stats::Counts;
 use crate::scene::Model;
 
-use super::sampling::{chance, hash, point};
+use super::sampling::{Place, chance, hash, place, point};
 use crate::render::surround::of_normal;
 
 /// Distance by which a straight segment may stray from the true path through a curved box, in edges of the texel's cube.
@@ -69,16 +69,16 @@ struct SourceCopy<'a> {
 }
 
 impl<'a> Tracer<'a> {
-    /// Radiance and cover of sample `index` of pixel (x, y). Even and odd samples are two sets of points, drawn apart.
+    /// Radiance and cover of sample `index` of pixel (x, y).
     pub fn sample(&self, x: u32, y: u32, index: u32, counts: &mut Counts) -> [f32; 4] {
-        let (set, place) = (hash(x ^ hash(y ^ hash(index & 1))), index >> 1);
-        let [dx, dy] = point(place, set);
+        let place = place(x, y, index);
+        let [dx, dy] = place.in_pixel();
         let cone = self.world.view.cone(f64::from(x) + dx, f64::from(y) + dy, self.world.unit);
         counts.cones += 1;
-        let seed = hash(set ^ hash(place));
+        let seed = hash(place.set ^ hash(place.index));
         match self.nearest(&cone.ray, seed, counts) {
             Some(met) => {
-                let mut seen = self.radiance(&cone.ray, &met, (set, place), counts);
+                let mut seen = self.radiance(&cone.ray, &met, place, counts);
                 if let Some((through, added)) = self.world.surround.air(cone.ray.dir, met.t) {
                     seen = through * seen + added;
                 }
@@ -172,9 +172,8 @@ impl<'a> Tracer<'a> {
         });
     }
 
-    /// Light that leaves the surface against `ray`. Where it is looked for is chosen by point `place` of the sets that go
-    /// with `set`.
-    fn radiance(&self, ray: &Ray, met: &Intersection, (set, place): (u32, u32), counts: &mut Counts) -> Vec3 {
+    /// Light that leaves the surface against `ray`. Where it is looked for goes with the place of the sample.
+    fn radiance(&self, ray: &Ray, met: &Intersection, place: Place, counts: &mut Counts) -> Vec3 {
         let seen = self.surface(ray, met);
         if seen.unlit {
             return seen.albedo;
@@ -188,7 +187,7 @@ impl<'a> Tracer<'a> {
                 if cosine > 0.0 { (seen.albedo, seen.lifted) } else { (seen.transmission, seen.lifted_behind()) };
             let reflected = share * cosine.abs() + seen.highlight(-ray.dir, incident.dir);
             if reflected != Vec3::ZERO {
-                let dir = within(incident.dir, incident.radius, point(place, hash(set)));
+                let dir = place.towards(incident.dir, incident.radius);
                 let open = self.open(origin, dir, incident.distance, start, counts);
                 light += reflected * incident.irradiance * (open * std::f32::consts::FRAC_1_PI);
             }
@@ -200,7 +199,7 @@ impl<'a> Tracer<'a> {
             light += share
                 * seen.ambient
                 * if self.options.ambient == Ambient::Occluded {
-                    let dir = towards_sky(normal, point(place, !set));
+                    let dir = towards_sky(normal, point(place.index, !place.set));
                     self.open(origin, dir, f64::INFINITY, start, counts) * surround.radiance(dir)
                 } else {
                     surround.light.irradiance(&of_normal(normal))
@@ -246,16 +245,6 @@ impl<'a> Tracer<'a> {
         });
         through.max(0.0)
     }
-}
-
-/// A direction of a light of the angular size 2 `radius` about `dir`, even over its disc.
-fn within(dir: DVec3, radius: f64, [u, v]: [f64; 2]) -> DVec3 {
-    if radius <= 0.0 {
-        return dir;
-    }
-    let (across, other) = dir.any_orthonormal_pair();
-    let (sin, cos) = libm::sincos(std::f64::consts::TAU * v);
-    (dir + libm::tan(radius) * u.sqrt() * (cos * across + sin * other)).normalize()
 }
 
 /// The nearest contact before t1, a contact of alpha a being there with chance a, where facets' opacity is scaled.
