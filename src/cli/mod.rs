@@ -52,6 +52,8 @@ mod map_motion;
 #[cfg(feature = "bake")]
 mod merge;
 mod outputs;
+#[cfg(feature = "render")]
+mod pixel_trace;
 #[cfg(all(feature = "bake", feature = "render", feature = "plot"))]
 mod plot;
 mod progress_log;

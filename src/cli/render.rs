@@ -11,12 +11,11 @@ use super::quantity::{bytes, finite, positive};
 use super::results::{each, output_for, shown};
 use super::sequence::{MotionArgs, Said};
 use super::tile::{self, Picture};
-use super::ui::put_json;
-use super::{Ui, outputs, reference};
+use super::{Ui, outputs, pixel_trace, reference};
 use crate::geom::DVec3;
 use crate::progress::Progress;
 use crate::render;
-use crate::render::{Ambient, CameraChoice, CropWindow, Options, Sky, SourceLod, Stats, SunPosition, Tone, TraceEvent};
+use crate::render::{Ambient, CameraChoice, CropWindow, Options, Sky, SourceLod, Stats, SunPosition, Tone};
 use crate::scene::files::extension;
 use crate::scene::{Scene, gltf};
 use crate::{Error, Result};
@@ -339,7 +338,7 @@ pub fn run(mut args: Args, ui: &Ui) -> Result<()> {
     let args = &args;
     if let (Some(at), [landscape]) = (args.pixel, &args.landscapes[..]) {
         let scene = read(args, landscape, None, &mut Said::default(), ui)?;
-        return print_trace(&render::trace_pixel(&scene, &args.options(&scene, Path::new(""))?, at)?, args.json);
+        return pixel_trace::print(&render::trace_pixel(&scene, &args.options(&scene, Path::new(""))?, at)?, args.json);
     } else if args.pixel.is_some() {
         return Err(Error::Options("--pixel is of one landscape".into()));
     }
@@ -554,41 +553,6 @@ fn print_stats(stats: &Stats) -> Result<()> {
     row("seconds", times.join(", "))?;
     if let Some(peak) = stats.peak_bytes {
         row("peak memory", format!("{:.1} MiB", peak as f64 / f64::from(1 << 20)))?;
-    }
-    Ok(())
-}
-
-fn print_trace(trace: &[TraceEvent], json: bool) -> Result<()> {
-    if json {
-        return put_json(&trace);
-    }
-    for met in trace {
-        match met {
-            TraceEvent::Cone { direction: [x, y, z], width, growth } => {
-                outln!("cone      along {x:.4} {y:.4} {z:.4}, {width:.3e} m wide, growing {growth:.3e} a metre")?;
-            }
-            TraceEvent::Box { index, layer, metres: [a, b] } => {
-                outln!("box       {index}, layer {layer}: {a:.4} … {b:.4} m")?;
-            }
-            TraceEvent::Cell { texel, cell: [u, v, w], metres: [a, b], depth, voxels, before, after } => {
-                let depth = depth.map_or("nothing".into(), |d| format!("{voxels} voxels at depth {d}"));
-                outln!(
-                    "  copy    {texel} in cell {u} {v} {w}: {a:.4} … {b:.4} m, {depth}, T {before:.4} → {after:.4}"
-                )?;
-            }
-            TraceEvent::Near { texel, cell: [u, v, w], metres: [a, b], contacts, before, after } => outln!(
-                "  near    {texel} in cell {u} {v} {w}: {a:.4} … {b:.4} m, {contacts} triangles, T {before:.4} → {after:.4}"
-            )?,
-            TraceEvent::Surface { metres, albedo: [r, g, b], normal: [x, y, z], through } => outln!(
-                "surface   at {metres:.4} m, albedo {r:.3} {g:.3} {b:.3}, normal {x:.3} {y:.3} {z:.3}, {through:.4} of the light"
-            )?,
-            TraceEvent::Shadow { origin: [x, y, z], light: [r, g, b], seen } => {
-                outln!("  shadow  from {x:.3} {y:.3} {z:.3}: {seen:.4} of {r:.4} {g:.4} {b:.4}")?;
-            }
-            TraceEvent::Radiance { rgb: [r, g, b], alpha } => {
-                outln!("radiance  {r:.5} {g:.5} {b:.5}, alpha {alpha:.4}")?
-            }
-        }
     }
     Ok(())
 }
