@@ -217,7 +217,9 @@ fn bakes(args: &Args, scene: &Scene, ui: &Ui) -> Result<Vec<Rebake>> {
     let mut bakes: Vec<Rebake> = Vec::new();
     let mut seen: Vec<&Path> = Vec::new();
     for texel in &scene.texels {
-        let Some(path) = texel.frames.first().filter(|path| !seen.contains(&path.as_path())) else { continue };
+        // A texel in a buffer of the landscape has no file of its own.
+        let own = |path: &&PathBuf| texel.bytes.is_none() && !seen.contains(&path.as_path());
+        let Some(path) = texel.frames.first().filter(own) else { continue };
         seen.push(path);
         let folder = |path: &Path| path.parent().unwrap_or(Path::new("")).to_path_buf();
         let near = [folder(path), folder(&args.landscape)];

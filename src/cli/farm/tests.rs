@@ -46,13 +46,16 @@ fn examples(option: &str) -> &[&str] {
         "section" => &["flat"],
         "curve" => &["catmull-rom"],
         "curve-colours" => &["linear"],
-        "scene" | "include" | "exclude" | "animation" | "channel" | "series" | "material" => &["a b", "-x=1", "ü,é"],
+        "scene" | "include" | "exclude" | "animation" | "channel" | "series" | "material" | "name" => {
+            &["a b", "-x=1", "ü,é"]
+        }
         "string" => &["F[+F]-F", "-F"],
         "albedo" => &["#aabbcc", "{ noise = { scale = 2 } }"],
         "window" => &["0,1", "-1.5,2"],
         "spacing" => &["1,1,0.25"],
         "define" => &["a=1", "a=-0.125"],
         "translucency" => &["0.3", "leaf=0.4", "a=b=0.5"],
+        "dialect" => &["fractint"],
         "cyclic" => &["u", "u,w"],
         "up" => &["y", "z"],
         "model" => &["neyret"],
