@@ -73,14 +73,15 @@ pub fn sort(events: &mut [Event]) {
 pub fn composite(events: &mut [Event], mut transmittance: f32) -> f32 {
     for tied in events.chunk_by_mut(|a, b| a.t == b.t) {
         // Voxels in one place (layers of one box) share what they stop together by their optical depths.
-        let optical_depth = |alpha: f32| -(1.0 - alpha).max(1e-6).ln();
+        let optical_depth = |alpha: f32| -(-alpha.min(1.0 - 1e-6)).ln_1p();
         let passed = transmittance * tied.iter().map(|e| 1.0 - e.alpha).product::<f32>();
         let stopped = transmittance - passed;
         match tied {
             [one] => one.alpha = stopped,
             many => {
                 let total: f32 = many.iter().map(|e| optical_depth(e.alpha)).sum();
-                many.iter_mut().for_each(|e| e.alpha = stopped * (optical_depth(e.alpha) / total));
+                let share = |alpha: f32| if total > 0.0 { stopped * (optical_depth(alpha) / total) } else { 0.0 };
+                many.iter_mut().for_each(|e| e.alpha = share(e.alpha));
             }
         }
         transmittance = passed;
@@ -143,5 +144,25 @@ impl EventLists {
         self.rays.clear();
         self.fine.clear();
         self.places.clear();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Events in one place, however faint or opaque, share what they stop together.
+    #[test]
+    fn tied_events_share_what_they_stop() {
+        for alphas in [[0.0, 0.0], [1e-9, 1e-9], [1e-9, 0.5], [0.25, 0.25], [1.0, 0.5], [1.0, 1.0]] {
+            let event = |alpha| Event { t: 1.0, alpha, origin: EventOrigin::BlendedSurface(0) };
+            let mut events = alphas.map(event);
+            let through = composite(&mut events, 0.5);
+            assert_eq!(through, 0.5 * (1.0 - alphas[0]) * (1.0 - alphas[1]), "{alphas:?}");
+            let [a, b] = [0, 1].map(|k| events[k].alpha);
+            // Rounding of numbers below 1.
+            assert!((a + b - (0.5 - through)).abs() < 1e-6 && a >= 0.0 && b >= 0.0, "{alphas:?}: {a} {b}");
+            assert!(alphas[0] != alphas[1] || a == b, "{alphas:?}: {a} {b}");
+        }
     }
 }

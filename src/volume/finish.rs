@@ -94,6 +94,22 @@ mod tests {
         assert!(Finish::PLAIN.gloss().is_none() && !Finish::PLAIN.has_gloss());
     }
 
+    /// Those of `format-spec/landscape-1-materials.md`, §7.
+    #[test]
+    fn the_values_of_the_specification() {
+        let gloss = Gloss { specular: Vec3::ONE, shininess: 16.0 };
+        let (slanted, mirrored) = (Vec3::new(0.6, 0.0, 0.8), Vec3::new(-0.6, 0.0, 0.8));
+        for (view, light, want) in [
+            (Vec3::Z, Vec3::Z, 3.0),
+            (slanted, mirrored, 2.4),
+            (Vec3::Z, slanted, 1.033_121_3),
+            (Vec3::Z, -slanted, 0.0),
+        ] {
+            // A power of 16 of numbers rounded to 24 bits.
+            assert!((gloss.facet(Vec3::Z, view, light) - want).abs() < 1e-5, "{view} {light}");
+        }
+    }
+
     /// The mean over the light's directions, by cosines, of what comes back to a viewer who faces the facet: the integral of
     /// peak/π · cosᵏ(θ/2) · cos θ over the hemisphere.
     #[test]

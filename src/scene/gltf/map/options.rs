@@ -279,11 +279,13 @@ pub fn check(options: &MapOptions, rigid: bool) -> Result<()> {
         return wrong("option `offset` must be two numbers");
     }
     let known = |name: &String| options.texels.iter().any(|(_, info)| info.materials.iter().any(|m| m.name == *name));
-    if let Some(name) = options.palette.keys().find(|name| !known(name)) {
+    if let Some((name, style)) = options.palette.iter().find(|(name, _)| !known(name)) {
+        let restyles = *style != Style { finish: style.finish, ..Style::OWN };
+        let option = if restyles { "palette" } else { "gloss" };
         let all = options.texels.iter().flat_map(|(_, info)| &info.materials).map(|m| m.name.as_str());
         let names: Vec<&str> = all.collect::<BTreeSet<_>>().into_iter().collect();
         let names = if names.is_empty() { "none".into() } else { names.join(", ") };
-        return wrong(&format!("option `palette` = {name}: no texel has a material of this name; there are: {names}"));
+        return wrong(&format!("option `{option}` = {name}: no texel has a material of this name; there are: {names}"));
     }
     let positive = |x: f64| x > 0.0 && x.is_finite();
     let cells = match options.cells {
