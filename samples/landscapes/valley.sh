@@ -13,5 +13,5 @@ vtex map $S/terrain.glb --texel meadow.vtex --scale 1,1 --displace 0 -o landscap
 vtex map landscape.glb --material forest --add --texel spruce.vtex --texel tree.vtex --texel tree.vtex -o landscape.glb
 vtex map landscape.glb --material meadow --texel fern.vtex --presence 0.2 --add -o landscape.glb
 
-vtex render landscape.glb --camera near --sun 14,303 --haze 7000 --exposure 1.2 --size 1280x720 -o near.png
-vtex render landscape.glb --camera far --sun 24,262 --haze 14000 --exposure 1 --size 1280x720 -o far.png
+vtex render landscape.glb --camera near --sun 14,303 --haze 7000 --exposure 1.5 --size 1280x720 -o near.png
+vtex render landscape.glb --camera far --sun 24,262 --haze 14000 --exposure 1.3 --size 1280x720 -o far.png

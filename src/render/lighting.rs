@@ -91,12 +91,12 @@ impl Tracer<'_> {
         }
         let transmission = weight * surface.transmission;
         let normals = of_normal(surface.normal);
-        state.radiance +=
-            albedo * surface.ambient * self.sky_light(surface.point, &normals, surface.normal, width, copy);
+        let front = self.sky_light(surface.point, surface.normal, width, copy);
+        state.radiance += albedo * surface.ambient * front.irradiance(&normals);
         if transmission != Vec3::ZERO {
             let normals = of_normal(-surface.normal);
-            let light = self.sky_light(surface.point, &normals, -surface.normal, width, copy);
-            state.radiance += transmission * surface.ambient * light;
+            let behind = self.sky_light_behind(front, surface.point, surface.normal, width, copy);
+            state.radiance += transmission * surface.ambient * behind.irradiance(&normals);
         }
         for light in &world.lights {
             let Some(incident) = light.incident(surface.point) else { continue };
@@ -166,10 +166,12 @@ impl Tracer<'_> {
         let before = (state.radiance, state.faint);
         let outward = space.world(normal);
         let (width, copy) = (cone.width_at(mean), Some(InCopy { segment: &segment, t: mean }));
-        state.radiance += unlit + albedo * self.sky_light(middle, &normals, outward, width, copy);
+        let front = self.sky_light(middle, outward, width, copy);
+        state.radiance += unlit + albedo * front.irradiance(&normals);
         if transmission != Vec3::ZERO {
             let normals = of_means(-normal, square, &space.rotation());
-            state.radiance += transmission * self.sky_light(middle, &normals, -outward, width, copy);
+            let behind = self.sky_light_behind(front, middle, outward, width, copy);
+            state.radiance += transmission * behind.irradiance(&normals);
         }
         let start = Some(SelfHit { triangle: u32::MAX, copy: Some((hit.texel, hit.cell)) });
         let facet_size = texel.map_or(0.0, |t| t.tree.info().facet_size as f32);

@@ -63,8 +63,7 @@ impl Tracer<'_> {
     ) -> Option<Openness> {
         let world = self.world;
         let LeftOut { texel: index, around, .. } = left_out(texel, segment);
-        // Normals in all directions, of which those are seen that face the eye, have a mean of length 2/3.
-        let lift = LIFT * (3.0 * outward.length() - 2.0).max(0.0);
+        let lift = lift(outward);
         let mut open = Openness::default();
         for (level, part) in openness::levels(width, texel.tree.finest()?).into_iter().filter(|l| l.1 > 0.0) {
             let size = openness::size(level);
@@ -134,6 +133,12 @@ impl Tracer<'_> {
         }
         (found > 1e-3).then(|| shares.map(|share| share / found))
     }
+}
+
+/// How far out of matter with the mean normal `outward` its openness is looked up, in cells. Normals in all directions, of which
+/// those are seen that face the eye, have a mean of length 2/3.
+pub fn lift(outward: DVec3) -> f64 {
+    LIFT * (3.0 * outward.length() - 2.0).max(0.0)
 }
 
 /// The copy's own matter: what the openness of its texel counts already.

@@ -17,8 +17,8 @@ use super::options::Ambient;
 use super::pixel::Tracer;
 use super::segments::CopySegment;
 use super::stats::Counts;
-use super::surround::Moments;
-use crate::geom::{Aabb, DVec3, Vec3};
+use super::surround::Harmonics;
+use crate::geom::{Aabb, DVec3};
 use cache::{Cache, Recent};
 use cones::SmallShares;
 use grid::Grid;
@@ -71,26 +71,32 @@ pub struct InCopy<'a> {
 }
 
 impl Tracer<'_> {
-    /// Irradiance / π from around, on matter at `x` with these normals. `outward`: the mean normal, at most of length 1;
-    /// `width`: of the cone that sees it; `copy`: where that is in a copy, if it is.
-    pub(super) fn sky_light(
-        &mut self,
-        x: DVec3,
-        normals: &Moments,
-        outward: DVec3,
-        width: f64,
-        copy: Option<InCopy<'_>>,
-    ) -> Vec3 {
+    /// Light from around on matter at `x`. `outward`: the mean of its normals that are seen, at most of length 1; `width`: of the
+    /// cone that sees it; `copy`: where that is in a copy, if it is.
+    pub(super) fn sky_light(&mut self, x: DVec3, outward: DVec3, width: f64, copy: Option<InCopy<'_>>) -> Harmonics {
         let surround = &self.world.surround;
         if self.options.ambient == Ambient::Constant {
-            return surround.light.irradiance(normals);
+            return surround.light;
         }
         let shares = match copy {
             Some(copy) => self.shares_in_copy(x, outward, width, copy),
             None => self.shares_on_surface(x, outward, width),
         };
-        let light = shares.map_or(surround.light, |shares| surround.parts.light(&shares));
-        light.irradiance(normals)
+        shares.map_or(surround.light, |shares| surround.parts.light(&shares))
+    }
+
+    /// The same on the side that is not seen, where `front` is the light on the other: matter with normals in all directions
+    /// has no sides.
+    pub(super) fn sky_light_behind(
+        &mut self,
+        front: Harmonics,
+        x: DVec3,
+        outward: DVec3,
+        width: f64,
+        copy: Option<InCopy<'_>>,
+    ) -> Harmonics {
+        let sided = copy.is_none() || copies::lift(outward) > 0.0;
+        if sided { self.sky_light(x, -outward, width, copy) } else { front }
     }
 
     /// What is added to the depth that fits a cone towards the sky.

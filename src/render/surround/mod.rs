@@ -14,7 +14,7 @@ use super::options::Ambient;
 use crate::geom::{DVec3, Vec3};
 use crate::{Error, Result};
 
-pub use harmonics::{Harmonics, Moments, of_means, of_normal};
+pub use harmonics::{Harmonics, of_means, of_normal};
 pub use panorama::Panorama;
 pub use parts::{PARTS, Part, Parts, Shares};
 pub use sun::Sun;
