@@ -209,3 +209,18 @@ fn closed_streams_are_no_panic() {
         assert_eq!(code, Some(2), "{command}");
     }
 }
+
+/// What a library's caller gets is what the terminal's user gets; a bake prints from a pool of threads of its own.
+#[test]
+fn inside_another_program_results_are_handed_back() {
+    let folder = Folder::with_landscape();
+    let path = |name: &str| folder.path(name).to_str().unwrap().to_owned();
+    let (quad, out) = (path("quad.obj"), path("inside.vtex"));
+    let words = ["bake", "--json", "--voxel-size=0.1", "--line-width=1", "--section=flat", "-o", &out, "--", &quad];
+    let told = of("bake", vtex::cli::run_inside(&words).unwrap().as_bytes());
+    assert_eq!((&told["input"], &told["output"]), (&quad.as_str().into(), &out.as_str().into()));
+    let seen = of("inspect", vtex::cli::run_inside(&["inspect", "--json", &out]).unwrap().as_bytes());
+    assert_eq!(seen["resolution"], told["resolution"]);
+    let wrong = vtex::cli::run_inside(&["bake", "--no-such-option"]).unwrap_err();
+    assert!(matches!(wrong, vtex::Error::Options(_)), "{wrong}");
+}

@@ -12,7 +12,7 @@ use super::provenance::{Digests, Provenance};
 use super::quantity::{bytes, count, finite, size};
 use super::results::{each, output_for, shown};
 use super::source::SourceArgs;
-use super::{Ui, outputs, provenance};
+use super::{Ui, outputs, provenance, ui};
 use crate::bake;
 use crate::bake::Estimate;
 use crate::bake::{DepthReport, MAX_REFINE, MAX_RESOLUTION, Options, REFINE};
@@ -25,7 +25,7 @@ use crate::source::OpenOptions;
 use crate::source::paint::Translucency;
 use crate::source::recipe::Laid;
 use crate::volume::{Model, Volume};
-use crate::{Error, Result, par};
+use crate::{Error, Result};
 
 /// Turn a 3D source (a mesh, an image stack) into a texel
 #[derive(clap::Args)]
@@ -245,7 +245,7 @@ struct Job {
 }
 
 pub fn run(args: &Args, ui: &Ui) -> Result<()> {
-    par::with_threads(args.threads, || bake_all(args, ui))?
+    ui::with_threads(args.threads, || bake_all(args, ui))?
 }
 
 fn bake_all(args: &Args, ui: &Ui) -> Result<()> {

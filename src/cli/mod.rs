@@ -254,11 +254,29 @@ fn run(command: Command, ui: &Ui) -> crate::Result<()> {
 }
 
 /// Run one command given as its words, without the program's name.
-#[cfg(all(feature = "bake", feature = "render"))]
+#[cfg(feature = "bake")]
 fn run_words(words: &[String], ui: &Ui) -> crate::Result<()> {
     let all = std::iter::once("vtex").chain(words.iter().map(String::as_str));
     let cli = Vtex::try_parse_from(all).map_err(|e| crate::Error::Options(e.to_string()))?;
     run(cli.command, ui)
+}
+
+/// Run one command, given as its words without the program's name, inside another program: nothing is printed, and what the
+/// command would print to stdout is handed back. With `--json` among the words that is an object that holds the warnings
+/// too; its `message`s are what the terminal would show.
+///
+/// # Errors
+/// What the command gives; [`crate::Error::Options`] where the words are no command, in clap's own words (several lines).
+///
+/// ```
+/// let text = vtex::cli::run_inside(&["completions", "bash"])?;
+/// assert!(text.contains("vtex"));
+/// # Ok::<(), vtex::Error>(())
+/// ```
+#[cfg(feature = "bake")]
+pub fn run_inside<S: AsRef<str>>(words: &[S]) -> crate::Result<String> {
+    let words: Vec<String> = words.iter().map(|word| word.as_ref().to_owned()).collect();
+    ui::captured(|| run_words(&words, &Ui::silent()))
 }
 
 /// Run `f`, print its error in one line, and choose the exit code.

@@ -1,6 +1,7 @@
 //! What the user sees while work goes on: a progress bar on a terminal, in a log a line now and then; lines to stderr,
 //! results to stdout.
 
+use std::cell::RefCell;
 use std::fmt;
 use std::io::{ErrorKind, IsTerminal, Write};
 use std::sync::{Arc, Mutex};
@@ -10,8 +11,8 @@ use indicatif::{ProgressBar, ProgressStyle};
 
 use super::progress_log::ProgressLog;
 use super::{download, flags, text};
-use crate::Warnings;
 use crate::progress::Progress;
+use crate::{Warnings, par};
 
 /// The terminal, as the commands use it.
 pub struct Ui {
@@ -19,6 +20,8 @@ pub struct Ui {
     /// Where stderr is no terminal.
     log: Option<Arc<ProgressLog>>,
     quiet: bool,
+    /// Warnings are not printed, only kept.
+    silent: bool,
     /// Warnings since they were last taken.
     warned: Mutex<Vec<(String, u64)>>,
     /// Warnings are failures.
@@ -32,7 +35,12 @@ impl Ui {
         let bar = (!quiet && terminal).then(|| Mutex::new(ProgressBar::hidden()));
         let log = (!quiet && !terminal).then(Arc::default);
         log.iter().for_each(watch);
-        Ui { bar, log, quiet, warned: Mutex::default(), strict }
+        Ui { bar, log, quiet, silent: false, warned: Mutex::default(), strict }
+    }
+
+    /// Nothing is drawn or told; warnings are kept for [`Ui::take_warnings`].
+    pub fn silent() -> Self {
+        Ui { bar: None, log: None, quiet: true, silent: true, warned: Mutex::default(), strict: false }
     }
 
     /// One line about what is being done, to stderr; not with `--quiet`.
@@ -50,7 +58,9 @@ impl Ui {
     pub fn warn(&self, warnings: &Warnings) -> crate::Result<()> {
         for (text, n) in warnings.iter() {
             let times = if n > 1 { format!(" ({n} times)") } else { String::new() };
-            message("warning: ", &format!("{text}{times}"));
+            if !self.silent {
+                message("warning: ", &format!("{text}{times}"));
+            }
             self.warned.lock().iter_mut().for_each(|all| all.push((text.to_owned(), n)));
         }
         if self.strict && !warnings.is_empty() {
@@ -110,7 +120,39 @@ pub fn put(text: fmt::Arguments) -> crate::Result<()> {
     write(&text::lines(&download::named(&text.to_string())))
 }
 
+thread_local! {
+    /// What this thread prints instead of to stdout, while [`captured`] runs.
+    static CAPTURED: RefCell<Option<String>> = const { RefCell::new(None) };
+}
+
+/// Run `f`, and give what it prints on this thread instead of stdout.
+///
+/// # Errors
+/// What `f` gives; what it has printed is dropped.
+pub fn captured(f: impl FnOnce() -> crate::Result<()>) -> crate::Result<String> {
+    let outer = CAPTURED.replace(Some(String::new()));
+    let result = f();
+    let text = CAPTURED.replace(outer);
+    result.map(|()| text.unwrap_or_default())
+}
+
+/// [`par::with_threads`] for what prints from within: where this thread's prints are captured, they still are.
+pub fn with_threads<T: Send>(threads: usize, f: impl FnOnce() -> T + Send) -> crate::Result<T> {
+    let held = CAPTURED.take();
+    let (result, printed) = par::with_threads(threads, || {
+        let outer = CAPTURED.replace(held);
+        let result = f();
+        (result, CAPTURED.replace(outer))
+    })?;
+    CAPTURED.set(printed);
+    Ok(result)
+}
+
 fn write(text: &str) -> crate::Result<()> {
+    let kept = CAPTURED.with_borrow_mut(|captured| captured.as_mut().map(|all| all.push_str(text)).is_some());
+    if kept {
+        return Ok(());
+    }
     let mut out = std::io::stdout().lock();
     match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
         Err(e) if e.kind() != ErrorKind::BrokenPipe => Err(crate::Error::io("standard output", e)),

@@ -9,7 +9,7 @@ use super::plot::{Axis, Chart, Scale, Series};
 use super::quantity::bytes;
 use super::results::print;
 use super::source::SourceArgs;
-use super::{Ui, outputs};
+use super::{Ui, outputs, ui};
 use crate::format::{Limits, Reader};
 use crate::geom::{Aabb, DVec3};
 use crate::render::error::{Areas, DepthError, Facet, Opacity, Options, Soft, Spread, Truth, measure};
@@ -17,7 +17,7 @@ use crate::scene::files::sha256;
 use crate::source;
 use crate::source::Placement;
 use crate::volume::Octree;
-use crate::{Result, Warnings, par};
+use crate::{Result, Warnings};
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -80,7 +80,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
     let mut read = source::dependencies(&args.source);
     read.push(args.texel.clone());
     outputs::check(&read, args.plot.as_deref())?;
-    par::with_threads(args.threads, || {
+    ui::with_threads(args.threads, || {
         let reader = Reader::open(&args.texel, &Limits { decoded_bytes: u64::MAX })?;
         ui.warn(&reader.warnings())?;
         ui.warn(&differences(args, &reader)?)?;

@@ -6,9 +6,10 @@ use std::path::Path;
 
 use glam::{DAffine3, DVec3};
 
-use super::voxels::{Cell, Voxels};
+use super::voxels::Voxels;
 use crate::scene::gltf::save::{save, save_points};
 use crate::scene::{Instance, Material, Model, Part};
+use crate::volume::cells::Cell;
 use crate::{Result, Warnings};
 
 /// What stands for a voxel.

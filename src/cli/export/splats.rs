@@ -10,8 +10,9 @@
 
 use glam::{DMat3, DQuat, DVec3};
 
-use super::voxels::{Cell, Voxels};
+use super::voxels::Voxels;
 use crate::volume::Sggx;
+use crate::volume::cells::Cell;
 
 /// Zeroth coefficient of real spherical harmonics.
 const SH_0: f64 = 0.282_094_791_773_878_14;
