@@ -99,15 +99,10 @@ impl Bench<'_> {
             Layout::Alone => {
                 let reader = Reader::open(&texel, &Limits::default())?;
                 land::ground(&ground, 1, width(reader.info()), |_, _| 0.0)?;
-                let still = ["--repeat", "1", "--orientations", "identity", "--scale", "1,1", "--displace", "0"];
-                self.command(&[&common[..], &still, &["--surface", "hidden"]].concat())?;
+                self.command(&[&common[..], &STILL, &["--surface", "hidden"]].concat())?;
             }
             Layout::Forest { side, hilly, presence, hedge, .. } => {
-                let hills = |x: f64, z: f64| {
-                    let (long, short) = (libm::sin(x / 170.0) * libm::cos(z / 210.0), libm::sin(x / 61.0 + z / 83.0));
-                    40.0 * long + 12.0 * short
-                };
-                land::ground(&ground, side, 10.0 * f64::from(side), if hilly { hills } else { |_, _| 0.0 })?;
+                land::ground(&ground, side, 10.0 * f64::from(side), relief(hilly))?;
                 let (cells, share) = (side.to_string(), presence.to_string());
                 self.command(&[&common[..], &["--repeat", &cells, "--presence", &share]].concat())?;
                 if hedge {
@@ -130,6 +125,11 @@ impl Bench<'_> {
                         &out,
                     ])?;
                 }
+            }
+            Layout::Stands { side, hilly, .. } => {
+                land::stands(&ground, side, relief(hilly))?;
+                let own = ["--material", land::STANDS, "--surface", "hidden"];
+                self.command(&[&common[..], &STILL, &own].concat())?;
             }
         }
         Ok(Made { scene: gltf::read(&path, &gltf::ReadOptions::default())?, path, texel, bake })
@@ -154,12 +154,24 @@ impl Bench<'_> {
                 let degrees = 2.0 * libm::atan(0.5 * wide / eye.distance(target)).to_degrees();
                 Options { size: [self.size[0] / 3; 2], camera: look(eye, target, degrees), ..common }
             }
-            Layout::Forest { eye, target, .. } => {
+            Layout::Forest { eye, target, .. } | Layout::Stands { eye, target, .. } => {
                 let camera = look(DVec3::from_array(eye), DVec3::from_array(target), 50.0);
                 Options { size: self.size, camera, ..common }
             }
         })
     }
+}
+
+/// Words that make every copy the same.
+const STILL: [&str; 8] = ["--repeat", "1", "--orientations", "identity", "--scale", "1,1", "--displace", "0"];
+
+/// Heights of the ground: hills, or none.
+fn relief(hilly: bool) -> fn(f64, f64) -> f64 {
+    let hills = |x: f64, z: f64| {
+        let (long, short) = (libm::sin(x / 170.0) * libm::cos(z / 210.0), libm::sin(x / 61.0 + z / 83.0));
+        40.0 * long + 12.0 * short
+    };
+    if hilly { hills } else { |_, _| 0.0 }
 }
 
 /// Metres along the texel's cube.

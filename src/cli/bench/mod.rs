@@ -46,7 +46,10 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
     std::fs::create_dir_all(&args.output).map_err(|e| Error::io(&args.output, e))?;
     let chosen: Vec<&scenes::Place> = scenes::SCENES
         .iter()
-        .filter(|s| if args.scene.is_empty() { !args.quick || s.quick } else { args.scene.iter().any(|n| n == s.name) })
+        .filter(|s| match &args.scene[..] {
+            [] => !s.on_request && (!args.quick || s.quick),
+            names => names.iter().any(|n| n == s.name),
+        })
         .collect();
     let size = args.size.unwrap_or(if args.quick { [192, 108] } else { [384, 216] });
     let samples = args.samples.unwrap_or(if args.quick { 64 } else { 256 });

@@ -16,6 +16,8 @@ pub enum Layout {
     Alone,
     /// `side`^2 cells of ten metres with a share of trees, seen from `eye` towards `target`.
     Forest { side: u32, hilly: bool, presence: f64, eye: [f64; 3], target: [f64; 3], hedge: bool },
+    /// `side`^2 trees that stand close, each in a shell of its own.
+    Stands { side: u32, hilly: bool, eye: [f64; 3], target: [f64; 3] },
 }
 
 pub struct Place {
@@ -26,15 +28,21 @@ pub struct Place {
     /// Voxels a side, for a square picture of 128 pixels of one object, or for any landscape.
     pub resolution: u32,
     pub quick: bool,
+    /// Measured only where it is asked for by its name, since its reference takes long.
+    pub on_request: bool,
 }
 
 const fn alone(name: &'static str, about: &'static str, matter: Matter, resolution: u32, quick: bool) -> Place {
-    Place { name, about, matter, layout: Layout::Alone, resolution, quick }
+    Place { name, about, matter, layout: Layout::Alone, resolution, quick, on_request: false }
 }
 
 const TREE: Matter = Matter::Sample("tree.glb");
 
-pub const SCENES: [Place; 15] = [
+const fn stands(name: &'static str, about: &'static str, resolution: u32, layout: Layout) -> Place {
+    Place { name, about, matter: TREE, layout, resolution, quick: false, on_request: true }
+}
+
+pub const SCENES: [Place; 18] = [
     alone("tree", "one tree, pixel = voxel", TREE, 128, true),
     alone("tree-half", "one tree, pixel = 1/2 voxel", TREE, 64, false),
     alone("tree-quarter", "one tree, pixel = 1/4 voxel", TREE, 32, false),
@@ -67,6 +75,7 @@ pub const SCENES: [Place; 15] = [
         },
         resolution: 512,
         quick: true,
+        on_request: false,
     },
     Place {
         name: "far",
@@ -82,6 +91,7 @@ pub const SCENES: [Place; 15] = [
         },
         resolution: 512,
         quick: true,
+        on_request: false,
     },
     Place {
         name: "layered",
@@ -97,5 +107,24 @@ pub const SCENES: [Place; 15] = [
         },
         resolution: 512,
         quick: false,
+        on_request: false,
     },
+    stands(
+        "own-far",
+        "25 000 trees from afar, each a shell of its own, boxes overlapping",
+        256,
+        Layout::Stands { side: 158, hilly: true, eye: [0.0, 200.0, 760.0], target: [0.0, 0.0, -60.0] },
+    ),
+    stands(
+        "own-near",
+        "529 trees from near, each a shell of its own",
+        512,
+        Layout::Stands { side: 23, hilly: false, eye: [0.0, 9.0, -5.0], target: [0.0, 3.0, -40.0] },
+    ),
+    stands(
+        "own-million",
+        "1 000 000 trees to the horizon, each a shell of its own",
+        256,
+        Layout::Stands { side: 1000, hilly: true, eye: [0.0, 200.0, 3000.0], target: [0.0, 0.0, 0.0] },
+    ),
 ];
