@@ -103,6 +103,7 @@ pub mod noise;
 pub mod par;
 pub mod progress;
 pub mod random;
+mod simd;
 mod system;
 
 pub mod format;
@@ -118,8 +119,6 @@ pub mod cli;
 pub mod merge;
 #[cfg(feature = "render")]
 pub mod render;
-#[cfg(feature = "bake")]
-mod simd;
 #[cfg(feature = "bake")]
 pub mod source;
 

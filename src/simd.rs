@@ -5,13 +5,15 @@
 /// Define a function that runs another one, compiled for AVX2 and its companions where the processor has them.
 ///
 /// The other one is a free function with `#[inline(always)]`, so that its body is compiled once for each target. In unit tests
-/// [`PLAIN_ONLY`] chooses the plain version.
+/// [`PLAIN_ONLY`] chooses the plain version. A type parameter and its bound stand in square brackets.
 macro_rules! multiversioned {
-    ($(#[$meta:meta])* $vis:vis fn $name:ident($($arg:ident: $ty:ty),* $(,)?) $(-> $out:ty)? = $body:ident;) => {
+    ($(#[$meta:meta])* $vis:vis fn $name:ident $([$of:ident: $bound:path])? ($($arg:ident: $ty:ty),* $(,)?) $(-> $out:ty)?
+        = $body:ident;
+    ) => {
         $(#[$meta])*
-        $vis fn $name($($arg: $ty),*) $(-> $out)? {
+        $vis fn $name $(<$of: $bound>)? ($($arg: $ty),*) $(-> $out)? {
             #[multiversion::multiversion(targets("x86_64+avx2+bmi1+bmi2+lzcnt+popcnt"))]
-            fn widest($($arg: $ty),*) $(-> $out)? {
+            fn widest $(<$of: $bound>)? ($($arg: $ty),*) $(-> $out)? {
                 $body($($arg),*)
             }
             #[cfg(test)]

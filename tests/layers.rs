@@ -17,7 +17,7 @@ const MAY_USE: [(&str, &[&str]); 17] = [
     ("volume", &["geom", "morton"]),
     ("format", &["geom", "morton", "par", "volume"]),
     ("scene", &["geom", "noise", "random", "volume", "format"]),
-    ("march", &["geom", "morton", "par", "volume"]),
+    ("march", &["geom", "morton", "par", "simd", "volume"]),
     ("source", &["geom", "morton", "noise", "par", "random", "simd", "system", "volume", "format", "scene"]),
     ("bake", &["geom", "morton", "par", "random", "simd", "volume", "march", "source"]),
     ("merge", &["geom", "morton", "volume", "source", "bake"]),

@@ -138,16 +138,15 @@ struct BlockCursor<'a> {
     node: u32,
     /// Morton code of the cell in the block, mirrored.
     cell: u32,
-    /// Indices of the planes that end the cell, in cells of this block's size, and where the line meets them.
+    /// Indices of the planes that end the cell, in cells of this block's size.
     end: Vec3A,
-    meets: Vec3A,
 }
 
 static EMPTY: Block = Block::EMPTY;
 
 /// Visit the voxels of `depth` that the line crosses between `s0` and `s1`, in order; of a terminal node above `depth`, one
 /// piece for each cell on the way. `depth` at most the finest; `turn`: where to hand back for another choice of depth.
-#[inline]
+#[inline(always)]
 pub(super) fn walk(
     tree: &Octree,
     line: &Line,
@@ -168,7 +167,7 @@ pub(super) fn walk(
     let (mut shift, mut scale, mut flip) = (first_shift, side, first_flip);
     let mut step = line.inverse * (1.0 / scale);
     // The cursor into a node's block at the cell that the line is in at s; `low` is the block's low corner in its cells.
-    let enter = |shift: u32, node: u32, low: Vec3A, scale: f32, step: Vec3A, s: f32, most: f32| {
+    let enter = |shift: u32, node: u32, low: Vec3A, scale: f32, s: f32, most: f32| {
         let blocks = tree.blocks(depth as i32 - shift as i32 - 2);
         let at = ((line.origin + line.ahead * s) * scale - low).min(Vec3A::splat(most));
         let upper = at.cmpge(Vec3A::splat(2.0));
@@ -180,11 +179,12 @@ pub(super) fn walk(
             node,
             cell: odd.bitmask() | upper.bitmask() << 3,
             end,
-            meets: end * step + start,
         }
     };
     let mut s = s0;
-    let mut cursor = enter(shift, 0, Vec3A::ZERO, scale, step, s, side - 0.5);
+    let mut cursor = enter(shift, 0, Vec3A::ZERO, scale, s, side - 0.5);
+    // Where the line meets the planes that end the cell.
+    let mut meets = cursor.end * step + start;
     let mut stack = [cursor; MAX_DEPTH / 2];
     let mut terminal = None;
     let mut cells = 0u64;
@@ -200,7 +200,8 @@ pub(super) fn walk(
                 scale *= 4.0;
                 step *= 0.25;
                 flip = all;
-                cursor = enter(shift, node, (cursor.end - 1.0) * 4.0, scale, step, s, 3.5);
+                cursor = enter(shift, node, (cursor.end - 1.0) * 4.0, scale, s, 3.5);
+                meets = cursor.end * step + start;
                 visitor.block_end();
                 continue;
             }
@@ -209,7 +210,7 @@ pub(super) fn walk(
                 visitor.block_end();
                 terminal = Some(place);
             }
-            let leave = cursor.meets.min_element().min(s1);
+            let leave = meets.min_element().min(s1);
             if leave > s {
                 let planes = Planes { step, start };
                 let segment = VoxelSegment { line, planes, place, depth, corner: cursor.end - 1.0, enter: s, leave };
@@ -224,19 +225,19 @@ pub(super) fn walk(
         loop {
             if !leaving {
                 cells += 1;
-                let leave = cursor.meets.min_element();
+                let leave = meets.min_element();
                 if leave >= s1 || leave.is_nan() {
                     break 'walk WalkEnd::Done;
                 }
                 s = s.max(leave);
-                let crossed = cursor.meets.cmple(Vec3A::splat(leave));
+                let crossed = meets.cmple(Vec3A::splat(leave));
                 // Each axis counts 0 … 3 in two bits; one that was 3 leaves the block.
                 let add = crossed.bitmask();
                 let carry = cursor.cell & add;
                 leaving = cursor.cell >> 3 & carry != 0;
                 cursor.cell ^= add | carry << 3;
                 cursor.end += Vec3A::select(crossed, Vec3A::ONE, Vec3A::ZERO);
-                cursor.meets = cursor.end * step + start;
+                meets = cursor.end * step + start;
             }
             if !leaving {
                 break;
@@ -252,6 +253,7 @@ pub(super) fn walk(
             step *= 4.0;
             flip = if shift == first_shift { first_flip } else { all };
             cursor = stack[(shift / 2) as usize & (MAX_DEPTH / 2 - 1)];
+            meets = cursor.end * step + start;
             leaving = false;
         }
         if shift != 0 && s >= turn {
@@ -265,7 +267,7 @@ pub(super) fn walk(
 
 impl VoxelSegment<'_> {
     /// The part of the piece within the voxel's support; empty where not `.0 < .1`.
-    #[inline]
+    #[inline(always)]
     pub fn support(&self, voxel: &Voxel) -> (f32, f32) {
         if voxel.support == [0; 3] || u32::from(self.place.depth) != self.depth {
             return (self.enter, self.leave);

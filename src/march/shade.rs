@@ -1,6 +1,7 @@
 //! Shading of what a march meets: reflected sky at once, and sunlight gathered in groups that share one shadow ray.
 
 use crate::geom::{Mat3, Vec3};
+use crate::simd::multiversioned;
 use crate::volume::brightness::BrightnessFactors;
 use crate::volume::octree::VoxelAddress;
 use crate::volume::{Gloss, Octree, Sggx, Voxel};
@@ -12,13 +13,15 @@ use super::vndf::{EQUAL, visible_normals};
 /// Weight of a group of voxels that share a shadow ray.
 pub const GROUP_WEIGHT: f32 = 0.2;
 /// And how far from their mean place a voxel may lie, in voxels.
-const MAX_FROM_MEAN: f32 = 2.0;
+pub const MAX_FROM_MEAN: f32 = 2.0;
 
 /// A share of the ray's light that one light shines on: to be multiplied by the light's irradiance / π and what of it arrives.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ShadowGroup {
     /// Index into the lights that [`Shader::new`] was given.
     pub light: usize,
+    /// Sum of weight · the cosines that follow: the share of the ray's light that it is about.
+    pub weight: f32,
     /// Weighted mean of the ray's parameter, and of the position in texel space: the shadow ray's origin.
     pub t: f32,
     /// Weighted mean of the position, texel space.
@@ -198,14 +201,31 @@ impl<'a> Shader<'a> {
             let inverse = 1.0 / open.weight;
             let (t, position, voxel) = (open.t * inverse, open.position * inverse, open.voxel * inverse);
             let outside = open.outside * inverse;
-            self.groups.push(ShadowGroup { light, t, position, voxel, outside, energy: open.energy });
+            let OpenGroup { weight, energy, .. } = *open;
+            self.groups.push(ShadowGroup { light, weight, t, position, voxel, outside, energy });
         }
         *open = OpenGroup::default();
     }
 }
 
+multiversioned! {
+    fn shade(shader: &mut Shader<'_>, hit: &VoxelHit<'_>) = shade_inline;
+}
+
+#[inline(always)]
+fn shade_inline(shader: &mut Shader<'_>, hit: &VoxelHit<'_>) {
+    shader.add(hit);
+}
+
 impl Sink for Shader<'_> {
     fn voxel(&mut self, hit: &VoxelHit<'_>) {
+        shade(self, hit);
+    }
+}
+
+impl Shader<'_> {
+    #[inline(always)]
+    fn add(&mut self, hit: &VoxelHit<'_>) {
         let voxel = hit.voxel;
         let edge = (-f32::from(hit.depth)).exp2();
         let place = VoxelAddress { depth: hit.depth, rank: hit.rank };

@@ -4,6 +4,7 @@
 //! depth by the size of its cone); M. Levoy, *Efficient Ray Tracing of Volume Data*, TOG 1990 (early termination).
 
 use crate::geom::Vec3;
+use crate::simd::multiversioned;
 use crate::volume::octree::Octree;
 use crate::volume::opacity::advance;
 use crate::volume::{Model, Voxel};
@@ -46,16 +47,35 @@ impl Default for DepthChoice {
 }
 
 impl DepthChoice {
+    /// Which depths of a tree of the depth `finest` are chosen.
+    fn depths(&self, finest: usize) -> Depths {
+        let finest = finest.min(usize::from(self.finest)) as i32;
+        Depths { doubled: (self.bias + 1.0 - self.lod_dither).exp2(), finest }
+    }
+}
+
+/// A [`DepthChoice`] in one tree.
+#[derive(Clone, Copy)]
+struct Depths {
+    /// Twice the width that goes with depth 0, by the choice's bias and dither.
+    doubled: f32,
+    finest: i32,
+}
+
+impl Depths {
     /// The depth for a cone `width` cube edges wide: voxel ≈ width.
-    fn depth(&self, width: f32, finest: usize) -> u32 {
-        let finest = finest.min(usize::from(self.finest)) as f32;
-        let ideal = self.bias - width.max(f32::MIN_POSITIVE).log2();
-        (ideal + 1.0 - self.lod_dither).floor().clamp(0.0, finest) as u32
+    #[inline(always)]
+    fn depth(&self, width: f32) -> u32 {
+        // The logarithm, rounded down, is the exponent.
+        let exponent = ((self.doubled / width.max(f32::MIN_POSITIVE)).to_bits() >> 23) as i32 - 127;
+        exponent.clamp(0, self.finest) as u32
     }
 
     /// The width at which `depth` is given up for the next coarser one.
+    #[inline(always)]
     fn width_limit(&self, depth: u32) -> f32 {
-        if depth == 0 { f32::INFINITY } else { (self.bias + 1.0 - self.lod_dither - depth as f32).exp2() }
+        // 2^-depth by its exponent; depths are below 17.
+        if depth == 0 { f32::INFINITY } else { self.doubled * f32::from_bits((127 - depth) << 23) }
     }
 }
 
@@ -149,6 +169,7 @@ pub fn transmittance_from_own_matter(
 struct NoSink;
 
 impl Sink for NoSink {
+    #[inline(always)]
     fn voxel(&mut self, _: &VoxelHit<'_>) {}
 }
 
@@ -173,16 +194,29 @@ pub(crate) fn run(
     march_from(tree, segment, choice, [t_in, stop_below], StartBlock::Past, sink, stats)
 }
 
-fn march_from(
+multiversioned! {
+    fn march_from[S: Sink](
+        tree: &Octree,
+        segment: &MarchSegment,
+        choice: DepthChoice,
+        limits: [f32; 2],
+        start_block: StartBlock,
+        sink: &mut S,
+        stats: &mut MarchStats,
+    ) -> f32 = march_inline;
+}
+
+/// `limits`: the transmittance at the start, and that below which the march ends.
+#[inline(always)]
+fn march_inline<S: Sink>(
     tree: &Octree,
     segment: &MarchSegment,
     choice: DepthChoice,
     [t_in, stop_below]: [f32; 2],
     start_block: StartBlock,
-    sink: &mut impl Sink,
+    sink: &mut S,
     stats: &mut MarchStats,
 ) -> f32 {
-    let info = tree.info();
     let speed = segment.dir.length();
     let Some(finest) = tree.finest() else { return t_in };
     let usable = segment.origin.is_finite() && speed.is_normal() && segment.opacity_scale > 0.0 && t_in > 0.0;
@@ -193,9 +227,10 @@ fn march_from(
     let line = Line::new(segment.origin, segment.dir / speed);
     let (width, growth) = (segment.footprint, segment.growth / speed);
     // The root's support in a file may be wider than the content, at a lower rate: nothing of it may be cut off.
-    let pad = if choice.depth(width, finest) == 0 { 1.0 } else { CONTENT_PAD };
-    let min = (info.content.min.as_vec3() - pad).max(Vec3::ZERO);
-    let max = (info.content.max.as_vec3() + pad).min(Vec3::ONE);
+    let depths = choice.depths(finest);
+    let pad = if depths.depth(width) == 0 { 1.0 } else { CONTENT_PAD };
+    let (low, high) = tree.content();
+    let (min, max) = ((low - pad).max(Vec3::ZERO), (high + pad).min(Vec3::ONE));
     let (mut s, end) = line.clip(min, max, 0.0, segment.length * speed);
     let mut law = OpacityLaw {
         tree,
@@ -203,7 +238,7 @@ fn march_from(
         dir: line.dir,
         per_speed: 1.0 / speed,
         scale: segment.opacity_scale,
-        isotropic: info.model == Model::Neyret,
+        isotropic: tree.model() == Model::Neyret,
         before_block: t_in,
         block: 1.0,
         stop_below,
@@ -212,10 +247,9 @@ fn march_from(
         stats,
     };
     while s < end {
-        let depth = choice.depth(width + growth * s, finest);
+        let depth = depths.depth(width + growth * s);
         law.stats.deepest = law.stats.deepest.max(depth);
-        let limit = choice.width_limit(depth);
-        let turn = if growth > 0.0 { (limit - width) / growth } else { f32::INFINITY };
+        let turn = if growth > 0.0 { (depths.width_limit(depth) - width) / growth } else { f32::INFINITY };
         match walk(tree, &line, depth, [s, end, turn.max(s)], &mut law) {
             // A turn at s itself would choose the same depth again when the width is within rounding of the limit.
             WalkEnd::Turned(at) => s = at.max(s.next_up()),
@@ -250,7 +284,7 @@ struct OpacityLaw<'a, S> {
 }
 
 impl<S: Sink> VoxelVisitor for OpacityLaw<'_, S> {
-    #[inline]
+    #[inline(always)]
     fn segment(&mut self, segment: &VoxelSegment<'_>) -> bool {
         self.stats.voxels += 1;
         let voxel = self.tree.voxel(segment.place);
@@ -288,7 +322,7 @@ impl<S: Sink> VoxelVisitor for OpacityLaw<'_, S> {
         !stopped
     }
 
-    #[inline]
+    #[inline(always)]
     fn block_end(&mut self) {
         self.before_block *= self.block;
         self.block = 1.0;
@@ -297,7 +331,7 @@ impl<S: Sink> VoxelVisitor for OpacityLaw<'_, S> {
         }
     }
 
-    #[inline]
+    #[inline(always)]
     fn stepped(&mut self, cells: u64) {
         self.stats.cells += cells;
     }
@@ -337,7 +371,7 @@ const fn rates() -> [f32; 256] {
 }
 
 /// sigma of the voxel's normals along the unit vector `w`, without taking the matrix apart.
-#[inline]
+#[inline(always)]
 fn projected_area(voxel: &Voxel, w: Vec3) -> f32 {
     crate::volume::Sggx::decode(voxel.ndf).sigma(w)
 }

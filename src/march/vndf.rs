@@ -32,6 +32,7 @@ const DISK_Y: [f32; POINTS] =
 const DISK_Z: [f32; POINTS] = [OUTER, OUTER, OUTER, OUTER, INNER, INNER, INNER, INNER];
 
 /// The normals of `s` seen from the unit direction `view` (from the matter to the viewer), weighted by projected area.
+#[inline(always)]
 pub fn visible_normals(s: &Sggx, view: Vec3) -> Normals {
     // Relative to the largest diagonal, with enough isotropy that a facet seen edge-on still has a normal.
     const FLOOR: f32 = 1e-6;
@@ -81,6 +82,7 @@ impl Normals {
     /// Shares of the normals where facets have a front: `mean` is the unit direction of the mean area vector and
     /// `one_sidedness` in [0, 1] its length over the area. A normal m then counts (1 + k m·mean), with k such that the
     /// normals' mean becomes what was measured, and hidden back faces count 0.
+    #[inline(always)]
     pub fn one_sided(&self, mean: Vec3, one_sidedness: f32) -> Weights {
         self.tilted(mean, one_sidedness).0
     }
@@ -107,6 +109,7 @@ impl Normals {
     }
 
     /// Mean of the normals, and mean of their squares: xx, yy, zz, xy, yz, zx.
+    #[inline(always)]
     pub fn moments(&self, weights: &Weights) -> (Vec3, [f32; 6]) {
         let (mut mean, mut square) = (Vec3::ZERO, [0.0; 6]);
         for i in 0..POINTS {
@@ -120,7 +123,7 @@ impl Normals {
     }
 
     /// Mean of max(0, n·light): what Lambertian facets reflect towards the viewer, for a unit direction to the light.
-    #[inline]
+    #[inline(always)]
     pub fn diffuse(&self, weights: &Weights, light: Vec3) -> f32 {
         let mut term = [0.0; POINTS];
         for i in 0..POINTS {

@@ -12,7 +12,8 @@ use std::sync::{Arc, OnceLock};
 
 use super::brightness::{self, BrightnessFactors};
 use super::surface::{SurfaceTable, VoxelSurface};
-use super::{Info, MAX_DEPTH, Mix, Volume, Voxel};
+use super::{Info, MAX_DEPTH, Mix, Model, Volume, Voxel};
+use crate::geom::Vec3;
 use crate::{Error, Result};
 
 /// log2 of how many voxels a page holds in memory.
@@ -191,6 +192,9 @@ pub struct Octree {
     /// Alike, of texels whose materials are more than matt and opaque.
     surfaces: Option<Surfaces>,
     brightness_factors: [BrightnessFactors; MAX_DEPTH + 1],
+    /// What every march asks for.
+    content: (Vec3, Vec3),
+    model: Model,
     failure: OnceLock<Error>,
     pages_opened: AtomicU64,
     voxels_opened: AtomicU64,
@@ -220,6 +224,8 @@ impl Octree {
         });
         Ok(Octree {
             brightness_factors: brightness::read(source.info()),
+            content: (source.info().content.min.as_vec3(), source.info().content.max.as_vec3()),
+            model: source.info().model,
             source: Box::new(source),
             masks: counts.iter().map(|_| OnceLock::new()).collect(),
             blocks: (0..counts.len() + 1).map(|_| OnceLock::new()).collect(),
@@ -236,6 +242,16 @@ impl Octree {
     /// Description of the texel.
     pub fn info(&self) -> &Info {
         self.source.info()
+    }
+
+    /// Lower and upper corner of the content's box, texel space, rounded to f32.
+    pub fn content(&self) -> (Vec3, Vec3) {
+        self.content
+    }
+
+    /// The model that the texel was baked by.
+    pub fn model(&self) -> Model {
+        self.model
     }
 
     /// The finest depth; `None` for a texel without matter.

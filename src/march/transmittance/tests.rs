@@ -395,22 +395,43 @@ fn even_and_odd_depths_agree() {
 #[test]
 fn depth_choice_rounds_and_dithers() {
     let c = DepthChoice::default();
-    assert_eq!(
-        [c.depth(1.0, 9), c.depth(0.5, 9), c.depth(0.36, 9), c.depth(0.35, 9), c.depth(0.0, 9)],
-        [0, 1, 1, 2, 9]
-    );
-    assert_eq!(DepthChoice { bias: -1.0, ..c }.depth(0.25, 9), 1);
-    assert_eq!(DepthChoice { finest: 4, ..c }.depth(1e-9, 9), 4);
+    let depth = |c: DepthChoice, width: f32| c.depths(9).depth(width);
+    assert_eq!([1.0, 0.5, 0.36, 0.35, 0.0, f32::NAN].map(|width| depth(c, width)), [0, 1, 1, 2, 9, 9]);
+    assert_eq!(depth(DepthChoice { bias: -1.0, ..c }, 0.25), 1);
+    assert_eq!(depth(DepthChoice { finest: 4, ..c }, 1e-9), 4);
+    assert_eq!([1e9, -1e9].map(|bias| depth(DepthChoice { bias, ..c }, 0.25)), [9, 0]);
     // log2(1/.2) = 2.32: 32 % of thresholds go to depth 3.
-    let finer = (0..100).filter(|i| DepthChoice { lod_dither: *i as f32 / 100.0, ..c }.depth(0.2, 9) == 3).count();
+    let finer = (0..100).filter(|i| depth(DepthChoice { lod_dither: *i as f32 / 100.0, ..c }, 0.2) == 3).count();
     assert_eq!(finer, 33);
     for lod_dither in [0.0, 0.3, 0.5, 0.99] {
-        let c = DepthChoice { lod_dither, ..c };
+        let depths = DepthChoice { lod_dither, ..c }.depths(9);
         for d in 1..9 {
-            let limit = c.width_limit(d);
-            assert_eq!((c.depth(limit * 0.9999, 9), c.depth(limit * 1.0001, 9)), (d, d - 1));
+            let limit = depths.width_limit(d);
+            assert_eq!((depths.depth(limit * 0.9999), depths.depth(limit * 1.0001)), (d, d - 1));
         }
     }
+}
+
+#[test]
+fn wide_instructions_change_no_bit() {
+    let mut voxel = isotropic(0.3, 7);
+    voxel.ndf = Sggx { xx: 0.9, yy: 0.5, zz: 0.2, xy: 0.3, xz: -0.1, yz: 0.05 }.encode();
+    voxel.set_support([0.1, 0.2, 0.3], [0.8, 0.7, 0.9]);
+    let tree = tree(full(5, voxel));
+    let all = |plain: bool| -> Vec<u32> {
+        crate::simd::PLAIN_ONLY.store(plain, std::sync::atomic::Ordering::Relaxed);
+        let one = |i: u32| {
+            let at = |k: f32| (0.37 * k * i as f32).fract();
+            let s = stretch(Vec3::new(at(1.0), at(2.0), at(3.0)), Vec3::new(at(5.0), at(7.0), at(11.0)));
+            through(&tree, &MarchSegment { footprint: at(13.0) / 8.0, growth: 0.05, ..s }).to_bits()
+        };
+        let found = (0..500).map(one).collect();
+        crate::simd::PLAIN_ONLY.store(false, std::sync::atomic::Ordering::Relaxed);
+        found
+    };
+    let wide = all(false);
+    assert!(wide.iter().filter(|t| **t != 1f32.to_bits()).count() > 400);
+    assert_eq!(wide, all(true));
 }
 
 #[test]
