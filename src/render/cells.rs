@@ -56,7 +56,7 @@ impl CopyHit {
 }
 
 /// Interval of [0, end] in which the ray is inside of the cube [0,1]^3, longer than 0.
-pub fn span_in_unit_cube(ray: &Ray, end: f64) -> Option<(f64, f64)> {
+fn span_in_unit_cube(ray: &Ray, end: f64) -> Option<(f64, f64)> {
     let Ray { origin, dir } = *ray;
     let (mut near, mut far) = (0.0_f64, end);
     for k in 0..3 {
@@ -205,7 +205,6 @@ impl TexelLayer {
     }
 
     /// The copy in `cell`, and the map of the layer's texel coordinates into its cube; `None` where the cell is empty.
-    #[cfg(feature = "bake")]
     pub fn placed(&self, cell: [i64; 3]) -> Option<(PlacedCopy, crate::geom::DAffine3)> {
         let (copy, sign) = (self.place(cell)?, self.flip(cell));
         let matrix3 = copy.linear * DMat3::from_diagonal(sign);

@@ -1,10 +1,8 @@
-//! Rigid copies of texels, ready for rays: the texel's cube under one affine map each, worked out from the placement when a
-//! ray asks for it, so that a million copies take no more memory than their placements and a hierarchy over their bounds.
+//! Rigid copies of texels: where a scene's placements put them, the texel's cube under one affine map each.
 
 use super::cells;
-use super::cells::{CopyHit, RIGID};
 use super::phong::PhongTable;
-use crate::geom::{Aabb, DAffine3, DMat3, DVec3, Ray, Vec3};
+use crate::geom::{Aabb, DAffine3, DMat3, Vec3};
 use crate::scene::Scene;
 use crate::scene::copies::{CopySet, to_texel};
 use crate::scene::cycle::Cycle;
@@ -54,11 +52,10 @@ struct CopyVariant {
 /// One copy.
 #[derive(Debug, Clone, Copy)]
 pub struct RigidCopy {
-    index: u32,
     pub texel: usize,
     pub tint: Vec3,
-    /// See [`CopyHit::phong`].
-    phong: u32,
+    /// See [`super::cells::CopyHit::phong`].
+    pub phong: u32,
     /// The renderer's space → the texel's cube.
     pub to_texel: DAffine3,
 }
@@ -141,40 +138,15 @@ impl<'a> Copies<'a> {
             cycle.frame(kind.frames, ahead, lot)
         });
         let (texel, phong) = (kind.texel + frame as usize, kind.phong);
-        let found = RigidCopy { index: index as u32, texel, tint, phong, to_texel };
+        let found = RigidCopy { texel, tint, phong, to_texel };
         to_texel.is_finite().then_some(found)
-    }
-}
-
-impl RigidCopy {
-    /// Interval of the ray inside of the cube, within [0, t1].
-    pub fn span(&self, ray: &Ray, t1: f64) -> Option<(f64, f64)> {
-        let (origin, dir) = (self.to_texel.transform_point3(ray.origin), self.to_texel.matrix3 * ray.dir);
-        cells::span_in_unit_cube(&Ray { origin, dir }, t1)
-    }
-
-    /// The segment of the ray from t0 to t1, which lies in [`RigidCopy::span`].
-    pub fn hit(&self, ray: &Ray, t0: f64, t1: f64) -> CopyHit {
-        let origin = self.to_texel.transform_point3(ray.at(t0));
-        CopyHit {
-            texel: self.texel,
-            tint: self.tint,
-            phong: self.phong,
-            cell: [i64::from(self.index), 0, RIGID],
-            t0,
-            t1,
-            // A start on a face may lie outside by rounding.
-            origin: origin.clamp(DVec3::ZERO, DVec3::ONE),
-            dir: self.to_texel.matrix3 * ray.dir,
-            linear: DMat3::IDENTITY,
-            zoom: 1.0,
-        }
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geom::DVec3;
     use crate::scene::phong::Phong;
     use crate::scene::shell::Variant;
 
@@ -210,11 +182,6 @@ mod tests {
             let own = info.content.transformed(copy.to_texel.inverse());
             // The same box by its corners; a few roundings apart.
             assert!((own.min - bounds.min).abs().max((own.max - bounds.max).abs()).max_element() < 1e-9, "{i}");
-            let through = Ray { origin: bounds.centre() - 9.0 * DVec3::X, dir: DVec3::X };
-            let (t0, t1) = copy.span(&through, f64::INFINITY).unwrap();
-            let hit = copy.hit(&through, t0, t1);
-            let end = hit.origin + (t1 - t0) * hit.dir;
-            assert!((end.clamp(DVec3::ZERO, DVec3::ONE) - end).abs().max_element() < 1e-9, "{i}: {end}");
         }
         assert!(
             Copies::new(&scene, &PhongTable::new(&scene), |i| Some(&info).filter(|_| i == 0), |world| world).is_err()

@@ -116,7 +116,7 @@ impl Sink for Recorder<'_> {
 #[derive(Default)]
 pub struct EventLists {
     pub events: Vec<Event>,
-    /// Copies that have events.
+    /// Copies that events are of, or may be.
     pub copies: Vec<CopySegment>,
     /// Triangles of the scene before the first opaque one; with fine rays, all that they see.
     pub blended: Vec<Contact>,

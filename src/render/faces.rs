@@ -1,6 +1,8 @@
 //! From a mesh with height vectors to the boxes of its shell.
 
 use super::shell::{Corner, PatchBox, PatchFault, Prism, ShellBox};
+use super::weld;
+use super::weld::by_position;
 use crate::Warnings;
 use crate::geom::{DAffine3, DVec3};
 use crate::scene::Part;
@@ -14,85 +16,66 @@ pub struct Bend {
     pub unit: f64,
 }
 
-/// Boxes of a shell.
-#[derive(Default)]
-pub struct Boxes {
-    pub list: Vec<ShellBox>,
-    /// For each bilinear patch of the part, whether a box is over it; else, collapsed or folded, it is taken as two triangles.
-    pub curved: Vec<bool>,
-}
-
-/// The boxes over the faces of a part, between `from` and `to` of the height vectors, and `stretch` times as high as that.
-/// `place` takes part space to the renderer's space.
+/// Gives `take` the boxes over the faces of a part, between `from` and `to` of the height vectors, and `stretch` times as high as
+/// that. `place` takes part space to the renderer's space. Returns for each bilinear patch of the part whether a box is over it;
+/// else, collapsed or folded, it is taken as two triangles.
 pub fn boxes(
     part: &Part,
-    (material, [from, to], stretch): (&ShellMaterial, [f64; 2], f64),
+    range: (&ShellMaterial, [f64; 2], f64),
     place: DAffine3,
     bend: Option<&Bend>,
     warnings: &mut Warnings,
-) -> Boxes {
-    let Some(corners) = moved(part, (material, [from, to], stretch), place, bend, warnings) else {
-        return Boxes::default();
-    };
+    take: &mut dyn FnMut(ShellBox),
+) -> Vec<bool> {
     let groups = by_position(part);
-    let mut faces: Vec<Option<[Corner; 3]>> = part.triangles.iter().map(|t| face(&corners, t)).collect();
-    let mut made = Boxes::default();
-    let mut whole = vec![false; faces.len()];
+    let Some(corners) = Corners::new(part, range, place, bend, &groups, warnings) else { return Vec::new() };
+    let mut whole = vec![false; part.triangles.len()];
+    let mut curved = Vec::with_capacity(part.patches.len());
     for (i, patch) in part.patches.iter().enumerate() {
-        let shell = face(&corners, patch).and_then(|quad| over_patch(&quad, &part.name, warnings));
-        made.curved.push(shell.is_some());
+        let shell = corners.of(patch).and_then(|quad| over_patch(&quad, corners.rounding, &part.name, warnings));
+        curved.push(shell.is_some());
         if let Some(shell) = shell {
-            made.list.push(shell);
-            for (face, whole) in faces.iter_mut().zip(&mut whole).skip(2 * i).take(2) {
-                (*face, *whole) = (None, true);
-            }
+            take(shell);
+            whole.iter_mut().skip(2 * i).take(2).for_each(|whole| *whole = true);
         }
     }
     let (mut flat, mut folded) = (0, 0);
-    let partner = partners(part, &faces, &groups);
-    for (i, face) in faces.iter().enumerate().filter(|(i, _)| !whole[*i]) {
-        let Some(face) = face else {
+    let partner = partners(&corners, &whole, &groups);
+    for (i, triangle) in part.triangles.iter().enumerate().filter(|(i, _)| !whole[*i]) {
+        let Some(face) = corners.of(triangle) else {
             flat += 1;
             continue;
         };
-        match &partner[i] {
-            Partner::Second => continue,
-            Partner::First(quad) => {
-                if let Some(prism) = Prism::new(quad.as_slice()) {
-                    made.list.push(ShellBox::Prism(Box::new(prism)));
-                    continue;
-                }
-            }
-            Partner::None => {}
+        let other = partner[i] as usize;
+        if other < i {
+            continue;
         }
-        match ShellBox::new(face) {
+        let quad = part.triangles.get(other).and_then(|t| joined(&face, &corners.of(t)?, corners.rounding));
+        if let Some(prism) = quad.and_then(|quad| Prism::new(&quad)) {
+            take(ShellBox::Prism(Box::new(prism)));
+            continue;
+        }
+        match ShellBox::new(&face) {
             Some(b) => {
                 if let ShellBox::Twisted(t) = &b {
                     folded += u64::from(t.folded());
                 }
-                made.list.push(b);
+                take(b);
             }
             None => flat += 1,
         }
     }
     warnings.add_many(format!("{}: a shell's face has no volume and is left out", part.name), flat);
     warnings.add_many(format!("{}: a shell's box is folded: its height vectors cross", part.name), folded);
-    made
-}
-
-/// The corners of a face, if they are finite.
-fn face<const N: usize>(corners: &[Corner], face: &[u32; N]) -> Option<[Corner; N]> {
-    let zero = Corner { p: DVec3::NAN, h: DVec3::ZERO, q: DVec3::ZERO, dw: 1.0, jitter: 1.0 };
-    let face = face.map(|v| corners.get(v as usize).copied().unwrap_or(zero));
-    face.iter().all(|c| c.p.is_finite() && c.h.is_finite()).then_some(face)
+    curved
 }
 
 /// The box over a bilinear patch: a prism, where it is a parallelogram with one affine map. `None` (counted, with a warning)
 /// where its two triangles have to stand for it.
-fn over_patch(corners: &[Corner; 4], name: &str, warnings: &mut Warnings) -> Option<ShellBox> {
+fn over_patch(corners: &[Corner; 4], rounding: f64, name: &str, warnings: &mut Warnings) -> Option<ShellBox> {
     let [a, b, c, d] = *corners;
     // As the triangles (b, c, a) and (d, a, c) that share the diagonal.
-    if let Some(prism) = quad([b, c, a], [d, a, c]).and_then(|ring| Prism::new(&ring)) {
+    if let Some(prism) = quad([b, c, a], [d, a, c], rounding).and_then(|ring| Prism::new(&ring)) {
         return Some(ShellBox::Prism(Box::new(prism)));
     }
     match PatchBox::new(corners) {
@@ -125,12 +108,13 @@ pub fn faces(
     bend: Option<&Bend>,
     warnings: &mut Warnings,
 ) -> Vec<Face> {
-    let Some(corners) = moved(part, range, place, bend, warnings) else { return Vec::new() };
-    let mut triangles: Vec<Option<[Corner; 3]>> = part.triangles.iter().map(|t| face(&corners, t)).collect();
+    let groups = by_position(part);
+    let Some(corners) = Corners::new(part, range, place, bend, &groups, warnings) else { return Vec::new() };
+    let mut triangles: Vec<Option<[Corner; 3]>> = part.triangles.iter().map(|t| corners.of(t)).collect();
     let mut found = Vec::with_capacity(triangles.len());
     for (i, patch) in part.patches.iter().enumerate() {
-        let Some(quad) = face(&corners, patch) else { continue };
-        if let Some(ShellBox::Patch(_)) = over_patch(&quad, &part.name, warnings) {
+        let Some(quad) = corners.of(patch) else { continue };
+        if let Some(ShellBox::Patch(_)) = over_patch(&quad, corners.rounding, &part.name, warnings) {
             found.push(Face::Patch(quad));
             triangles.iter_mut().skip(2 * i).take(2).for_each(|triangle| *triangle = None);
         }
@@ -139,56 +123,114 @@ pub fn faces(
     found
 }
 
-/// Each vertex as a corner of boxes between `from` and `to` of the height vectors, bent by the wind, and `stretch` times as high.
-fn moved(
-    part: &Part,
-    (material, [from, to], stretch): (&ShellMaterial, [f64; 2], f64),
+/// The vertices of a part as corners of boxes, made when asked for: as a list, a million quads of their own would take 350 MB.
+struct Corners<'a> {
+    part: &'a Part,
+    material: &'a ShellMaterial,
+    uvs: Option<&'a Vec<[f32; 2]>>,
     place: DAffine3,
-    bend: Option<&Bend>,
-    warnings: &mut Warnings,
-) -> Option<Vec<Corner>> {
-    let mut corners = corners(part, material, place, warnings)?;
-    if let Some(Bend { wind, eye, unit }) = bend {
-        corners.iter_mut().for_each(|c| c.h = wind.bend(*eye + *unit * c.p, c.h));
-    }
-    if [from, to] != [0.0, 1.0] {
-        corners.iter_mut().for_each(|c| (c.p, c.h) = (c.p + from * c.h, (to - from) * c.h));
-    }
-    if stretch != 1.0 {
-        corners.iter_mut().for_each(|c| (c.h, c.dw) = (stretch * c.h, stretch * c.dw));
-    }
-    Some(corners)
+    heights: Heights<'a>,
+    /// The part of the height vectors that boxes fill, and how many times as high as that they are.
+    from: f64,
+    to: f64,
+    stretch: f64,
+    /// How far positions are off their places by being f32, in the renderer's units.
+    rounding: f64,
 }
 
-/// Each vertex as a corner; `None` (with a warning) where the part has no texel coordinates.
-fn corners(part: &Part, material: &ShellMaterial, place: DAffine3, warnings: &mut Warnings) -> Option<Vec<Corner>> {
-    let uvs = part.uvs.get(material.tex_coord);
-    if part.uvw.is_none() && uvs.is_none() {
-        let tex_coord = material.tex_coord;
-        warnings.add(format!("{}: no _VTEX_UVW and no TEXCOORD_{tex_coord}: its shell is left out", part.name));
-        return None;
-    }
-    let heights = heights(part, material, warnings);
-    let corner = |i: usize| {
-        let p = DVec3::from_array(part.positions[i].map(f64::from));
-        let q = match (&part.uvw, uvs) {
-            (Some(uvw), _) => uvw.get(i).map_or(DVec3::ZERO, |q| DVec3::from_array(q.map(f64::from))),
-            (None, uvs) => {
-                let [u, v] = uvs.and_then(|u| u.get(i)).copied().unwrap_or_default().map(f64::from);
-                DVec3::new(u, v, material.w)
+/// Height vectors.
+enum Heights<'a> {
+    /// As the file has them, in part space.
+    Given(&'a [[f32; 3]]),
+    /// In the renderer's space.
+    Made(Vec<DVec3>),
+}
+
+impl<'a> Corners<'a> {
+    /// `None` (with a warning) where the part has no texel coordinates. `groups`: [`by_position`].
+    fn new(
+        part: &'a Part,
+        (material, [from, to], stretch): (&'a ShellMaterial, [f64; 2], f64),
+        place: DAffine3,
+        bend: Option<&Bend>,
+        groups: &[u32],
+        warnings: &mut Warnings,
+    ) -> Option<Corners<'a>> {
+        let uvs = part.uvs.get(material.tex_coord);
+        if part.uvw.is_none() && uvs.is_none() {
+            let tex_coord = material.tex_coord;
+            warnings.add(format!("{}: no _VTEX_UVW and no TEXCOORD_{tex_coord}: its shell is left out", part.name));
+            return None;
+        }
+        let given = part.heights.as_deref().filter(|h| h.len() == part.positions.len());
+        // Where vertices share a position, and not the vector there, it is the mean.
+        let agree = |h: &&[[f32; 3]]| groups.iter().enumerate().all(|(i, &g)| h[i] == h[g as usize]);
+        let heights = match given.filter(agree) {
+            Some(given) if bend.is_none() => Heights::Given(given),
+            _ => {
+                let mut made = heights(part, material, groups, warnings);
+                made.iter_mut().for_each(|h| *h = place.matrix3 * *h);
+                if let Some(Bend { wind, eye, unit }) = bend {
+                    for (h, p) in made.iter_mut().zip(&part.positions) {
+                        *h = wind.bend(*eye + *unit * placed(&place, p), *h);
+                    }
+                }
+                Heights::Made(made)
             }
         };
-        let dw = part.dw.as_ref().and_then(|d| d.get(i)).map_or(material.dw, |&d| f64::from(d));
+        let farthest = part.positions.iter().flatten().fold(0.0f32, |most, v| most.max(v.abs()));
+        let m = place.matrix3;
+        let scale = m.x_axis.length().max(m.y_axis.length()).max(m.z_axis.length());
+        let rounding = f64::from(farthest) * scale * f64::from(f32::EPSILON);
+        Some(Corners { part, material, uvs, place, heights, from, to, stretch, rounding })
+    }
+
+    /// Vertex `v`; `None` where there is none, or it is not finite.
+    fn get(&self, v: u32) -> Option<Corner> {
+        let (part, i) = (self.part, v as usize);
+        let p = placed(&self.place, part.positions.get(i)?);
+        let h = match &self.heights {
+            Heights::Given(given) => self.place.matrix3 * DVec3::from_array(given.get(i)?.map(f64::from)),
+            Heights::Made(made) => *made.get(i)?,
+        };
+        let q = match &part.uvw {
+            Some(uvw) => uvw.get(i).map_or(DVec3::ZERO, |q| DVec3::from_array(q.map(f64::from))),
+            None => {
+                let [u, v] = self.uvs.and_then(|u| u.get(i)).copied().unwrap_or_default().map(f64::from);
+                DVec3::new(u, v, self.material.w)
+            }
+        };
+        let dw = part.dw.as_ref().and_then(|d| d.get(i)).map_or(self.material.dw, |&d| f64::from(d));
         let jitter = part.jitter.as_ref().and_then(|j| j.get(i)).map_or(1.0, |&j| f64::from(j).clamp(0.0, 1.0));
-        Corner { p: place.transform_point3(p), h: place.matrix3 * heights[i], q, dw, jitter }
-    };
-    Some((0..part.positions.len()).map(corner).collect())
+        let mut corner = Corner { p, h, q, dw, jitter };
+        if [self.from, self.to] != [0.0, 1.0] {
+            (corner.p, corner.h) = (p + self.from * h, (self.to - self.from) * h);
+        }
+        if self.stretch != 1.0 {
+            (corner.h, corner.dw) = (self.stretch * corner.h, self.stretch * dw);
+        }
+        (corner.p.is_finite() && corner.h.is_finite()).then_some(corner)
+    }
+
+    /// The corners of a face; `None` where one is missing.
+    fn of<const N: usize>(&self, face: &[u32; N]) -> Option<[Corner; N]> {
+        let nowhere = Corner { p: DVec3::ZERO, h: DVec3::ZERO, q: DVec3::ZERO, dw: 1.0, jitter: 1.0 };
+        let mut found = [nowhere; N];
+        for (corner, &v) in found.iter_mut().zip(face) {
+            *corner = self.get(v)?;
+        }
+        Some(found)
+    }
+}
+
+/// A position of a part in the renderer's space.
+fn placed(place: &DAffine3, p: &[f32; 3]) -> DVec3 {
+    place.transform_point3(DVec3::from_array(p.map(f64::from)))
 }
 
 /// Height vectors in part space: as given or thickness · normal, the same at vertices that share a position.
-fn heights(part: &Part, material: &ShellMaterial, warnings: &mut Warnings) -> Vec<DVec3> {
+fn heights(part: &Part, material: &ShellMaterial, groups: &[u32], warnings: &mut Warnings) -> Vec<DVec3> {
     let n = part.positions.len();
-    let groups = by_position(part);
     let given = part.heights.as_ref().filter(|h| h.len() == n);
     let mut heights: Vec<DVec3> = match given {
         Some(h) => h.iter().map(|h| DVec3::from_array(h.map(f64::from))).collect(),
@@ -197,12 +239,12 @@ fn heights(part: &Part, material: &ShellMaterial, warnings: &mut Warnings) -> Ve
                 Some(normals) => normals.iter().map(|v| DVec3::from_array(v.map(f64::from))).collect(),
                 None => area_normals(part),
             };
-            average(&groups, &mut normals);
+            average(groups, &mut normals);
             normals.iter().map(|n| material.thickness * n.normalize_or_zero()).collect()
         }
     };
     if given.is_some() {
-        let mended = average(&groups, &mut heights);
+        let mended = average(groups, &mut heights);
         warnings.add_many(format!("{}: height vectors that differ at one position were averaged", part.name), mended);
     }
     heights
@@ -234,23 +276,6 @@ fn area_normals(part: &Part) -> Vec<DVec3> {
     normals
 }
 
-/// For each vertex the lowest vertex at the same position.
-fn by_position(part: &Part) -> Vec<u32> {
-    // −0 and 0 are one position.
-    let key = |i: u32| part.positions[i as usize].map(|v| (v + 0.0).to_bits());
-    let mut order: Vec<u32> = (0..part.positions.len() as u32).collect();
-    order.sort_unstable_by_key(|&i| (key(i), i));
-    let mut groups = vec![0u32; order.len()];
-    let mut first = 0;
-    for (k, &i) in order.iter().enumerate() {
-        if k == 0 || key(i) != key(order[k - 1]) {
-            first = i;
-        }
-        groups[i as usize] = first;
-    }
-    groups
-}
-
 /// Give all vertices of a group the mean of their vectors; how many groups' vectors differed by more than rounding.
 fn average(groups: &[u32], vectors: &mut [DVec3]) -> u64 {
     let mut sums = vec![(DVec3::ZERO, 0u32, false); vectors.len()];
@@ -268,47 +293,47 @@ fn average(groups: &[u32], vectors: &mut [DVec3]) -> u64 {
     sums.iter().filter(|s| s.2).count() as u64
 }
 
-enum Partner {
-    None,
-    /// This face and another are one convex quadrilateral prism.
-    First(Box<[Corner; 4]>),
-    /// The other one.
-    Second,
+/// For each triangle the other one with which it is one convex quadrilateral prism, or [`weld::NONE`]: pairs share their longest
+/// edge and one affine map. A tile of the ground is then one box.
+fn partners(corners: &Corners<'_>, whole: &[bool], groups: &[u32]) -> Vec<u32> {
+    let triangles = &corners.part.triangles;
+    let opposite = |(t, whole): (&[u32; 3], &bool)| {
+        let place = |v: u32| corners.part.positions.get(v as usize).map(|p| placed(&corners.place, p));
+        match t.map(place) {
+            [Some(a), Some(b), Some(c)] if !whole => opposite_longest([a, b, c]) as u8,
+            _ => u8::MAX,
+        }
+    };
+    let opposite: Vec<u8> = triangles.iter().zip(whole).map(opposite).collect();
+    let edge = |i: u32| {
+        let k = usize::from(opposite[i as usize]);
+        let end = |step: usize| groups[triangles[i as usize][(k + step) % 3] as usize];
+        (k < 3).then(|| [end(1).min(end(2)), end(1).max(end(2))])
+    };
+    let join = |i: u32, j: u32| {
+        let faces = [i, j].map(|t| corners.of(&triangles[t as usize]));
+        matches!(faces, [Some(f), Some(g)] if joined(&f, &g, corners.rounding).is_some())
+    };
+    weld::partners(triangles.len(), edge, join)
 }
 
-/// Pairs of faces that share their longest edge and one affine map: a tile of the ground is then one box.
-fn partners(part: &Part, faces: &[Option<[Corner; 3]>], groups: &[u32]) -> Vec<Partner> {
-    let mut out: Vec<Partner> = faces.iter().map(|_| Partner::None).collect();
-    // (edge, face, the corner opposite to it)
-    let mut edges: Vec<([u32; 2], usize, usize)> = Vec::new();
-    for (i, face) in faces.iter().enumerate() {
-        let Some(face) = face else { continue };
-        let length = |k: usize| face[(k + 1) % 3].p.distance_squared(face[(k + 2) % 3].p);
-        let opposite = (0..3).fold(0, |best, k| if length(k) > length(best) { k } else { best });
-        let end = |k: usize| groups[part.triangles[i][(opposite + k) % 3] as usize];
-        let (a, b) = (end(1), end(2));
-        edges.push(([a.min(b), a.max(b)], i, opposite));
-    }
-    edges.sort_unstable_by_key(|e| (e.0, e.1));
-    let mut k = 0;
-    while k + 1 < edges.len() {
-        let ((edge, i, a), (other, j, d)) = (edges[k], edges[k + 1]);
-        k += 1;
-        if edge != other {
-            continue;
-        }
-        if let (Some(f), Some(g)) = (&faces[i], &faces[j])
-            && let Some(quad) = quad([f[a], f[(a + 1) % 3], f[(a + 2) % 3]], [g[d], g[(d + 1) % 3], g[(d + 2) % 3]])
-        {
-            (out[i], out[j]) = (Partner::First(Box::new(quad)), Partner::Second);
-            k += 1;
-        }
-    }
-    out
+/// Which corner is opposite to a triangle's longest edge.
+fn opposite_longest(corners: [DVec3; 3]) -> usize {
+    let length = |k: usize| corners[(k + 1) % 3].distance_squared(corners[(k + 2) % 3]);
+    (0..3).fold(0, |best, k| if length(k) > length(best) { k } else { best })
 }
 
-/// Triangles (a, b, c) and (d, c, b), if they are one convex face with one affine map.
-fn quad([a, b, c]: [Corner; 3], [d, e, f]: [Corner; 3]) -> Option<[Corner; 4]> {
+/// Two triangles that share their longest edge, as one face, if they are one.
+fn joined(f: &[Corner; 3], g: &[Corner; 3], rounding: f64) -> Option<[Corner; 4]> {
+    let from = |face: &[Corner; 3]| {
+        let k = opposite_longest(face.map(|corner| corner.p));
+        [0, 1, 2].map(|step| face[(k + step) % 3])
+    };
+    quad(from(f), from(g), rounding)
+}
+
+/// Triangles (a, b, c) and (d, c, b), if they are one convex face with one affine map, but for the `rounding` of positions.
+fn quad([a, b, c]: [Corner; 3], [d, e, f]: [Corner; 3], rounding: f64) -> Option<[Corner; 4]> {
     let agree = [b, c, d].iter().all(|k| k.h == a.h && k.dw == a.dw) && e == c && f == b;
     if !agree {
         return None;
@@ -316,12 +341,15 @@ fn quad([a, b, c]: [Corner; 3], [d, e, f]: [Corner; 3]) -> Option<[Corner; 4]> {
     let edges = glam::DMat3::from_cols(b.p - a.p, c.p - a.p, a.h);
     let at = edges.inverse() * (d.p - a.p);
     let q = a.q + at.x * (b.q - a.q) + at.y * (c.q - a.q);
-    // Positions and coordinates come as f32: what is rounding there is the same map here.
+    // Positions and coordinates come as f32: what is rounding there is the same map here. In units of the edges, and of the height.
+    const SAME: f64 = 1e-5;
+    let across = SAME + 2.0 * rounding / edges.x_axis.length().min(edges.y_axis.length());
     let size = (b.q - a.q).abs().max_element().max((c.q - a.q).abs().max_element());
     let off = q.distance(d.q) / size.max(1e-5 * q.abs().max_element());
     let jitter = a.jitter + at.x * (b.jitter - a.jitter) + at.y * (c.jitter - a.jitter);
     let convex = at.x > 0.0 && at.y > 0.0 && at.x + at.y > 1.0;
-    (convex && at.z.abs() < 1e-5 && off < 1e-5 && (jitter - d.jitter).abs() < 1e-5).then_some([a, b, d, c])
+    let flat = at.z.abs() < SAME + 2.0 * rounding / edges.z_axis.length();
+    (convex && flat && off < across && (jitter - d.jitter).abs() < across).then_some([a, b, d, c])
 }
 
 #[cfg(test)]
@@ -352,15 +380,35 @@ mod tests {
         part
     }
 
+    fn made(part: &Part, warnings: &mut Warnings) -> Vec<ShellBox> {
+        let mut list = Vec::new();
+        boxes(part, (&shell(), [0.0, 1.0], 1.0), DAffine3::IDENTITY, None, warnings, &mut |b| list.push(b));
+        list
+    }
+
     #[test]
     fn flat_tiles_become_one_box_each() {
         let mut warnings = Warnings::default();
-        let made = boxes(&ground(4, 0.0), (&shell(), [0.0, 1.0], 1.0), DAffine3::IDENTITY, None, &mut warnings).list;
-        assert_eq!(made.len(), 16);
+        assert_eq!(made(&ground(4, 0.0), &mut warnings).len(), 16);
         assert!(warnings.is_empty());
-        let made = boxes(&ground(4, 0.3), (&shell(), [0.0, 1.0], 1.0), DAffine3::IDENTITY, None, &mut warnings).list;
-        assert_eq!(made.len(), 32);
-        assert!(made.iter().all(|b| matches!(b, ShellBox::Twisted(_))));
+        let bulging = made(&ground(4, 0.3), &mut warnings);
+        assert_eq!(bulging.len(), 32);
+        assert!(bulging.iter().all(|b| matches!(b, ShellBox::Twisted(_))));
+    }
+
+    /// Tilted tiles 3 km out, whose positions are off by up to 2^-13 m.
+    #[test]
+    fn tiles_that_rounding_bends_are_one_box() {
+        let mut part = ground(4, 0.0);
+        for p in &mut part.positions {
+            let [x, z] = [p[0] * 7.3, p[2] * 7.3];
+            *p = [3000.1 + x, 40.3 + 0.123 * x - 0.077 * z, 2900.7 + z];
+        }
+        part.heights = Some(vec![[0.3, 5.0, 0.1]; part.positions.len()]);
+        assert_eq!(made(&part, &mut Warnings::default()).len(), 16);
+        // A centimetre is no rounding.
+        part.positions.iter_mut().step_by(2).for_each(|p| p[1] += 0.01);
+        assert_eq!(made(&part, &mut Warnings::default()).len(), 32);
     }
 
     #[test]
@@ -373,7 +421,7 @@ mod tests {
         part.triangles.push([n, n + 2, n + 1]);
         part.heights = Some((0..2 * n).map(|i| [0.0, if i < n { 1.0 } else { 2.0 }, 0.0]).collect());
         let mut warnings = Warnings::default();
-        let heights = heights(&part, &shell(), &mut warnings);
+        let heights = heights(&part, &shell(), &by_position(&part), &mut warnings);
         assert!(heights.iter().all(|h| *h == DVec3::new(0.0, 1.5, 0.0)));
         assert_eq!(warnings.iter().map(|w| w.1).sum::<u64>(), 4);
     }
@@ -382,7 +430,7 @@ mod tests {
     fn without_coordinates_there_is_a_word() {
         let part = Part { uvs: vec![], ..ground(1, 0.0) };
         let mut warnings = Warnings::default();
-        assert!(boxes(&part, (&shell(), [0.0, 1.0], 1.0), DAffine3::IDENTITY, None, &mut warnings).list.is_empty());
+        assert!(made(&part, &mut warnings).is_empty());
         assert_eq!(warnings.iter().count(), 1);
     }
 }

@@ -12,12 +12,13 @@ use super::mesh::{Contact, Surface};
 use super::pixel::{ConeState, Tracer};
 use super::segments::CopySegment;
 use super::shadow::{SelfHit, ShadowCone, ShadowQuality};
+use super::shared_shadow::{LitGroup, unite};
 use super::sky::InCopy;
 use super::source_mesh::CopyRay;
 use super::surround::{of_means, of_normal};
 use super::trace::TraceEvent;
 use crate::geom::{DMat3, DVec3, Mat3, Ray, Vec3};
-use crate::march::shade::{Look, Shader};
+use crate::march::shade::{Look, MAX_FROM_MEAN, Shader};
 use crate::march::transmittance::{DepthChoice, Sink, VoxelHit};
 
 /// Contributions below this, where the display's white is 1, are not tested for shadows.
@@ -173,6 +174,8 @@ impl Tracer<'_> {
             let behind = self.sky_light_behind(front, middle, outward, width, copy);
             state.radiance += transmission * behind.irradiance(&normals);
         }
+        let air = world.surround.air(cone.ray.dir, mean);
+        let through_air = air.map_or(Vec3::ONE, |(through, _)| through);
         let start = Some(SelfHit { triangle: u32::MAX, copy: Some((hit.texel, hit.cell)) });
         let facet_size = texel.map_or(0.0, |t| t.tree.info().facet_size as f32);
         for group in &groups {
@@ -185,9 +188,15 @@ impl Tracer<'_> {
             let end = incident.distance - offset.dot(incident.dir);
             let growth = 2.0 * incident.radius;
             let cone = ShadowCone { ray, end, start, width: cone.width_at(t), growth };
-            self.add_light(state, radiance, &cone, FAINT, || cone.soft_mesh_transmittance(world));
+            if self.is_tested(radiance, FAINT) {
+                let reach = f64::from(MAX_FROM_MEAN * group.voxel) / segment.scale;
+                let radiance = through_air * radiance;
+                self.lit.push(LitGroup { light: group.light, t, reach, weight: group.weight, radiance, cone });
+            } else {
+                self.add_light(state, radiance, &cone, FAINT, || 1.0);
+            }
         }
-        state.fade(before, world.surround.air(cone.ray.dir, mean), weight);
+        state.fade(before, air, weight);
         self.groups = groups;
         self.local_light_dirs = lights;
     }
@@ -195,6 +204,21 @@ impl Tracer<'_> {
     /// What the landscape makes of the surfaces of a copy at the distance `t`, where the cone is `width` wide.
     fn look(&self, segment: &CopySegment, ray: &Ray, t: f64, width: f64) -> Look {
         self.world.look(&segment.hit, segment.coords.as_ref(), ray, (t, width))
+    }
+
+    /// Whether light that is seen is looked for by a shadow ray.
+    fn is_tested(&self, radiance: Vec3, faint: f32) -> bool {
+        self.options.shadows && radiance.max_element() * (self.options.exposure as f32).exp2() >= faint
+    }
+
+    /// Add the light of all groups that wait for their shadow rays.
+    pub(super) fn add_lit(&mut self, state: &mut ConeState<'_>) {
+        let mut lit = std::mem::take(&mut self.lit);
+        unite(&mut lit);
+        for LitGroup { radiance, cone, .. } in lit.drain(..) {
+            self.add_tested(state, radiance, &cone, cone.soft_mesh_transmittance(self.world));
+        }
+        self.lit = lit;
     }
 
     /// Add the radiance that is reflected of a light, as far as the light is seen along `cone`, where meshes leave the share
@@ -211,12 +235,17 @@ impl Tracer<'_> {
             state.radiance += radiance;
             return;
         }
-        let bright = radiance.max_element();
-        if bright * (self.options.exposure as f32).exp2() < faint {
+        if self.is_tested(radiance, faint) {
+            self.add_tested(state, radiance, cone, through());
+        } else {
             state.faint += radiance;
-            return;
         }
-        let seen = self.visibility(cone, through(), state.lod_dither);
+    }
+
+    /// Add light as far as a shadow ray finds it, where meshes leave the share `through`.
+    fn add_tested(&mut self, state: &mut ConeState<'_>, radiance: Vec3, cone: &ShadowCone, through: f32) {
+        let bright = radiance.max_element();
+        let seen = self.visibility(cone, through, state.lod_dither);
         state.radiance += seen * radiance;
         state.arrived += seen * bright;
         state.tested += bright;

@@ -242,14 +242,14 @@ impl MeshBuilder {
     pub fn build(self, materials: &[Material]) -> Mesh {
         let MeshBuilder { vertices, triangles, pieces, parts } = self;
         let bounds = |t: &Triangle| Aabb::around(t.vertices.map(|v| vertices[v as usize]));
-        let bvh = Bvh::new(&triangles.iter().map(bounds).collect::<Vec<_>>());
+        let bvh = Bvh::new(triangles.iter().map(bounds));
         let ends = parts.iter().skip(1).map(|p| p.0).chain([triangles.len()]);
         let is_card = |&(&(_, material, colors), _): &(&(usize, usize, bool), usize)| {
             materials.get(material).is_some_and(|m| m.alpha != Alpha::Opaque && (m.texture.is_some() || colors))
         };
         let of_cards = parts.iter().zip(ends).filter(is_card);
         let cards: Vec<u32> = of_cards.flat_map(|(part, end)| part.0 as u32..end as u32).collect();
-        let card_bvh = Bvh::new(&cards.iter().map(|&i| bounds(&triangles[i as usize])).collect::<Vec<_>>());
+        let card_bvh = Bvh::new(cards.iter().map(|&i| bounds(&triangles[i as usize])));
         Mesh { vertices, triangles, pieces, bvh, masks: Masks::new(materials), cards, card_bvh }
     }
 }
@@ -549,13 +549,13 @@ fn scaled_alpha(alpha: f32, scale: f32) -> f32 {
 fn through(bvh: &Bvh, ray: &Ray, t1: f64, contact: impl Fn(u32, &Shear, f64) -> Option<Contact>) -> (f32, u32) {
     let (mut through, mut met) = (1.0, 0);
     let shear = Shear::new(ray.dir);
-    let end = bvh.nearest(ray, t1, |i, t1| {
-        let Some(contact) = contact(i, &shear, t1) else { return t1 };
+    let is_open = bvh.all(ray, t1, |i| {
+        let Some(contact) = contact(i, &shear, t1) else { return true };
         through *= 1.0 - contact.alpha;
         met += 1;
-        if through <= 0.0 { -1.0 } else { t1 }
+        through > 0.0
     });
-    (if end < 0.0 { 0.0 } else { through }, met)
+    (if is_open { through } else { 0.0 }, met)
 }
 
 /// Cosine between a ray and a triangle's normal, at least .05: how much wider a cone is on the surface.

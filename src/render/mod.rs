@@ -3,6 +3,7 @@
 //! Units: world space in metres, radiance linear Rec. 709. A directional light's intensity is the irradiance on a surface
 //! that faces it; a diffuse facet reflects albedo / π · E · max(0, n·l) · visibility + albedo · sky.
 
+mod affine;
 mod air;
 mod bvh;
 mod camera;
@@ -35,6 +36,7 @@ pub mod preview;
 pub mod reference;
 mod segments;
 mod shadow;
+mod shared_shadow;
 mod shell;
 mod sky;
 mod source_lod;
@@ -47,6 +49,7 @@ mod tests;
 mod tile;
 mod tone;
 mod trace;
+mod weld;
 
 use std::path::Path;
 use std::sync::Arc;
@@ -117,7 +120,7 @@ pub fn render_with(
         let (film, counts) = film(&world, options, progress);
         let mut stats = Stats {
             counts,
-            shell_boxes: (world.boxes.len() + world.copies.len()) as u64,
+            shell_boxes: world.items() as u64,
             patches: world.patches(),
             split_patches: world.split_patches,
             times: vec![("prepare", prepared - start), ("trace", prepared.elapsed())],

@@ -3,17 +3,19 @@
 //! Based on: J. Amanatides, *Ray Tracing with Cones*, SIGGRAPH 1984; F. Neyret, *Synthesizing Verdant Landscapes using
 //! Volumetric Textures*, INRIA RR-2846, 1996 (one cone per pixel through boxes full of texels).
 //!
-//! Boxes are visited in order of where the ray enters them. Before the next box is marched, all that lies before it is
+//! Boxes and copies are visited in order of where the ray enters them. Before the next one is marched, all that lies before it is
 //! composited ([`super::events`]) and lit ([`super::lighting`]), so that the cone ends as soon as nothing comes through.
 
+use super::affine::ConeWidth;
 use super::bvh::{Pending, Sweep};
 use super::camera::Cone;
 use super::events::{Event, EventLists, EventOrigin, Recorder, composite, lead_of, sort};
 use super::lane::{FineRays, Lane};
 use super::mesh::Contact;
 use super::options::Options;
-use super::prepare::{Texel, World};
+use super::prepare::{Item, Texel, World};
 use super::segments::{BoxInterval, CopySegment, for_each_segment};
+use super::shared_shadow::LitGroup;
 use super::sky::RecentSky;
 use super::source_mesh::SourceMesh;
 use super::stats::Counts;
@@ -22,20 +24,22 @@ use crate::geom::Vec3;
 use crate::march::shade::ShadowGroup;
 use crate::march::transmittance::{DepthChoice, OPAQUE_BELOW, march};
 
-/// An interval of the ray in one layer of a box, or a blended surface, that waits for its turn.
+/// What waits for its turn, and where the ray comes to it.
 #[derive(Clone, Copy)]
-enum Waiting {
-    Box(BoxInterval),
-    BlendedSurface { index: u32, t: f64 },
+struct Waiting {
+    t0: f64,
+    what: Matter,
 }
 
-impl Waiting {
-    fn t0(&self) -> f64 {
-        match self {
-            Waiting::Box(interval) => interval.t0,
-            Waiting::BlendedSurface { t, .. } => *t,
-        }
-    }
+/// Matter on a ray's way.
+#[derive(Clone, Copy)]
+enum Matter {
+    /// An interval in one layer of a box.
+    Box(BoxInterval),
+    /// An affine copy: the item's number, and the index of its segment in the cone's list.
+    Copy { item: u32, segment: u32 },
+    /// A triangle that lets light through: its index in the cone's list.
+    BlendedSurface(u32),
 }
 
 /// Traces cones for one thread; keeps its lists from cone to cone.
@@ -56,6 +60,8 @@ pub struct Tracer<'w> {
     /// Scratch space of [`super::lighting`]: groups of one copy's voxels, and unit directions to the lights in its space.
     pub(super) groups: Vec<ShadowGroup>,
     pub(super) local_light_dirs: Vec<Vec3>,
+    /// What waits for its shadow ray.
+    pub(super) lit: Vec<LitGroup>,
     pub(super) recent_sky: RecentSky,
 }
 
@@ -101,6 +107,7 @@ impl<'w> Tracer<'w> {
             contacts: Vec::new(),
             groups: Vec::new(),
             local_light_dirs: Vec::new(),
+            lit: Vec::new(),
             recent_sky: RecentSky::new(),
         }
     }
@@ -122,7 +129,7 @@ impl<'w> Tracer<'w> {
         let (contact, fine, end) = self.meet_meshes(lane, cone);
         self.uses_fine_rays |= fine.is_some();
         let blended = &self.lists.blended;
-        let waits = |(i, surface): (usize, &Contact)| Waiting::BlendedSurface { index: i as u32, t: surface.t };
+        let waits = |(i, surface): (usize, &Contact)| Waiting { t0: surface.t, what: Matter::BlendedSurface(i as u32) };
         self.waiting.extend(blended.iter().enumerate().map(waits));
         let mut state = ConeState {
             cone,
@@ -135,6 +142,7 @@ impl<'w> Tracer<'w> {
             tested: 0.0,
         };
         self.traverse(&mut state, end);
+        self.add_lit(&mut state);
         let mut alpha = 1.0 - state.transmittance;
         if state.transmittance > OPAQUE_BELOW {
             match contact {
@@ -157,60 +165,96 @@ impl<'w> Tracer<'w> {
         let mut heap = std::mem::take(&mut self.heap);
         let mut sweep = Sweep::new(&world.shells, &cone.ray, end, &mut heap);
         while state.transmittance > OPAQUE_BELOW {
-            let waiting = &mut self.waiting;
-            let mut first = first_of(waiting);
-            while sweep.next_enter() < first.map_or(f64::INFINITY, |i| waiting[i].t0()) {
-                sweep.step(|index| {
-                    world.spans(index, &cone.ray, end, |t0, t1| {
-                        // A copy fills its box alone.
-                        let layers = world.layers_of(index).len().max(1) as u32;
-                        let interval = |layer| Waiting::Box(BoxInterval { index, layer: Some(layer), t0, t1 });
-                        waiting.extend((0..layers).map(interval));
-                    });
-                });
-                first = first_of(waiting);
+            let mut first = first_of(&self.waiting);
+            while sweep.next_enter() < first.map_or(f64::INFINITY, |i| self.waiting[i].t0) {
+                if let Some(item) = sweep.step() {
+                    self.come_to(item, cone, end);
+                    first = first_of(&self.waiting);
+                }
             }
-            let next = first.map(|i| waiting.swap_remove(i));
-            self.composite_until(state, next.map_or(f64::INFINITY, |w| w.t0()));
-            match next {
-                None => break,
-                Some(Waiting::Box(interval)) => self.march_layer(state, &interval),
-                Some(Waiting::BlendedSurface { index, t }) => {
+            let next = first.map(|i| self.waiting.swap_remove(i));
+            self.composite_until(state, next.map_or(f64::INFINITY, |w| w.t0));
+            let Some(Waiting { t0, what }) = next else { break };
+            match what {
+                Matter::Box(interval) => self.march_layer(state, &interval),
+                Matter::Copy { item, segment } => {
+                    let CopySegment { hit, .. } = self.lists.copies[segment as usize];
+                    self.enter_box(item, 0, [hit.t0, hit.t1]);
+                    self.march_copy(state, segment, state.transmittance);
+                }
+                Matter::BlendedSurface(index) => {
                     let alpha = self.lists.blended[index as usize].alpha;
-                    self.lists.events.push(Event { t, alpha, origin: EventOrigin::BlendedSurface(index) });
+                    self.lists.events.push(Event { t: t0, alpha, origin: EventOrigin::BlendedSurface(index) });
                 }
             }
         }
         self.heap = heap;
     }
 
+    /// Find where the ray is inside of an item: that then waits for its turn.
+    fn come_to(&mut self, item: u32, cone: &Cone, end: f64) {
+        let (world, waiting) = (self.world, &mut self.waiting);
+        match world.item(item) {
+            Item::Copy(number) => {
+                let width = ConeWidth { start: cone.width, growth: cone.growth };
+                if let Some(segment) = world.copies.segment(number, &cone.ray, end, width) {
+                    let copies = &mut self.lists.copies;
+                    let what = Matter::Copy { item, segment: copies.len() as u32 };
+                    waiting.push(Waiting { t0: segment.hit.t0, what });
+                    copies.push(segment);
+                }
+            }
+            Item::Box(shell) => {
+                let layers = world.layers_of(item).len() as u32;
+                shell.spans(&cone.ray, 0.0, end, |t0, t1| {
+                    let interval = |layer| BoxInterval { index: item, layer: Some(layer), t0, t1 };
+                    waiting.extend((0..layers).map(|layer| Waiting { t0, what: Matter::Box(interval(layer)) }));
+                });
+            }
+        }
+    }
+
+    /// Count an item of the scene's hierarchy that is marched.
+    fn enter_box(&mut self, index: u32, layer: u32, interval: [f64; 2]) {
+        self.counts.boxes += 1;
+        let unit = self.world.unit;
+        self.trace_event(|| TraceEvent::Box { index, layer, metres: interval.map(|t| t * unit) });
+    }
+
     /// March one layer of a box: its voxels become events.
     fn march_layer(&mut self, state: &ConeState<'_>, interval: &BoxInterval) {
         let (world, cone) = (self.world, state.cone);
-        self.counts.boxes += 1;
-        self.trace_event(|| TraceEvent::Box {
-            index: interval.index,
-            layer: interval.layer.unwrap_or(0),
-            metres: [interval.t0 * world.unit, interval.t1 * world.unit],
-        });
+        self.enter_box(interval.index, interval.layer.unwrap_or(0), [interval.t0, interval.t1]);
         let mut transmittance = state.transmittance;
         for_each_segment(world, &cone.ray, interval, &|t| cone.width_at(t), &mut |segment| {
-            let Some(Some(texel)) = world.texels.get(segment.hit.texel) else { return true };
-            let mid_width = segment.march.footprint + 0.5 * segment.march.growth * segment.march.length;
-            transmittance = match texel.source_lod(mid_width, state.lod_dither) {
-                Some(source) => {
-                    let width = cone.width_at(0.5 * (segment.hit.t0 + segment.hit.t1));
-                    self.trace_source(source, segment, width, transmittance)
-                }
-                None => self.march_voxels(texel, segment, state.lod_dither, transmittance),
-            };
+            let (copy, events) = (self.lists.copies.len(), self.lists.events.len());
+            self.lists.copies.push(*segment);
+            transmittance = self.march_copy(state, copy as u32, transmittance);
+            if self.lists.events.len() == events {
+                self.lists.copies.truncate(copy);
+            }
             transmittance > 0.0
         });
     }
 
+    /// Record what stops light in a copy, of which the ray's segment is in the cone's list, as events; returns the transmittance
+    /// after it.
+    fn march_copy(&mut self, state: &ConeState<'_>, copy: u32, before: f32) -> f32 {
+        let (world, cone, lod_dither) = (self.world, state.cone, state.lod_dither);
+        let CopySegment { hit, march, .. } = &self.lists.copies[copy as usize];
+        let Some(Some(texel)) = world.texels.get(hit.texel) else { return before };
+        let mid_width = march.footprint + 0.5 * march.growth * march.length;
+        let width = cone.width_at(0.5 * (hit.t0 + hit.t1));
+        match texel.source_lod(mid_width, lod_dither) {
+            Some(source) => self.trace_source(source, copy, width, before),
+            None => self.march_voxels(texel, copy, lod_dither, before),
+        }
+    }
+
     /// Record the triangles of a copy's source as events; returns the transmittance after them.
     /// It sees them `mid_width` wide, in units of length.
-    fn trace_source(&mut self, source: &SourceMesh, segment: &CopySegment, mid_width: f64, before: f32) -> f32 {
+    fn trace_source(&mut self, source: &SourceMesh, copy: u32, mid_width: f64, before: f32) -> f32 {
+        let segment = &self.lists.copies[copy as usize];
         let CopySegment { hit, march, .. } = segment;
         self.counts.near_copies += 1;
         self.uses_source_geometry = true;
@@ -219,7 +263,6 @@ impl<'w> Tracer<'w> {
         let end = (hit.t1 - hit.t0, march.opacity_scale);
         let last = source.mesh.nearest_scaled(&source.model, &hit.ray(), end, width, &mut self.contacts);
         self.contacts.extend(last);
-        let copy = self.lists.copies.len() as u32;
         // Facets of two layers in one place are apart by rounding alone.
         let lead = lead_of(segment.rank) * mid_width;
         let mut after = before;
@@ -229,36 +272,30 @@ impl<'w> Tracer<'w> {
             let t = hit.t0 + contact.t - lead;
             self.lists.events.push(Event { t, alpha: contact.alpha, origin });
         }
-        if !self.contacts.is_empty() {
-            self.lists.copies.push(*segment);
+        if let Some(trace) = &mut self.trace {
+            let contacts = self.contacts.len();
+            let (texel, cell, metres) = traced_copy(self.world, segment);
+            trace.push(TraceEvent::Near { texel, cell, metres, contacts, before, after });
         }
-        let (world, contacts) = (self.world, self.contacts.len());
-        self.trace_event(|| {
-            let (texel, cell, metres) = traced_copy(world, segment);
-            TraceEvent::Near { texel, cell, metres, contacts, before, after }
-        });
         after
     }
 
     /// Record the voxels of a copy that stop light as events; returns the transmittance after them.
-    fn march_voxels(&mut self, texel: &Texel, segment: &CopySegment, lod_dither: f32, before: f32) -> f32 {
+    fn march_voxels(&mut self, texel: &Texel, copy: u32, lod_dither: f32, before: f32) -> f32 {
         let EventLists { events, copies, .. } = &mut self.lists;
-        let (first, copy) = (events.len(), copies.len() as u32);
+        let (first, segment) = (events.len(), &copies[copy as usize]);
         let choice = DepthChoice { bias: self.options.depth_bias as f32, lod_dither, finest: texel.finest };
         let lead = lead_of(segment.rank) / f64::from(segment.march.dir.length());
         let mut recorder = Recorder { events, transmittance: before, copy, t0: segment.hit.t0, lead };
         let after = march(&texel.tree, &segment.march, choice, before, &mut recorder, &mut self.counts.march);
-        let recorded = &events[first..];
         if let Some(trace) = &mut self.trace {
+            let recorded = &events[first..];
             let (texel, cell, metres) = traced_copy(self.world, segment);
             let depth = recorded.iter().find_map(|e| match e.origin {
                 EventOrigin::Voxel { depth, .. } => Some(depth),
                 EventOrigin::Source { .. } | EventOrigin::BlendedSurface(_) => None,
             });
             trace.push(TraceEvent::Cell { texel, cell, metres, depth, voxels: recorded.len(), before, after });
-        }
-        if !recorded.is_empty() {
-            copies.push(*segment);
         }
         after
     }
@@ -293,7 +330,7 @@ impl<'w> Tracer<'w> {
 
 /// Index of the one that begins first.
 fn first_of(waiting: &[Waiting]) -> Option<usize> {
-    (0..waiting.len()).reduce(|best, i| if waiting[i].t0() < waiting[best].t0() { i } else { best })
+    (0..waiting.len()).reduce(|best, i| if waiting[i].t0 < waiting[best].t0 { i } else { best })
 }
 
 /// A copy as a trace names it: the texel's name, the cell, and the interval in metres.

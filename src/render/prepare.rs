@@ -3,11 +3,12 @@
 //! That space is (world − eye) / unit, with `unit` a power of two about as large as the scene. So neither where a scene
 //! lies nor how large it is changes a picture, and numbers near the camera keep their precision.
 
+use super::affine::AffineCopies;
 use super::bvh::Bvh;
 use super::camera::View;
 use super::cells;
 use super::cells::{CopyHit, TexelChoice, TexelLayer};
-use super::copies::{Copies, RigidCopy};
+use super::copies::Copies;
 use super::environment::environment;
 use super::faces;
 use super::faces::Bend;
@@ -47,6 +48,13 @@ impl Texel {
     }
 }
 
+/// An item of [`World::shells`].
+pub enum Item<'w> {
+    Box(&'w ShellBox),
+    /// Index into [`World::copies`].
+    Copy(usize),
+}
+
 /// A scene, ready for rays.
 pub struct World<'a> {
     pub scene: &'a Scene,
@@ -54,10 +62,12 @@ pub struct World<'a> {
     /// Metres in a unit of length.
     pub unit: f64,
     pub mesh: Mesh,
+    /// The boxes that no affine copy fills.
     pub boxes: Vec<ShellBox>,
     /// Bilinear patches that two prisms stand for.
     pub split_patches: u64,
-    pub copies: Copies<'a>,
+    /// Rigid copies, and after them what fills boxes alone.
+    pub copies: AffineCopies,
     /// What layers and copies make of surfaces.
     pub phongs: PhongTable,
     /// For each box, its index into `layers`.
@@ -141,6 +151,8 @@ impl<'a> World<'a> {
             }
         }
         let (lights, surround) = environment(scene, options, view.eye, unit, &mut notes)?;
+        let content = |texel: &Option<Texel>| texel.as_ref().map_or(Aabb::EMPTY, |t| t.tree.info().content);
+        let contents = texels.iter().map(content);
         let around = Aabb::new((bounds.min - view.eye) / unit, (bounds.max - view.eye) / unit);
         let mut world = World {
             scene,
@@ -148,7 +160,7 @@ impl<'a> World<'a> {
             mesh: Mesh::default(),
             boxes: Vec::new(),
             split_patches: 0,
-            copies,
+            copies: AffineCopies::new(contents),
             phongs,
             box_layers: Vec::new(),
             shells: Bvh::default(),
@@ -161,8 +173,8 @@ impl<'a> World<'a> {
             warnings: Warnings::default(),
             notes: Vec::new(),
         };
-        world.place(&mut warnings)?;
-        if world.boxes.is_empty() && world.copies.len() == 0 && world.mesh.is_empty() {
+        world.place(&copies, &mut warnings)?;
+        if world.items() == 0 && world.mesh.is_empty() {
             warnings.add("nothing to see: the scene has no triangle that could be drawn");
         }
         (world.warnings, world.notes) = (warnings, notes);
@@ -170,7 +182,9 @@ impl<'a> World<'a> {
     }
 
     /// Bring instances into the renderer's space, as triangles and boxes.
-    fn place(&mut self, warnings: &mut Warnings) -> Result<()> {
+    fn place(&mut self, copies: &Copies<'_>, warnings: &mut Warnings) -> Result<()> {
+        let mut bounds: Vec<Aabb> = copies.bounds().collect();
+        (0..copies.len()).for_each(|i| self.copies.push(copies.get(i).as_ref(), &self.phongs));
         let model = &self.scene.model;
         let mut mesh = MeshBuilder::default();
         let mut first_layers = vec![None; model.materials.len()];
@@ -196,21 +210,26 @@ impl<'a> World<'a> {
                         first
                     }
                 };
-                let before = self.boxes.len();
                 for (group, &range) in (first..).zip(&ranges) {
                     // What is wrong with a shell is said once, not for each of its ranges.
                     let mut again = Warnings::default();
                     let warnings = if group == first { &mut *warnings } else { &mut again };
-                    let made = faces::boxes(part, (shell, range.0, range.1), placed, bend.as_ref(), warnings);
+                    let layers = self.layers.get(group as usize).map_or(&[][..], Vec::as_slice);
+                    let take = &mut |shell: ShellBox| {
+                        lost += usize::from(!finite(&shell.bounds()));
+                        let (copies, phongs) = (&mut self.copies, &self.phongs);
+                        if !matches!(&shell, ShellBox::Prism(p) if copies.fill(p, layers, phongs, &mut bounds)) {
+                            self.boxes.push(shell);
+                        }
+                    };
+                    let found = faces::boxes(part, (shell, range.0, range.1), placed, bend.as_ref(), warnings, take);
                     if group == first {
-                        let folded = made.curved.iter().filter(|c| !**c).count() as u64;
+                        let folded = found.iter().filter(|c| !**c).count() as u64;
                         self.split_patches += folded + part.collapsed_patches;
-                        curved = made.curved;
+                        curved = found;
                     }
-                    self.boxes.extend(made.list);
                     self.box_layers.resize(self.boxes.len(), group);
                 }
-                lost += self.boxes[before..].iter().filter(|b| !finite(&b.bounds())).count();
             }
             if shell.is_none_or(|s| s.surface_visible) && !part.triangles.is_empty() {
                 let at = |p: &[f32; 3]| placed.transform_point3(DVec3::from_array(p.map(f64::from)));
@@ -221,11 +240,10 @@ impl<'a> World<'a> {
             return Err(Error::Options("the scene's height vectors are too large to be rendered".into()));
         }
         self.mesh = mesh.build(&model.materials);
-        let bounds: Vec<Aabb> = self.boxes.iter().map(ShellBox::bounds).chain(self.copies.bounds()).collect();
         if !bounds.iter().all(finite) {
             return Err(Error::Options("the scene's copies are too large to be rendered".into()));
         }
-        self.shells = Bvh::new(&bounds);
+        self.shells = Bvh::new(self.boxes.iter().map(ShellBox::bounds).chain(bounds));
         Ok(())
     }
 
@@ -242,24 +260,19 @@ impl<'a> World<'a> {
         self.boxes.iter().filter(|b| matches!(b, ShellBox::Patch(_))).count() as u64
     }
 
-    /// The copy that is item `index` of `shells`; `None` where that is a box, or the copy is flat.
-    pub fn copy(&self, index: u32) -> Option<RigidCopy> {
-        self.copies.get((index as usize).checked_sub(self.boxes.len())?)
+    /// Number of items of `shells`.
+    pub fn items(&self) -> usize {
+        self.boxes.len() + self.copies.len()
     }
 
-    /// The intervals of t in [0, t1] in which the ray is inside of item `index` of `shells`, in order.
-    pub fn spans(&self, index: u32, ray: &Ray, t1: f64, mut each: impl FnMut(f64, f64)) {
-        match self.boxes.get(index as usize) {
-            Some(shell) => shell.spans(ray, 0.0, t1, each),
-            None => {
-                if let Some((a, b)) = self.copy(index).and_then(|copy| copy.span(ray, t1)) {
-                    each(a, b);
-                }
-            }
-        }
+    /// What item `index` of `shells` is: a box, or the number of a copy.
+    #[inline]
+    pub fn item(&self, index: u32) -> Item<'_> {
+        let index = index as usize;
+        self.boxes.get(index).map_or_else(|| Item::Copy(index - self.boxes.len()), Item::Box)
     }
 
-    /// The layers of item `index` of `shells`; none where it is a copy.
+    /// The layers of box `index`; none where there is no such box.
     pub fn layers_of(&self, index: u32) -> &[TexelLayer] {
         let layers = self.box_layers.get(index as usize).and_then(|&group| self.layers.get(group as usize));
         layers.map_or(&[], Vec::as_slice)

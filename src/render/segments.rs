@@ -1,5 +1,4 @@
-//! A ray's way through one box of a shell, or through one rigid copy: the straight segments in the copies of texels that it
-//! passes, ready to be marched.
+//! A ray's way through one box of a shell: the straight segments in the copies of texels that it passes, ready to be marched.
 //!
 //! Based on: S. Porumbescu et al., *Shell Maps*, SIGGRAPH 2005 (a straight ray is a curve in texture space, here a chain of
 //! chords); J. Amanatides, *Ray Tracing with Cones*, SIGGRAPH 1984 (the footprint, and so how far a chord may stray).
@@ -11,10 +10,10 @@ use super::shell::{ShellBox, ShellSegment};
 use crate::geom::{DMat3, DVec3, Ray, Vec3};
 use crate::march::transmittance::MarchSegment;
 
-/// An interval of a ray in one box of the scene, or in one rigid copy.
+/// An interval of a ray in one box of the scene.
 #[derive(Debug, Clone, Copy)]
 pub struct BoxInterval {
-    /// Item of [`World::shells`].
+    /// Index into [`World::boxes`].
     pub index: u32,
     /// Index of one layer of the box; `None` for all of them, one after the other.
     pub layer: Option<u32>,
@@ -54,14 +53,7 @@ pub fn for_each_segment(
     each: &mut dyn FnMut(&CopySegment) -> bool,
 ) -> bool {
     let BoxInterval { index, layer, t0, t1 } = *interval;
-    let Some(shell) = world.boxes.get(index as usize) else {
-        let Some(copy) = world.copy(index) else { return true };
-        let matrix = copy.to_texel.matrix3;
-        let cell = CellSpace { to_cell: matrix, scale: scale_across(&matrix, ray.dir), opacity_scale: 1.0, rank: 0 };
-        let hit = copy.hit(ray, t0, t1);
-        let coords = || SurfaceCoords::of_copy(&hit, cell.scale);
-        return cell.segment(world, hit, width_at, &coords).is_none_or(|s| each(&s));
-    };
+    let Some(shell) = world.boxes.get(index as usize) else { return true };
     let layers = world.layers_of(index);
     let layers = layer.map_or(layers, |layer| layers.get(layer as usize).map_or(&[], std::slice::from_ref));
     let stray = if matches!(shell, ShellBox::Patch(_)) { MAX_BENT_STRAY } else { MAX_STRAY };
@@ -129,7 +121,7 @@ impl CellSpace {
 }
 
 /// To f32, so that what is inside of a cube's upper faces stays so: a ray along one lies in one cube only.
-fn round_inside(origin: DVec3) -> Vec3 {
+pub fn round_inside(origin: DVec3) -> Vec3 {
     let rounded = origin.as_vec3();
     Vec3::select(rounded.cmpeq(Vec3::ONE) & origin.cmplt(DVec3::ONE), Vec3::splat(1.0f32.next_down()), rounded)
 }

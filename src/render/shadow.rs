@@ -2,10 +2,11 @@
 //!
 //! Based on: J. Amanatides, *Ray Tracing with Cones*, SIGGRAPH 1984.
 
+use super::affine::ConeWidth;
 use super::cells::CopyHit;
 use super::lane::REACH;
 use super::mesh::Bundle;
-use super::prepare::World;
+use super::prepare::{Item, World};
 use super::reference::sampling::point;
 use super::segments::{BoxInterval, CopySegment, for_each_segment};
 use super::stats::Counts;
@@ -41,6 +42,7 @@ impl SelfHit {
 }
 
 /// A cone towards a light or a part of the sky.
+#[derive(Clone, Copy)]
 pub struct ShadowCone {
     pub ray: Ray,
     /// Distance to the light.
@@ -157,21 +159,30 @@ impl ShadowCone {
         if through < quality.stop_below {
             return 0.0;
         }
-        let width_at = |t: f64| self.width + self.growth * t;
-        let end = world.shells.nearest(&self.ray, self.end, |index, end| {
-            let mut open = true;
-            world.spans(index, &self.ray, end, |t0, t1| {
+        let width = ConeWidth { start: self.width, growth: self.growth };
+        let is_open = world.shells.all(&self.ray, self.end, |index| match world.item(index) {
+            Item::Copy(number) => {
+                let Some(segment) = world.copies.segment(number, &self.ray, self.end, width) else { return true };
                 counts.boxes += 1;
-                let interval = BoxInterval { index, layer: None, t0, t1 };
-                open = open
-                    && for_each_segment(world, &self.ray, &interval, &width_at, &mut |segment| {
-                        through *= self.segment_transmittance(world, segment, quality, through, counts);
-                        through >= quality.stop_below
-                    });
-            });
-            if open { end } else { -1.0 }
+                through *= self.segment_transmittance(world, &segment, quality, through, counts);
+                through >= quality.stop_below
+            }
+            Item::Box(shell) => {
+                let mut is_open = true;
+                shell.spans(&self.ray, 0.0, self.end, |t0, t1| {
+                    counts.boxes += 1;
+                    let interval = BoxInterval { index, layer: None, t0, t1 };
+                    let width_at = |t: f64| self.width + self.growth * t;
+                    is_open = is_open
+                        && for_each_segment(world, &self.ray, &interval, &width_at, &mut |segment| {
+                            through *= self.segment_transmittance(world, segment, quality, through, counts);
+                            through >= quality.stop_below
+                        });
+                });
+                is_open
+            }
         });
-        if end < 0.0 { 0.0 } else { through }
+        if is_open { through } else { 0.0 }
     }
 
     /// The share of light that one copy lets through, where `through` arrives.

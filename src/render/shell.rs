@@ -15,7 +15,7 @@ mod patch;
 mod trilinear;
 mod wall;
 
-use crate::geom::{Aabb, DMat3, DVec3, Ray};
+use crate::geom::{Aabb, DAffine3, DMat3, DVec3, Ray};
 pub use corner::{Corner, Foot, ShellPoint, ShellSegment};
 pub use patch::{PatchBox, PatchFault};
 use wall::{Crossings, RIM, Wall, quadratic, wall_plane};
@@ -44,6 +44,8 @@ pub struct Prism {
     mask_offset: f64,
     dw: f64,
     bounds: Aabb,
+    /// Of the corners' texel coordinates.
+    cover: Aabb,
 }
 
 impl Prism {
@@ -72,6 +74,7 @@ impl Prism {
         }
         let mask = inverse.transpose() * DVec3::new(b.jitter - a.jitter, c.jitter - a.jitter, 0.0);
         let bounds = Aabb::around(face.iter().flat_map(|f| [f.p, f.p + f.h]));
+        let cover = Aabb::around(face.iter().flat_map(|f| [f.q, f.q + f.dw * DVec3::Z]));
         (to_texel.is_finite() && offset.is_finite()).then_some(Prism {
             planes,
             count: 2 + face.len(),
@@ -83,6 +86,28 @@ impl Prism {
             mask_offset: a.jitter - mask.dot(a.p),
             dw: a.dw,
             bounds,
+            cover,
+        })
+    }
+
+    /// The map to texel coordinates.
+    pub fn to_texel(&self) -> DAffine3 {
+        DAffine3 { matrix3: self.to_texel, translation: self.offset }
+    }
+
+    /// The box around its texel coordinates.
+    pub fn cover(&self) -> Aabb {
+        self.cover
+    }
+
+    /// Whether the prism leaves out a part of `content`, by more than `room`: a box, and a length, in the space that `place` leads
+    /// from.
+    pub fn cuts(&self, content: &Aabb, place: &DAffine3, room: f64) -> bool {
+        let turned = place.matrix3.transpose();
+        self.planes[..self.count].iter().any(|plane| {
+            let n = turned * plane.n;
+            let farthest = n.dot(content.centre()) + n.abs().dot(0.5 * content.size());
+            farthest - (plane.c - plane.n.dot(place.translation)) > room * n.length()
         })
     }
 

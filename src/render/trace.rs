@@ -18,7 +18,7 @@ pub enum TraceEvent {
     },
     /// A layer of a shell's box.
     Box {
-        /// Number of the box in the scene.
+        /// Number of the box in the scene; copies under affine maps are counted after the boxes.
         index: u32,
         /// Number of the layer in the box.
         layer: u32,

@@ -91,7 +91,7 @@ impl<'a> Truth<'a> {
         facets.retain(|f| f.corners.iter().all(|c| c.is_finite()));
         let bounds: Vec<Aabb> = facets.iter().map(|f| Aabb::around(f.corners)).collect();
         let boxes: Vec<Aabb> = soft.iter().map(|s| s.bounds).collect();
-        Truth { bvh: Bvh::new(&bounds), facets, soft_bvh: Bvh::new(&boxes), soft, look }
+        Truth { bvh: Bvh::new(bounds), facets, soft_bvh: Bvh::new(boxes), soft, look }
     }
 
     /// Calls `found` with the soft matter on the ray's way up to `end`, in no order: from where to where.

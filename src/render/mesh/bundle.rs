@@ -150,12 +150,10 @@ impl Mesh {
         let axis = Ray { origin: bundle.origin + from * dir, dir };
         let [wide, steep] = [bundle.at, bundle.slope].map(|[a, b]| a.abs().max(b.abs()).length());
         let reach = |t: f64| wide + steep * (from.abs() + t);
-        self.card_bvh.each_near(&axis, to - from, reach, |items| {
-            for &item in items {
-                let index = self.cards[item as usize];
-                if skip != Some(index) {
-                    self.card_along(model, bundle, index, &mut each);
-                }
+        self.card_bvh.each_near(&axis, to - from, reach, |item| {
+            let index = self.cards[item as usize];
+            if skip != Some(index) {
+                self.card_along(model, bundle, index, &mut each);
             }
             true
         });

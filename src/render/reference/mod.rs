@@ -92,7 +92,7 @@ pub fn reference_with(
         let (film, halves, counts) = films(&tracer, samples.clone(), progress);
         let stats = Stats {
             counts,
-            shell_boxes: (world.boxes.len() + world.copies.len()) as u64,
+            shell_boxes: world.items() as u64,
             patches: world.patches(),
             split_patches: world.split_patches,
             times: vec![("prepare", prepared - start), ("trace", prepared.elapsed())],

@@ -2,11 +2,12 @@
 
 use crate::geom::{DMat3, DVec3, Ray, Vec3};
 use crate::march::shade::Look;
+use crate::render::affine::ConeWidth;
 use crate::render::cells::CopyHit;
 use crate::render::mesh::{Contact, Mesh, Surface};
 use crate::render::options::{Ambient, Options};
 use crate::render::phong::SurfaceCoords;
-use crate::render::prepare::World;
+use crate::render::prepare::{Item, World};
 use crate::render::shadow::SelfHit;
 use crate::render::source_mesh::{CopyRay, SourceMesh};
 use crate::render::stats::Counts;
@@ -145,15 +146,19 @@ impl<'a> Tracer<'a> {
         counts: &mut Counts,
         each: &mut dyn FnMut(&CopyHit, Space<'_>) -> bool,
     ) {
-        let Some(shell) = self.world.boxes.get(index as usize) else {
-            let copy = self.world.copy(index);
-            if let Some((copy, (from, to))) = copy.and_then(|copy| Some((copy, copy.span(ray, t1)?))) {
-                counts.boxes += 1;
-                let coords = |hit: &CopyHit| SurfaceCoords::of_copy(hit, 0.0);
-                let layer = LayerSpace { opacity_scale: 1.0, ..LayerSpace::default() };
-                each(&copy.hit(ray, from, to), Space { to_cell: &copy.to_texel.matrix3, coords: &coords, layer });
+        let shell = match self.world.item(index) {
+            Item::Box(shell) => shell,
+            Item::Copy(number) => {
+                let width = ConeWidth { start: 0.0, growth: 0.0 };
+                if let Some(segment) = self.world.copies.segment(number, ray, t1, width) {
+                    counts.boxes += 1;
+                    let coords = |hit: &CopyHit| SurfaceCoords::of_copy(hit, 0.0);
+                    let (rank, opacity_scale) = (segment.rank, segment.march.opacity_scale);
+                    let layer = LayerSpace { rank, opacity_scale, ..LayerSpace::default() };
+                    each(&segment.hit, Space { to_cell: &segment.to_texel, coords: &coords, layer });
+                }
+                return;
             }
-            return;
         };
         let tolerance = |_: f64, _: &DMat3| STRAY;
         shell.spans(ray, 0.0, t1, |from, to| {

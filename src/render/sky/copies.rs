@@ -6,8 +6,9 @@ use super::cones::{SmallShares, out_of_the_ground, shares_at};
 use super::grid::{corners, two_levels};
 use super::openness::{self, Openness};
 use crate::geom::{DVec3, Ray};
+use crate::render::affine::ConeWidth;
 use crate::render::pixel::Tracer;
-use crate::render::prepare::{Texel, World};
+use crate::render::prepare::{Item, Texel, World};
 use crate::render::segments::{BoxInterval, CopySegment, for_each_segment};
 use crate::render::shadow::LeftOut;
 use crate::render::stats::Counts;
@@ -171,22 +172,32 @@ fn near_corner(world: &World<'_>, corner: Corner, texel: usize, bias: f32) -> (O
     let ray = Ray { origin: x + size * DVec3::Y, dir: DVec3::NEG_Y };
     let mut best: Option<(f64, f64, CopySegment)> = None;
     let content = world.texels.get(texel).and_then(|t| Some(t.as_ref()?.tree.info().content));
-    world.shells.nearest(&ray, 2.0 * size, |index, end| {
-        world.spans(index, &ray, end, |t0, t1| {
-            let interval = BoxInterval { index, layer: None, t0, t1 };
-            for_each_segment(world, &ray, &interval, &|_| 0.25 * size, &mut |segment| {
-                let hit = &segment.hit;
-                let within = content.filter(|_| hit.texel == texel);
-                let within = within.and_then(|b| b.hit(hit.origin, hit.dir.recip(), 0.0, hit.t1 - hit.t0));
-                if let Some((a, b)) = within {
-                    let t = hit.t0 + 0.5 * (a + b);
-                    if best.is_none_or(|(distance, ..)| (t - size).abs() < distance) {
-                        best = Some(((t - size).abs(), t, *segment));
-                    }
+    let mut consider = |segment: &CopySegment| {
+        let hit = &segment.hit;
+        let within = content.filter(|_| hit.texel == texel);
+        let within = within.and_then(|b| b.hit(hit.origin, hit.dir.recip(), 0.0, hit.t1 - hit.t0));
+        if let Some((a, b)) = within {
+            let t = hit.t0 + 0.5 * (a + b);
+            if best.is_none_or(|(distance, ..)| (t - size).abs() < distance) {
+                best = Some(((t - size).abs(), t, *segment));
+            }
+        }
+        true
+    };
+    let (reach, width) = (2.0 * size, 0.25 * size);
+    world.shells.nearest(&ray, reach, |index, end| {
+        match world.item(index) {
+            Item::Copy(number) => {
+                let width = ConeWidth { start: width, growth: 0.0 };
+                if let Some(segment) = world.copies.segment(number, &ray, reach, width) {
+                    consider(&segment);
                 }
-                true
-            });
-        });
+            }
+            Item::Box(shell) => shell.spans(&ray, 0.0, reach, |t0, t1| {
+                let interval = BoxInterval { index, layer: None, t0, t1 };
+                for_each_segment(world, &ray, &interval, &|_| width, &mut consider);
+            }),
+        }
         end
     });
     let found = || {
