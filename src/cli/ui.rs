@@ -11,8 +11,10 @@ use indicatif::{ProgressBar, ProgressStyle};
 
 use super::progress_log::ProgressLog;
 use super::{download, flags, text};
+use crate::Warnings;
+#[cfg(feature = "bake")]
+use crate::par;
 use crate::progress::Progress;
-use crate::{Warnings, par};
 
 /// The terminal, as the commands use it.
 pub struct Ui {
@@ -129,6 +131,7 @@ thread_local! {
 ///
 /// # Errors
 /// What `f` gives; what it has printed is dropped.
+#[cfg(feature = "bake")]
 pub fn captured(f: impl FnOnce() -> crate::Result<()>) -> crate::Result<String> {
     let outer = CAPTURED.replace(Some(String::new()));
     let result = f();
@@ -137,6 +140,7 @@ pub fn captured(f: impl FnOnce() -> crate::Result<()>) -> crate::Result<String> 
 }
 
 /// [`par::with_threads`] for what prints from within: where this thread's prints are captured, they still are.
+#[cfg(feature = "bake")]
 pub fn with_threads<T: Send>(threads: usize, f: impl FnOnce() -> T + Send) -> crate::Result<T> {
     let held = CAPTURED.take();
     let (result, printed) = par::with_threads(threads, || {
