@@ -95,8 +95,10 @@ fn frames_are_stitched_by_their_numbers() {
     };
     assert!(again("0,0,50,10").contains("2 frames that were there already are kept"));
     assert!(!again("0,0,50,11").contains("kept"));
-    let error = folder.fails(1, &["stitch", "b.##.png", "a.##.png", "--frames", "3-4", "-o", "s.##.png"]);
-    assert!(error.contains("2 of 2 inputs failed"), "{error}");
+    // A line for each frame, and one for all.
+    let (code, _, error) = folder.run(&["stitch", "b.##.png", "a.##.png", "--frames", "3-4", "-o", "s.##.png"]);
+    let said = |line: &str| error.contains(line);
+    assert!(code == 1 && said("a.03.png: overlaps b.03.png") && said("2 of 2 inputs failed"), "{error}");
     let error = folder.fails(2, &["stitch", "b.03.png", "a.##.png", "--frames", "3-4", "-o", "s.##.png"]);
     assert!(error.contains("b.03.png: --frames needs a place for the number"), "{error}");
 }
