@@ -13,7 +13,7 @@ pub fn watch() {
     std::thread::spawn(move || {
         if let Some(signal) = signals.forever().next() {
             remove_parts(&|_| true);
-            super::download::remove_all();
+            super::fetched::remove_all();
             signal_hook::low_level::exit(128 + signal);
         }
     });

@@ -37,6 +37,7 @@ mod expand;
 mod export;
 #[cfg(all(feature = "bake", feature = "render"))]
 mod farm;
+mod fetched;
 mod flags;
 #[cfg_attr(not(feature = "bake"), allow(dead_code))]
 mod frames;

@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::progress_log::ProgressLog;
-use super::{download, flags, text};
+use super::{fetched, flags, text};
 use crate::Warnings;
 #[cfg(feature = "bake")]
 use crate::par;
@@ -105,13 +105,13 @@ fn watch(log: &Arc<ProgressLog>) {
 /// Write one line to stderr: `kind`, and `line` with flags for options and nothing in it that could look like another line.
 /// Where stderr is closed there is nobody to be told.
 pub fn message(kind: &str, line: &str) {
-    let _ = writeln!(std::io::stderr(), "{kind}{}", text::one_line(&download::named(&flags::named(line))));
+    let _ = writeln!(std::io::stderr(), "{kind}{}", text::one_line(&fetched::named(&flags::named(line))));
 }
 
 /// Write JSON to stdout; else as [`put`].
 pub fn put_json(value: &impl serde::Serialize) -> crate::Result<()> {
     let json = serde_json::to_string_pretty(value).map_err(|e| crate::Error::Options(format!("--json: {e}")))?;
-    write(&format!("{}\n", text::json(&download::named(&json))))
+    write(&format!("{}\n", text::json(&fetched::named(&json))))
 }
 
 /// Write a result to stdout. A reader that has gone away (`| head`) is no error: what it does not read is dropped.
@@ -119,7 +119,7 @@ pub fn put_json(value: &impl serde::Serialize) -> crate::Result<()> {
 /// # Errors
 /// `Io` where it cannot be written, on a full disk for instance.
 pub fn put(text: fmt::Arguments) -> crate::Result<()> {
-    write(&text::lines(&download::named(&text.to_string())))
+    write(&text::lines(&fetched::named(&text.to_string())))
 }
 
 thread_local! {

@@ -8,9 +8,9 @@ use std::collections::HashMap;
 
 use super::cells::{CopyHit, RIGID, TexelLayer};
 use super::copies::RigidCopy;
+use super::copy_segment::{CopySegment, round_inside};
 use super::phong::{PhongTable, SurfaceCoords};
 use super::placement::PlacedCopy;
-use super::segments::{CopySegment, round_inside};
 use super::shell::Prism;
 use crate::geom::{Aabb, DAffine3, DMat3, DVec3, Mat3, Ray, Vec3};
 use crate::march::transmittance::MarchSegment;

@@ -9,8 +9,8 @@
 
 use std::ops::Range;
 
+use super::copy_segment::CopySegment;
 use super::mesh::Contact;
-use super::segments::CopySegment;
 use crate::geom::{Ray, Vec3};
 use crate::march::transmittance::{Sink, VoxelHit};
 use crate::volume::Voxel;

@@ -7,10 +7,10 @@ use std::f32::consts::FRAC_1_PI;
 
 use super::cards::{LitPlace, MOST_LIT, openness};
 use super::cells::CopyHit;
+use super::copy_segment::CopySegment;
 use super::events::{Event, EventOrigin};
 use super::mesh::{Contact, Surface};
 use super::pixel::{ConeState, Tracer};
-use super::segments::CopySegment;
 use super::shadow::{SelfHit, ShadowCone, ShadowQuality};
 use super::shared_shadow::{LitGroup, unite};
 use super::sky::InCopy;

@@ -10,6 +10,7 @@ mod camera;
 mod cards;
 mod cells;
 mod copies;
+mod copy_segment;
 mod curved;
 mod environment;
 pub mod error;

@@ -9,14 +9,15 @@
 use super::affine::ConeWidth;
 use super::bvh::{Pending, Sweep};
 use super::camera::Cone;
+use super::copy_segment::CopySegment;
 use super::events::{Event, EventLists, EventOrigin, Recorder, composite, lead_of, sort};
 use super::lane::{FineRays, Lane};
 use super::mesh::Contact;
 use super::options::Options;
 use super::prepare::{Item, Texel, World};
-use super::segments::{BoxInterval, CopySegment, for_each_segment};
+use super::segments::{BoxInterval, for_each_segment};
 use super::shared_shadow::LitGroup;
-use super::sky::RecentSky;
+use super::sky::store::RecentSky;
 use super::source_mesh::SourceMesh;
 use super::stats::Counts;
 use super::trace::{Trace, TraceEvent};

@@ -18,7 +18,7 @@ use super::mesh::{Mesh, MeshBuilder};
 use super::options::{CameraChoice, Options, SourceLod};
 use super::phong::{PhongTable, SurfaceCoords};
 use super::shell::ShellBox;
-use super::sky::SkyLight;
+use super::sky::store::SkyLight;
 use super::source_lod::LazySource;
 use super::source_mesh::SourceMesh;
 use super::surround::Surround;

@@ -4,10 +4,11 @@
 //! chords); J. Amanatides, *Ray Tracing with Cones*, SIGGRAPH 1984 (the footprint, and so how far a chord may stray).
 
 use super::cells::{CopyHit, TexelLayer};
+use super::copy_segment::{CopySegment, round_inside};
 use super::phong::{SurfaceCoords, scale_across};
 use super::prepare::World;
 use super::shell::{ShellBox, ShellSegment};
-use crate::geom::{DMat3, DVec3, Ray, Vec3};
+use crate::geom::{DMat3, DVec3, Ray};
 use crate::march::transmittance::MarchSegment;
 
 /// An interval of a ray in one box of the scene.
@@ -19,21 +20,6 @@ pub struct BoxInterval {
     pub layer: Option<u32>,
     pub t0: f64,
     pub t1: f64,
-}
-
-/// A straight segment of a ray in one copy, ready to be marched.
-#[derive(Clone, Copy)]
-pub struct CopySegment {
-    pub hit: CopyHit,
-    pub march: MarchSegment,
-    /// World → texel, the linear part.
-    pub to_texel: DMat3,
-    /// Cube edges per unit of length across the ray.
-    pub scale: f64,
-    /// See [`TexelLayer::rank`].
-    pub rank: u32,
-    /// Where what it makes of surfaces varies.
-    pub coords: Option<SurfaceCoords>,
 }
 
 /// Distance by which a chord may stray from the ray's path, in widths of the cone.
@@ -118,10 +104,4 @@ impl CellSpace {
         let (to_texel, rank) = (hit.linear * self.to_cell, self.rank);
         Some(CopySegment { hit, march, to_texel, scale, rank, coords })
     }
-}
-
-/// To f32, so that what is inside of a cube's upper faces stays so: a ray along one lies in one cube only.
-pub fn round_inside(origin: DVec3) -> Vec3 {
-    let rounded = origin.as_vec3();
-    Vec3::select(rounded.cmpeq(Vec3::ONE) & origin.cmplt(DVec3::ONE), Vec3::splat(1.0f32.next_down()), rounded)
 }

@@ -4,11 +4,12 @@
 
 use super::affine::ConeWidth;
 use super::cells::CopyHit;
+use super::copy_segment::CopySegment;
 use super::lane::REACH;
 use super::mesh::Bundle;
 use super::prepare::{Item, World};
 use super::reference::sampling::point;
-use super::segments::{BoxInterval, CopySegment, for_each_segment};
+use super::segments::{BoxInterval, for_each_segment};
 use super::stats::Counts;
 use crate::geom::Ray;
 use crate::march::transmittance::{DepthChoice, transmittance, transmittance_from_own_matter};

@@ -114,7 +114,7 @@ mod tests {
 
     #[test]
     fn more_than_the_most_are_refused() {
-        assert!(matches!(cells(&volume(), 2, 1), Err(Error::Limit { needed: 3, allowed: 1, .. })));
+        assert!(matches!(cells(&volume(), 2, 1), Err(Error::Limit { needed: 2, allowed: 1, .. })));
     }
 
     #[test]

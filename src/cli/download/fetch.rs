@@ -2,10 +2,10 @@
 
 use std::path::{Path, PathBuf};
 
+use super::Need;
 use super::client::{Answer, Client};
 use super::url::Url;
-use super::{Need, subfolder};
-use crate::cli::Ui;
+use crate::cli::{Ui, fetched};
 use crate::progress::Progress;
 use crate::scene::files::extension;
 use crate::scene::gltf;
@@ -20,7 +20,7 @@ const LONGEST_HEAD: u64 = 1 << 20;
 /// Fetch what `text` names into `folder`, and give the file that stands for it.
 pub fn fetch(client: &mut Client, text: &str, need: Need, folder: &Path, ui: &Ui) -> Result<PathBuf> {
     let url = Url::parse(text).map_err(|what| Error::Options(format!("{text}: {what}")))?;
-    let root = subfolder(folder, &url);
+    let root = fetched::subfolder(folder, &url.text, &url.origin, &url.path);
     let mut job = Job { client, origin: &url, root: &root, ui };
     ui.stage("download", 0);
     let file = match need {

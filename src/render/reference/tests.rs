@@ -195,7 +195,8 @@ fn of_facets_in_one_place_the_upper_are_seen() {
     let blue = |over: bool| Layer { phong: Phong::tint([0.0, 0.0, 1.0]), over, ..Layer::default() };
     let alone = drawn(vec![blue(true)]);
     let over = drawn(vec![red.clone(), blue(true)]);
-    assert!(over == alone, "{}", rms(&over, &alone));
+    // The light of two layers is added up in another order.
+    assert!(rms(&over, &alone) < 1e-6, "{}", rms(&over, &alone));
     // Mixed: either by chance, half of the samples each.
     let sum = |film: &Film, k: usize| film.pixels.iter().filter(|p| p[3] > 0.0).map(|p| f64::from(p[k])).sum::<f64>();
     let (mixed, first) = (drawn(vec![red.clone(), blue(false)]), drawn(vec![red]));

@@ -2,33 +2,16 @@
 //!
 //! Based on: C. Crassin et al., *Interactive Indirect Illumination Using Voxel Cone Tracing*, Pacific Graphics 2011.
 
+use super::shares::SmallShares;
 use crate::geom::{DVec3, Ray};
 use crate::march::transmittance::DepthChoice;
 use crate::render::prepare::World;
 use crate::render::shadow::{LeftOut, ShadowCone, ShadowQuality};
 use crate::render::stats::Counts;
-use crate::render::surround::{PARTS, Part, Shares};
+use crate::render::surround::{PARTS, Part};
 
 /// Light that is less than this share of what comes from a part of the sky is left out.
 const FAINT: f32 = 0.05;
-
-/// Shares in 255ths: a grid of them takes a quarter of the memory.
-#[derive(Debug, Clone, Copy)]
-pub struct SmallShares([u8; PARTS]);
-
-impl SmallShares {
-    fn new(shares: Shares) -> SmallShares {
-        SmallShares(shares.map(|v| (255.0 * v.clamp(0.0, 1.0) + 0.5) as u8))
-    }
-
-    /// Add `weight` times these to `sum`.
-    pub fn add_to(&self, sum: &mut Shares, weight: f32) {
-        let weight = weight * (1.0 / 255.0);
-        for (s, v) in sum.iter_mut().zip(self.0) {
-            *s += weight * f32::from(v);
-        }
-    }
-}
 
 /// The share of the light from each part of the sky that comes to `x` by cones `width` wide at their start.
 pub fn shares_at(

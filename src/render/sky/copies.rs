@@ -2,14 +2,16 @@
 
 use super::InCopy;
 use super::cache::{Corner, Of};
-use super::cones::{SmallShares, out_of_the_ground, shares_at};
+use super::cones::{out_of_the_ground, shares_at};
 use super::grid::{corners, two_levels};
 use super::openness::{self, Openness};
+use super::shares::SmallShares;
 use crate::geom::{DVec3, Ray};
 use crate::render::affine::ConeWidth;
+use crate::render::copy_segment::CopySegment;
 use crate::render::pixel::Tracer;
 use crate::render::prepare::{Item, Texel, World};
-use crate::render::segments::{BoxInterval, CopySegment, for_each_segment};
+use crate::render::segments::{BoxInterval, for_each_segment};
 use crate::render::shadow::LeftOut;
 use crate::render::stats::Counts;
 use crate::render::surround::{PARTS, Shares};
@@ -74,7 +76,7 @@ impl Tracer<'_> {
                 let find = || {
                     let mut counts = Counts { sky_cones: PARTS as u64, ..Counts::default() };
                     let at = size * DVec3::from_array(at.map(f64::from));
-                    (Openness::at(texel, at, size, around, &mut counts.march), counts)
+                    (Openness::at((&texel.tree, texel.finest), at, size, around, &mut counts.march), counts)
                 };
                 let found = self.recent_sky.openness.get(corner, &world.sky.openness, find);
                 open.add(&found, (part * weight) as f32);

@@ -11,56 +11,15 @@ mod cones;
 mod copies;
 mod grid;
 mod openness;
+mod shares;
+pub mod store;
 mod surface;
 
+use super::copy_segment::CopySegment;
 use super::options::Ambient;
 use super::pixel::Tracer;
-use super::segments::CopySegment;
-use super::stats::Counts;
 use super::surround::Harmonics;
-use crate::geom::{Aabb, DVec3};
-use cache::{Cache, Recent};
-use cones::SmallShares;
-use grid::Grid;
-use openness::Openness;
-
-/// What was found so far of light from all around.
-pub struct SkyLight {
-    grid: Grid,
-    /// At places.
-    shares: Cache<SmallShares>,
-    /// Near corners of the grid; `None` where nothing is that could be lit.
-    near: Cache<Option<SmallShares>>,
-    openness: Cache<Openness>,
-}
-
-/// What a thread asked for last.
-pub struct RecentSky {
-    shares: Recent<SmallShares>,
-    near: Recent<Option<SmallShares>>,
-    openness: Recent<Openness>,
-}
-
-impl RecentSky {
-    pub fn new() -> RecentSky {
-        RecentSky { shares: Recent::new(), near: Recent::new(), openness: Recent::new() }
-    }
-}
-
-impl SkyLight {
-    /// For what lies in `bounds`, in the renderer's space.
-    pub fn new(bounds: &Aabb) -> SkyLight {
-        SkyLight { grid: Grid::new(bounds), shares: Cache::new(), near: Cache::new(), openness: Cache::new() }
-    }
-
-    /// What it took to find all that was found.
-    pub fn counts(&self) -> Counts {
-        let mut counts = self.shares.counts();
-        counts.merge(&self.near.counts());
-        counts.merge(&self.openness.counts());
-        counts
-    }
-}
+use crate::geom::DVec3;
 
 /// A place in a copy of a texel.
 #[derive(Clone, Copy)]

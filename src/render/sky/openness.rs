@@ -9,8 +9,8 @@
 use super::grid::two_levels;
 use crate::geom::{DMat3, DVec3, Vec3};
 use crate::march::transmittance::{DepthChoice, MarchSegment, MarchStats, transmittance};
-use crate::render::prepare::Texel;
 use crate::render::surround::{PARTS, Shares};
+use crate::volume::Octree;
 
 /// Edge of a cell, in widths of the cone that asks.
 const CELL: f64 = 5.0;
@@ -85,8 +85,14 @@ impl Openness {
 
     /// Of the texel's matter around `at`, in texel space, as cells of `size` cube edges can tell; together with the cells
     /// `around`, as many on either side along each axis, which hold the same.
-    pub fn at(texel: &Texel, at: DVec3, size: f64, around: [i64; 3], stats: &mut MarchStats) -> Openness {
-        let choice = DepthChoice { finest: texel.finest, ..DepthChoice::default() };
+    pub fn at(
+        (tree, finest): (&Octree, u8),
+        at: DVec3,
+        size: f64,
+        around: [i64; 3],
+        stats: &mut MarchStats,
+    ) -> Openness {
+        let choice = DepthChoice { finest, ..DepthChoice::default() };
         let most = around.iter().copied().max().unwrap_or(0) as f32;
         let stats = std::cell::RefCell::new(stats);
         let axis = |k: usize| -around[k]..=around[k];
@@ -103,7 +109,7 @@ impl Openness {
                     opacity_scale: 1.0,
                 };
                 if open > 0.0 {
-                    open *= transmittance(&texel.tree, &segment, choice, FAINT, &mut stats.borrow_mut());
+                    open *= transmittance(tree, &segment, choice, FAINT, &mut stats.borrow_mut());
                 }
             }
             open
@@ -196,9 +202,8 @@ mod tests {
         floor.set_albedo([0.5; 3]);
         let low: Vec<u64> = (0..512).filter(|&code| crate::morton::decode(code)[2] < 4).collect();
         let tree = Octree::new(sparse(3, &low, &vec![floor; low.len()], floor)).unwrap();
-        let texel = Texel { tree, finest: u8::MAX, source: None };
         let mut stats = MarchStats::default();
-        let found = Openness::at(&texel, DVec3::new(0.5, 0.5, 0.52), 1.0 / 16.0, [0; 3], &mut stats).0;
+        let found = Openness::at((&tree, u8::MAX), DVec3::new(0.5, 0.5, 0.52), 1.0 / 16.0, [0; 3], &mut stats).0;
         assert!(stats.segments == 32);
         // Of 32 directions, the two or three next to the horizon may be on either side of it.
         for (k, right) in [0.5, 0.0, 0.0, 0.75].into_iter().enumerate() {
@@ -211,10 +216,9 @@ mod tests {
     fn cells_of_cyclic_texels_have_no_borders() {
         let voxel = Voxel { rate: crate::volume::voxel::encode_rate(1.0), ..Voxel::default() };
         let tree = Octree::new(sparse(3, &(0..512).collect::<Vec<_>>(), &vec![voxel; 512], voxel)).unwrap();
-        let texel = Texel { tree, finest: u8::MAX, source: None };
         let sum = |x: f64, around| {
             let at = DVec3::new(x, 0.5, 0.9);
-            Openness::at(&texel, at, 1.0 / 16.0, around, &mut MarchStats::default()).0[0]
+            Openness::at((&tree, u8::MAX), at, 1.0 / 16.0, around, &mut MarchStats::default()).0[0]
         };
         let [middle, border] = [0.5, 0.05].map(|x| sum(x, [1, 1, 0]));
         assert!((middle - border).abs() < 0.01, "{middle} {border}");

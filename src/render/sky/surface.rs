@@ -4,8 +4,9 @@
 //! beside it; and the trees on it hide much of what is seen from above.
 
 use super::cache::{Corner, Of};
-use super::cones::{SmallShares, out_of_the_ground, shares_at};
+use super::cones::{out_of_the_ground, shares_at};
 use super::grid::corners;
+use super::shares::SmallShares;
 use crate::geom::{DVec3, Ray};
 use crate::render::pixel::Tracer;
 use crate::render::prepare::World;

@@ -13,9 +13,6 @@ use super::check_memory;
 use super::pages::{Layout, MAX_RATIO, Pages, broken};
 use crate::{Error, Result};
 
-/// Number of the method in a page's tags.
-pub const METHOD: u16 = 34925;
-
 /// Tags that say how samples lie in strips or tiles.
 const LAYOUT: [Tag; 12] = [
     Tag::ImageWidth,

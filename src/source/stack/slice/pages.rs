@@ -11,7 +11,6 @@ use tiff::tags::{Tag, Type, ValueBuffer};
 use tiff::{ColorType, TiffUnsupportedError};
 
 use super::description::{Description, Resolution};
-use super::lzma::METHOD;
 use super::{About, Sink, Slice, check_memory, check_size};
 use crate::source::stack::choice::Choice;
 use crate::source::stack::coding::{Coding, Kind, rgb_of_ycbcr};
@@ -21,6 +20,9 @@ use crate::{Error, Result};
 const MAX_PAGE: usize = 1 << 32;
 /// Bytes of samples per byte of the file, which no packing of real pages exceeds.
 pub(super) const MAX_RATIO: usize = 8 * 1032;
+
+/// Number of the method in a page's tags.
+const LZMA: u16 = 34925;
 
 /// The pages of a file, at one of which its decoder stands.
 pub(super) struct Pages<'a> {
@@ -238,7 +240,7 @@ impl Pages<'_> {
         let taken = size.saturating_add(kept) as u64;
         check_memory(self.choice, self.path, taken)?;
         let mut decoded = DecodingResult::U8(Vec::new());
-        if self.decoder.find_tag_unsigned::<u16>(Tag::Compression).map_err(&wrong)? == Some(METHOD) {
+        if self.decoder.find_tag_unsigned::<u16>(Tag::Compression).map_err(&wrong)? == Some(LZMA) {
             let file = self.unpacked(page, &layout, taken)?;
             decoder(self.path, &file, self.choice.memory)?.read_image_to_buffer(&mut decoded).map_err(&wrong)?;
         } else {

@@ -161,6 +161,18 @@ struct Reader<'a> {
     axiom: bool,
 }
 
+impl python::Context for Reader<'_> {
+    fn string(&mut self, cursor: &mut Cursor, own: &[String]) -> Parsed<Vec<Module>> {
+        Reader::string(self, cursor, own)
+    }
+    fn names<'n>(&'n self, own: &'n [String]) -> Names<'n> {
+        Reader::names(self, own)
+    }
+    fn constant(&self, name: &str) -> Option<f64> {
+        self.grammar.constants.get(name).copied()
+    }
+}
+
 /// Read a file. `define`: values in place of its own constants of these names.
 pub fn grammar(text: &str, define: &BTreeMap<String, f64>) -> Parsed<Grammar> {
     let (own, window) = text.split_once(WINDOW).unwrap_or((text, ""));

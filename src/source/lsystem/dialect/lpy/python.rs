@@ -1,9 +1,8 @@
 //! The Python of L-Py's rules that is read: lines by their indentation, `if`, variables, `produce` and `nproduce`. Each way
 //! through a rule becomes a production of its own, that requires what the way does.
 
-use super::Reader;
 use crate::source::lsystem::expr::{Binary, Expr, Unary};
-use crate::source::lsystem::expr_parser;
+use crate::source::lsystem::expr_parser::{self, Names};
 use crate::source::lsystem::grammar::Module;
 use crate::source::lsystem::lexer::{Char, Cursor, Parsed};
 use crate::source::lsystem::parser::START_OF_FILE;
@@ -22,6 +21,16 @@ const STATEMENTS: [&str; 17] = [
     "def", "class", "for", "while", "try", "with", "return", "global", "print", "assert", "lambda", "raise", "del",
     "yield", "async", "group", "endgroup",
 ];
+
+/// The file that a rule stands in.
+pub trait Context {
+    /// Symbols with parameters, to the end; `own`: the names that the rule knows.
+    fn string(&mut self, cursor: &mut Cursor, own: &[String]) -> Parsed<Vec<Module>>;
+    /// What names stand for in an expression.
+    fn names<'n>(&'n self, own: &'n [String]) -> Names<'n>;
+    /// The file's own constant of that name.
+    fn constant(&self, name: &str) -> Option<f64>;
+}
 
 /// A line without its indentation and its end; what is within open parentheses goes on with it.
 #[derive(Debug, Clone, Default)]
@@ -122,7 +131,7 @@ impl Node {
 
 /// The ways through a rule with the parameters `own`: what stands after its colon, and the lines below it. Those on which
 /// nothing is produced are no ways: there the next rule is tried.
-pub fn paths(reader: &mut Reader, own: &[String], first: &Line, below: &[Line]) -> Parsed<Vec<Path>> {
+pub fn paths(reader: &mut dyn Context, own: &[String], first: &Line, below: &[Line]) -> Parsed<Vec<Path>> {
     let mut all = Vec::with_capacity(below.len() + 1);
     if first.chars.iter().any(|c| !c.c.is_whitespace()) {
         if let Some(c) = below.first().and_then(|l| l.chars.first()) {
@@ -263,14 +272,14 @@ fn target(cursor: &mut Cursor) -> Option<(String, Option<Binary>)> {
 }
 
 /// Walks the ways through a rule.
-struct Walk<'r, 'a> {
-    reader: &'r mut Reader<'a>,
+struct Walk<'r> {
+    reader: &'r mut dyn Context,
     out: Vec<Path>,
     /// Parts that were walked over.
     visits: usize,
 }
 
-impl Walk<'_, '_> {
+impl Walk<'_> {
     /// Go on with what is left of the blocks, the innermost last; `branches` were taken on the way.
     fn on(&mut self, mut blocks: Vec<&[Node]>, mut path: Path, branches: usize) -> Parsed<()> {
         while let Some(inner) = blocks.pop() {
@@ -327,8 +336,8 @@ impl Walk<'_, '_> {
         let Some(op) = op else { return Ok(value) };
         let before = match path.names.iter().rposition(|n| n == name) {
             Some(i) => Expr::Parameter(i),
-            None => match (self.reader.grammar.constants.get(name), text.first()) {
-                (Some(value), _) => Expr::Number(*value),
+            None => match (self.reader.constant(name), text.first()) {
+                (Some(value), _) => Expr::Number(value),
                 (None, Some(at)) => return Err(at.fault(format!("{name} has no value yet"))),
                 (None, None) => return Ok(value),
             },
@@ -337,7 +346,7 @@ impl Walk<'_, '_> {
     }
 }
 
-fn expression(reader: &Reader, text: &[Char], path: &Path) -> Parsed<Expr> {
+fn expression(reader: &dyn Context, text: &[Char], path: &Path) -> Parsed<Expr> {
     let at = text.first().copied().unwrap_or(START_OF_FILE);
     let mut cursor = Cursor::new(text, at);
     let value = expr_parser::parse(&mut cursor, &reader.names(&path.names))?;
