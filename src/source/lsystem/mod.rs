@@ -15,6 +15,7 @@ mod grammar;
 mod lexer;
 mod parser;
 mod plant;
+mod predecessor;
 mod program;
 #[cfg(test)]
 mod tests;

@@ -7,6 +7,7 @@ use super::expr::Expr;
 use super::expr_parser::{self, Names, Syntax};
 use super::grammar::{Grammar, Module, Pattern, Production};
 use super::lexer::{Char, Cursor, Parsed, characters, is_symbol, shown};
+use super::predecessor;
 
 /// Brackets within brackets in a right context.
 const MOST_NESTED: usize = 64;
@@ -196,7 +197,9 @@ impl Reader {
         }
         let mut parameters = Vec::new();
         let before = Char { column: arrow.column.saturating_sub(1), ..arrow };
-        let (left, predecessor, right) = self.predecessor(parts[0], before, &mut parameters)?;
+        let first = parts[0].iter().position(|c| c.c == '>');
+        let (left, predecessor, right) =
+            predecessor::parse(parts[0], before, first, |cursor| patterns(cursor, &mut parameters, &self.grammar))?;
         let names = Names::new(Syntax::Book, &self.grammar.constants, &parameters);
         let condition = match parts.get(1) {
             Some(text) => condition(&mut Cursor::new(text, before), &names)?,
@@ -227,46 +230,6 @@ impl Reader {
             self.grammar.homomorphism.add(production);
         }
         Ok(())
-    }
-
-    /// `left < predecessor > right`.
-    fn predecessor(
-        &self,
-        chars: &[Char],
-        before: Char,
-        parameters: &mut Vec<String>,
-    ) -> Parsed<(Vec<Pattern>, Pattern, Vec<Pattern>)> {
-        let less = chars.iter().position(|c| c.c == '<');
-        let more = chars.iter().position(|c| c.c == '>').filter(|&m| less.is_none_or(|l| l < m));
-        let from = less.map_or(0, |l| l + 1);
-        let end = more.unwrap_or(chars.len());
-        let mut part = |chars: &[Char], context: bool| {
-            let mut cursor = Cursor::new(chars, before);
-            cursor.skip_space();
-            let place = cursor.place();
-            if context && cursor.take('*') {
-                return if cursor.at_end() { Ok(Vec::new()) } else { Err(cursor.unexpected("the end of the context")) };
-            }
-            let list = patterns(&mut cursor, parameters, &self.grammar)?;
-            if list.is_empty() {
-                return Err(place.fault(format!("{} where a symbol should be", shown(place.c))));
-            }
-            Ok(list)
-        };
-        let left = less.map_or(Ok(Vec::new()), |l| part(&chars[..l], true))?;
-        let middle = part(&chars[from..end], false)?;
-        let right = more.map_or(Ok(Vec::new()), |m| part(&chars[m + 1..], true))?;
-        let at = |i: usize| chars.iter().skip(i).find(|c| !c.c.is_whitespace()).copied().unwrap_or(before);
-        if let Some(p) = left.iter().position(|p| matches!(p.symbol, '[' | ']')) {
-            return Err(at(p).fault("a left context is a path without branches"));
-        }
-        match middle[..] {
-            [p] if !matches!(p.symbol, '[' | ']') => Ok((left, p, right)),
-            [_] => Err(at(from).fault("a bracket cannot be rewritten")),
-            _ => {
-                Err(at(from).fault("one symbol is rewritten at a time; its neighbours stand before '<' and after '>'"))
-            }
-        }
     }
 
     pub fn finish(self) -> Parsed<Grammar> {

@@ -6,6 +6,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use crate::source::lsystem::expr_parser::{self, Names};
 use crate::source::lsystem::grammar::{Module, Pattern};
 use crate::source::lsystem::lexer::{Char, Cursor, Parsed, shown};
+use crate::source::lsystem::predecessor::{self, Predecessor};
 
 /// First of the symbols that words stand for: the private use area that no text has a reason to use.
 const FIRST_WORD: u32 = 0xF_0000;
@@ -150,9 +151,6 @@ pub fn patterns(cursor: &mut Cursor, symbols: &Symbols, parameters: &mut Vec<Str
     }
 }
 
-/// Patterns of a predecessor with its contexts: left, itself, right.
-pub type Predecessor = (Vec<Pattern>, Pattern, Vec<Pattern>);
-
 /// `left < predecessor > right`; a context may be `*`. `before` is where it stands if it holds nothing.
 pub fn predecessor(
     chars: &[Char],
@@ -160,32 +158,6 @@ pub fn predecessor(
     symbols: &Symbols,
     parameters: &mut Vec<String>,
 ) -> Parsed<Predecessor> {
-    let less = chars.iter().position(|c| c.c == '<');
-    let more = chars.iter().rposition(|c| c.c == '>').filter(|&m| less.is_none_or(|l| l < m));
-    let (from, end) = (less.map_or(0, |l| l + 1), more.unwrap_or(chars.len()));
-    let mut part = |chars: &[Char], context: bool| {
-        let mut cursor = Cursor::new(chars, before);
-        cursor.skip_space();
-        let place = cursor.place();
-        if context && cursor.take('*') {
-            return if cursor.at_end() { Ok(Vec::new()) } else { Err(cursor.unexpected("the end of the context")) };
-        }
-        let list = patterns(&mut cursor, symbols, parameters)?;
-        if list.is_empty() {
-            return Err(place.fault(format!("{} where a symbol should be", shown(place.c))));
-        }
-        Ok(list)
-    };
-    let left = less.map_or(Ok(Vec::new()), |l| part(&chars[..l], true))?;
-    let middle = part(&chars[from..end], false)?;
-    let right = more.map_or(Ok(Vec::new()), |m| part(&chars[m + 1..], true))?;
-    let at = |i: usize| chars.iter().skip(i).find(|c| !c.c.is_whitespace()).copied().unwrap_or(before);
-    if let Some(p) = left.iter().position(|p| matches!(p.symbol, '[' | ']')) {
-        return Err(at(p).fault("a left context is a path without branches"));
-    }
-    match middle[..] {
-        [p] if !matches!(p.symbol, '[' | ']') => Ok((left, p, right)),
-        [_] => Err(at(from).fault("a bracket cannot be rewritten")),
-        _ => Err(at(from).fault("one symbol is rewritten at a time; its neighbours stand before '<' and after '>'")),
-    }
+    let last = chars.iter().rposition(|c| c.c == '>');
+    predecessor::parse(chars, before, last, |cursor| patterns(cursor, symbols, parameters))
 }

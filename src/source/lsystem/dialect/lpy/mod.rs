@@ -22,6 +22,7 @@ use crate::source::lsystem::expr_parser::{self, Names, Syntax};
 use crate::source::lsystem::grammar::{Considered, Grammar, Module, Production, Recursion, Surface};
 use crate::source::lsystem::lexer::{Char, Comments, Cursor, Parsed, characters_but};
 use crate::source::lsystem::parser::START_OF_FILE;
+use crate::source::lsystem::predecessor::Predecessor;
 use python::Line;
 
 /// Depth of an interpretation or decomposition: more is recursion without an end.
@@ -430,7 +431,7 @@ impl Reader<'_> {
         Ok(())
     }
 
-    fn predecessor(&mut self, chars: &[Char], at: Char, own: &mut Vec<String>) -> Parsed<super::symbols::Predecessor> {
+    fn predecessor(&mut self, chars: &[Char], at: Char, own: &mut Vec<String>) -> Parsed<Predecessor> {
         for (a, b) in [('<', '<'), ('>', '>')] {
             if let Some(pair) = chars.windows(2).find(|w| w[0].c == a && w[1].c == b) {
                 return Err(pair[0].fault("contexts in the new string, << and >>, are not read"));
