@@ -104,13 +104,9 @@ fn let_through(model: &mut Model, info: &Info) {
         let through = mean_transmission(&params);
         let share = through.element_sum() / (mean + through).element_sum();
         if share > 0.0 {
-            let [r, g, b, _] = material.base_color;
-            material.transmission = Some(Box::new(Transmission {
-                factor: share,
-                factor_texture: None,
-                color: [r, g, b],
-                color_texture: material.texture.clone(),
-            }));
+            let color = [1.0; 3];
+            let through = Transmission { factor: share, color, of_base: true, ..Transmission::default() };
+            material.transmission = Some(Box::new(through));
         }
     }
 }
@@ -126,7 +122,7 @@ pub fn restyle(model: &mut Model, palette: &Palette) {
         let [r, g, b] = style.of(Vec3::new(r, g, b)).to_array();
         material.finish = style.finish;
         material.base_color = [r, g, b, alpha];
-        if let Some(through) = &mut material.transmission {
+        if let Some(through) = material.transmission.as_mut().filter(|through| !through.of_base) {
             through.color = style.of(Vec3::from_array(through.color)).to_array();
             // A new colour is that of both sides.
             through.color_texture = through.color_texture.take().filter(|_| style.keep);
@@ -197,6 +193,9 @@ mod tests {
         let (reflected, through) = leaf.unwrap().split([0.5, 0.8, 0.1], &|_| [1.0; 4]);
         let near = |a: [f32; 3], b: [f32; 3]| (0..3).all(|k| (a[k] - b[k]).abs() < 1e-6);
         assert!(near(reflected, [0.3, 0.48, 0.06]) && near(through, [0.2, 0.32, 0.04]), "{reflected:?} {through:?}");
+        // A vertex colour is in both.
+        let (reflected, through) = leaf.unwrap().split([0.05, 0.4, 0.0], &|_| [1.0; 4]);
+        assert!(near(reflected, [0.03, 0.24, 0.0]) && near(through, [0.02, 0.16, 0.0]), "{reflected:?} {through:?}");
     }
 
     #[test]

@@ -412,7 +412,7 @@ fn a_half_shadow_is_what_is_left_of_the_disc() {
 /// A level sheet in the air is lit from above on one side and from below on the other, and light from below comes through it.
 #[test]
 fn a_sheet_is_lit_from_both_sides() {
-    let leaf = Transmission { factor: 0.4, factor_texture: None, color: [1.0; 3], color_texture: None };
+    let leaf = Transmission { factor: 0.4, color: [1.0; 3], ..Transmission::default() };
     let sheet = Material { base_color: [0.5, 0.5, 0.5, 1.0], transmission: Some(Box::new(leaf)), ..Default::default() };
     let sheet = dark(scene(vec![square(1.0, 1.0, 0)], vec![sheet], vec![DAffine3::IDENTITY]));
     for eye in [3.0, -3.0] {

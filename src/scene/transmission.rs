@@ -16,6 +16,8 @@ pub struct Transmission {
     pub color: [f32; 3],
     /// Its colour multiplies the colour.
     pub color_texture: Option<TextureRef>,
+    /// The base colour of the place multiplies the colour, vertex colours and all: what comes through looks as what is reflected.
+    pub of_base: bool,
 }
 
 impl Transmission {
@@ -23,6 +25,7 @@ impl Transmission {
     pub fn split(&self, base: [f32; 3], sample: &dyn Fn(&TextureRef) -> [f32; 4]) -> ([f32; 3], [f32; 3]) {
         let share = self.factor * self.factor_texture.as_ref().map_or(1.0, |t| sample(t)[3]);
         let texture = self.color_texture.as_ref().map_or([1.0; 4], sample);
-        (base.map(|c| (1.0 - share) * c), [0, 1, 2].map(|k| share * self.color[k] * texture[k]))
+        let own = if self.of_base { base } else { [1.0; 3] };
+        (base.map(|c| (1.0 - share) * c), [0, 1, 2].map(|k| share * self.color[k] * texture[k] * own[k]))
     }
 }

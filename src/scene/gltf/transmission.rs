@@ -48,5 +48,6 @@ pub fn read(
         factor_texture: texture(json.diffuse_transmission_texture)?,
         color: color.map(|c| c as f32),
         color_texture: texture(json.diffuse_transmission_color_texture)?,
+        of_base: false,
     }))
 }
