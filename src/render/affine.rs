@@ -87,6 +87,11 @@ impl AffineCopies {
         self.list.len()
     }
 
+    /// Make room for so many more.
+    pub fn reserve(&mut self, count: usize) {
+        self.list.reserve_exact(count);
+    }
+
     /// Add a rigid copy; `None` stands for one that has no volume. `phongs`: the scene's.
     pub fn push(&mut self, copy: Option<&RigidCopy>, phongs: &PhongTable) {
         let kind = |c: &RigidCopy| {

@@ -183,7 +183,12 @@ impl<'a> World<'a> {
 
     /// Bring instances into the renderer's space, as triangles and boxes.
     fn place(&mut self, copies: &Copies<'_>, warnings: &mut Warnings) -> Result<()> {
-        let mut bounds: Vec<Aabb> = copies.bounds().collect();
+        // The boxes of rigid copies are worked out again where they are needed: kept, those of a million take 50 MB.
+        if !copies.bounds().all(|b| finite(&b)) {
+            return Err(Error::Options("the scene's copies are too large to be rendered".into()));
+        }
+        let mut filled = Vec::new();
+        self.copies.reserve(copies.len());
         (0..copies.len()).for_each(|i| self.copies.push(copies.get(i).as_ref(), &self.phongs));
         let model = &self.scene.model;
         let mut mesh = MeshBuilder::default();
@@ -218,7 +223,7 @@ impl<'a> World<'a> {
                     let take = &mut |shell: ShellBox| {
                         lost += usize::from(!finite(&shell.bounds()));
                         let (copies, phongs) = (&mut self.copies, &self.phongs);
-                        if !matches!(&shell, ShellBox::Prism(p) if copies.fill(p, layers, phongs, &mut bounds)) {
+                        if !matches!(&shell, ShellBox::Prism(p) if copies.fill(p, layers, phongs, &mut filled)) {
                             self.boxes.push(shell);
                         }
                     };
@@ -240,10 +245,10 @@ impl<'a> World<'a> {
             return Err(Error::Options("the scene's height vectors are too large to be rendered".into()));
         }
         self.mesh = mesh.build(&model.materials);
-        if !bounds.iter().all(finite) {
+        if !filled.iter().all(finite) {
             return Err(Error::Options("the scene's copies are too large to be rendered".into()));
         }
-        self.shells = Bvh::new(self.boxes.iter().map(ShellBox::bounds).chain(bounds));
+        self.shells = Bvh::new(self.boxes.iter().map(ShellBox::bounds).chain(copies.bounds()).chain(filled));
         Ok(())
     }
 

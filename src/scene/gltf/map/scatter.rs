@@ -4,6 +4,7 @@
 //! *Dart Throwing on Surfaces*, CGF 2009.
 
 use std::collections::HashMap;
+use std::hash::{BuildHasherDefault, Hasher};
 
 use super::surface::Face;
 use crate::geom::{Aabb, DVec3};
@@ -108,7 +109,36 @@ impl Target {
 /// Discs that keep a distance from each other, in a grid of cells as wide as the largest.
 pub struct Discs {
     cell: f64,
-    cells: HashMap<[i64; 3], Vec<(DVec3, f64)>>,
+    cells: HashMap<[i64; 3], Vec<(DVec3, f64)>, BuildHasherDefault<CellHasher>>,
+    /// The largest radius so far.
+    largest: f64,
+}
+
+/// Hashes cells by a multiplication for each number: a million copies look up as many millions of cells as there are darts, and
+/// nobody chooses cells so that they meet. (Knuth, *The Art of Computer Programming* 3, 6.4.)
+#[derive(Default)]
+struct CellHasher(u64);
+
+impl Hasher for CellHasher {
+    fn finish(&self) -> u64 {
+        self.0
+    }
+
+    fn write(&mut self, bytes: &[u8]) {
+        bytes.iter().for_each(|&byte| self.write_u64(byte.into()));
+    }
+
+    fn write_u64(&mut self, number: u64) {
+        self.0 = (self.0.rotate_left(26) ^ number).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+    }
+
+    fn write_i64(&mut self, number: i64) {
+        self.write_u64(number as u64);
+    }
+
+    fn write_usize(&mut self, number: usize) {
+        self.write_u64(number as u64);
+    }
 }
 
 /// Darts thrown per disc that is wanted before the ground counts as full. At the least distance that `copies` asks for, three
@@ -119,7 +149,7 @@ impl Discs {
     /// `largest`: the largest radius that will come, metres.
     pub fn new(largest: f64) -> Discs {
         let cell = if largest > 0.0 && largest.is_finite() { 2.0 * largest } else { 1.0 };
-        Discs { cell, cells: HashMap::new() }
+        Discs { cell, cells: HashMap::default(), largest: f64::NEG_INFINITY }
     }
 
     fn cell_of(&self, p: DVec3) -> [i64; 3] {
@@ -129,21 +159,21 @@ impl Discs {
     /// `radius` may be negative: then others come nearer than their own.
     pub fn insert(&mut self, p: DVec3, radius: f64) {
         let cell = self.cell_of(p);
+        self.largest = self.largest.max(radius);
         self.cells.entry(cell).or_default().push((p, radius));
     }
 
     /// Whether a disc there would keep the sum of the radii from all others.
     fn is_free(&self, p: DVec3, radius: f64) -> bool {
-        let [x, y, z] = self.cell_of(p);
-        let near = |[a, b, c]: [i64; 3]| self.cells.get(&[a, b, c]).map_or(&[][..], Vec::as_slice);
-        (-1..=1).all(|i: i64| {
-            (-1..=1).all(|j: i64| {
-                (-1..=1).all(|k: i64| {
-                    let cell = [x.saturating_add(i), y.saturating_add(j), z.saturating_add(k)];
-                    near(cell).iter().all(|&(q, r)| p.distance(q) >= radius + r)
-                })
-            })
-        })
+        // No farther than this a disc can be in the way: at most two cells along an axis where discs are small.
+        let reach = (radius + self.largest).max(0.0);
+        let (low, own, high) = (self.cell_of(p - reach), self.cell_of(p), self.cell_of(p + reach));
+        let cells = |k: usize| low[k].max(own[k].saturating_sub(1))..=high[k].min(own[k].saturating_add(1));
+        let free = |cell: [i64; 3]| {
+            let discs = self.cells.get(&cell).map_or(&[][..], Vec::as_slice);
+            discs.iter().all(|&(q, r)| p.distance(q) >= radius + r)
+        };
+        cells(0).all(|x| cells(1).all(|y| cells(2).all(|z| free([x, y, z]))))
     }
 
     /// Up to `count` more points of `target`, each `radius` and the other's from every other.
