@@ -215,6 +215,27 @@ fn kinds_have_weights_and_sizes() {
     assert_ne!(places(1), places(2));
 }
 
+/// Tints that vary over the land are noise of the copies' material, and no copy has one of its own; shells say the same.
+#[test]
+fn tints_in_patches_are_noise() {
+    let dir = folder();
+    for how in ["--density 0.1/m2", "--bend"] {
+        vtex(dir.path(), &format!("{GROUND} {how} --tint 0.5,1,1..1,2,1 --tint-patches 40 --seed 3")).success();
+        let scene = read(dir.path());
+        assert!(scene.copies.iter().all(|s| s.tints.is_empty()));
+        let of_copies = scene.copies.iter().flat_map(|s| &s.variants).map(|v| &v.phong);
+        let layers = scene.model.materials.iter().filter_map(|m| m.shell.as_ref()).flat_map(|s| &s.layers);
+        let phongs: Vec<_> = of_copies.chain(layers.map(|l| &l.phong)).collect();
+        assert!(!phongs.is_empty());
+        for phong in phongs {
+            let noise = phong.variations[0].noise.as_ref().unwrap();
+            assert_eq!(noise.diffuse, [[0.5, 1.0, 1.0], [1.0, 2.0, 1.0]]);
+            assert_eq!(noise.space, vtex::scene::phong::NoiseSpace::World);
+            assert_eq!(noise.noise.frequency.to_array(), [1.0 / 40.0, 0.0, 1.0 / 40.0]);
+        }
+    }
+}
+
 #[test]
 fn what_is_wrong_is_one_line() {
     let dir = folder();
@@ -242,6 +263,8 @@ fn what_is_wrong_is_one_line() {
         ("--weight 0", 2, "above 0"),
         ("--bend --slope 0..10", 2, "--slope is for rigid copies"),
         ("--tint #12", 2, "not a colour"),
+        ("--tint-patches 5", 2, "--tint"),
+        ("--tint #808080..#ffffff --tint-patches 0", 2, "above 0"),
     ] {
         let assert = vtex(dir.path(), &format!("{GROUND} {line}")).code(code);
         let error = String::from_utf8(assert.get_output().stderr.clone()).unwrap();

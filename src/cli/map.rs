@@ -78,6 +78,9 @@ pub struct Args {
     /// Multiply each copy's colours by one between these two
     #[arg(long, value_name = "COLOUR..COLOUR", value_parser = ramp)]
     tint: Option<[[f64; 3]; 2]>,
+    /// Vary --tint over the land, in patches so wide, and not from copy to copy
+    #[arg(long, value_name = "METRES", requires = "tint", value_parser = finite)]
+    tint_patches: Option<f64>,
     /// Place rigid copies where a .csv says: x (east), y (north) [, z (up)], size (metres high), scale, turn (degrees), tint
     /// (#rrggbb), texel, by the names in its first line; where z is missing, on the ground
     #[arg(long, value_name = "FILE", conflicts_with_all = ["density", "density_map", "slope", "altitude", "inset"])]
@@ -253,6 +256,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
         sizes: args.sizes.clone(),
         arrangement: preset.arrangement,
         tint: args.tint,
+        tint_patches: args.tint_patches,
         points: args.points.clone().map(|path| PointsTable {
             path,
             up: if matches!(args.points_up, PointsAxis::Y) { PointsUp::Y } else { PointsUp::Z },

@@ -46,6 +46,8 @@ pub struct MapOptions {
     pub arrangement: Arrangement,
     /// Each copy's albedo is multiplied by a colour between these two, linear.
     pub tint: Option<[[f64; 3]; 2]>,
+    /// Width in metres of the patches in which `tint` varies over the land, by noise; by default it varies from copy to copy.
+    pub tint_patches: Option<f64>,
     /// Where rigid copies stand, in place of a random spread.
     pub points: Option<PointsTable>,
     /// Size of a ground that is a picture.
@@ -185,6 +187,13 @@ pub struct Covered {
     pub copies: f64,
 }
 
+impl MapOptions {
+    /// The two ends of what copies are tinted by, each on its own.
+    pub fn tint_by_copy(&self) -> Option<[[f64; 3]; 2]> {
+        self.tint.filter(|_| self.tint_patches.is_none())
+    }
+}
+
 impl Default for MapOptions {
     fn default() -> Self {
         MapOptions {
@@ -202,6 +211,7 @@ impl Default for MapOptions {
             sizes: Vec::new(),
             arrangement: Arrangement::Scattered,
             tint: None,
+            tint_patches: None,
             points: None,
             ground: Scales::default(),
             sink: 0.0,
@@ -296,10 +306,20 @@ pub fn check(options: &MapOptions, rigid: bool) -> Result<()> {
     if !cells || options.thickness.is_some_and(|t| !positive(t)) {
         return wrong("option `cells` and option `thickness` must be above 0");
     }
-    let numbers = options.density.iter().chain(&options.sizes).chain(&options.weights).chain(&options.ground.pixel);
+    if options.tint_patches.is_some() && options.tint.is_none() {
+        return wrong("option `tint_patches` says where option `tint` varies: give that, too");
+    }
+    let numbers = options
+        .density
+        .iter()
+        .chain(&options.tint_patches)
+        .chain(&options.sizes)
+        .chain(&options.weights)
+        .chain(&options.ground.pixel);
     if numbers.copied().any(|x| !positive(x)) || !options.sink.is_finite() {
         return wrong(
-            "option `density`, option `sizes`, option `weights` and option `pixel` must be above 0, and option `sink` a number",
+            "option `density`, option `tint_patches`, option `sizes`, option `weights` and option `pixel` must be above 0, and \
+             option `sink` a number",
         );
     }
     if let Heights::Along(d) = options.heights

@@ -323,7 +323,7 @@ impl<'a> Planter<'a> {
         let turn = self.random.unit() * TAU;
         let turn = if self.options.orientations == Orientations::Identity { 0.0 } else { turn };
         let turn = said.and_then(|s| s.turn).unwrap_or(turn);
-        let ramp = self.options.tint.map(|[a, b]| {
+        let ramp = self.options.tint_by_copy().map(|[a, b]| {
             let t = self.random.unit();
             std::array::from_fn(|k| a[k] + t * (b[k] - a[k]))
         });

@@ -7,8 +7,11 @@ use super::options::{Chart, MapOptions};
 use super::plan::{Plan, SurfacePlan};
 use super::surface::{Coordinates, Surface, WRITTEN};
 use crate::scene::shell::{Continuous, Orientations};
-use crate::volume::{Finish, Style};
+use crate::volume::Style;
 use crate::{Error, Result, Warnings};
+
+/// Of the noise by which tints vary over the land: so patches have uneven borders.
+const TINT_OCTAVES: u32 = 3;
 
 /// How the surfaces of one material are laid out.
 pub struct MaterialPlan {
@@ -98,7 +101,7 @@ pub fn material(options: &MapOptions, plan: &Plan, own: &MaterialPlan, texels: &
     if options.mirror != [false; 3] {
         discrete.insert("mirror".into(), json!(options.mirror));
     }
-    if let Some(ramp) = options.tint {
+    if let Some(ramp) = options.tint_by_copy() {
         discrete.insert("tint".into(), json!(ramp));
     }
     // What varies nothing is left out: a layer then has one copy in all cells.
@@ -107,7 +110,7 @@ pub fn material(options: &MapOptions, plan: &Plan, own: &MaterialPlan, texels: &
         || options.scale != [1.0; 2]
         || options.displace != [0.0; 3]
         || options.presence < 1.0
-        || options.tint.is_some()
+        || options.tint_by_copy().is_some()
         || texels.len() > 1;
     if varies {
         jitter.insert("discrete".into(), discrete.into());
@@ -139,17 +142,26 @@ fn continuous(c: &Continuous) -> Value {
 
 /// Write the `phong` and the `palette` of a layer, or of copies, where something is to be restyled.
 pub fn restyle(options: &MapOptions, layer: &mut Map<String, Value>) {
-    if options.finish != Finish::PLAIN {
-        layer.insert("phong".into(), phong(&Style { finish: options.finish, ..Style::OWN }));
+    let mut all = phong(&Style { finish: options.finish, ..Style::OWN });
+    if let (Some(ramp), Some(metres)) = (options.tint, options.tint_patches) {
+        all.insert(
+            "noise".into(),
+            json!({"seed": options.seed, "space": "world", "octaves": TINT_OCTAVES,
+            "frequency": [1.0 / metres, 0, 1.0 / metres], "diffuse": ramp}),
+        );
+    }
+    if !all.is_empty() {
+        layer.insert("phong".into(), all.into());
     }
     if !options.palette.is_empty() {
-        let palette: Map<_, _> = options.palette.iter().map(|(name, style)| (name.clone(), phong(style))).collect();
+        let palette: Map<_, _> =
+            options.palette.iter().map(|(name, style)| (name.clone(), Value::from(phong(style)))).collect();
         layer.insert("palette".into(), palette.into());
     }
 }
 
 /// A `phong` object.
-fn phong(style: &Style) -> Value {
+fn phong(style: &Style) -> Map<String, Value> {
     let mut phong = Map::new();
     let Style { factor, keep, finish } = style;
     if *factor != [1.0; 3] || !keep {
@@ -164,7 +176,7 @@ fn phong(style: &Style) -> Value {
     if let Some(shininess) = finish.shininess {
         phong.insert("shininess".into(), json!(shininess));
     }
-    phong.into()
+    phong
 }
 
 /// Append the layer of `shell` to a shell that is there; its heights stay.
