@@ -6,6 +6,7 @@ import json
 import math
 import struct
 import sys
+import zlib
 from pathlib import Path
 
 
@@ -35,6 +36,17 @@ def fractal(seed, x, y, octaves, ridged=False):
         weight += share
         share *= 0.5
     return total / weight
+
+
+def crests(seed, x, y, octaves):
+    """Ridges upon ridges, in about [0, 1]: each octave is turned against the one before it, and fine ones are on high ground."""
+    total, weight, share = 0.0, 1.0, 0.5
+    for k in range(octaves):
+        n = (1 - abs(2 * noise(seed + k, x, y) - 1)) ** 2
+        total += share * n * weight
+        weight, share = min(1, 1.7 * n), share * 0.5
+        x, y = 1.6 * x + 1.2 * y, 1.6 * y - 1.2 * x
+    return total
 
 
 def sub(a, b):
@@ -72,9 +84,11 @@ def turn(back, up=(0, 1, 0)):
 class File:
     """A .glb under construction."""
 
-    def __init__(self):
+    def __init__(self, polygons=True):
         self.bin = bytearray()
-        self.json = {"asset": {"version": "2.0", "generator": "grounds.py"}, "scene": 0, "scenes": [{"nodes": []}],
+        # Two triangles with one first vertex are a quad, which a shell takes as a bilinear patch.
+        self.json = {"asset": {"version": "2.0", "generator": "grounds.py"}, "extensionsUsed": ["FB_ngon_encoding"] * polygons,
+                     "scene": 0, "scenes": [{"nodes": []}],
                      "nodes": [], "meshes": [], "materials": [], "accessors": [], "bufferViews": []}
 
     def push(self, key, value):
@@ -83,43 +97,58 @@ class File:
 
     def array(self, rows, kind, code, target, bounds=False):
         data = b"".join(struct.pack("<%d%s" % (len(r), code), *r) for r in rows)
-        view = self.push("bufferViews", {"buffer": 0, "byteOffset": len(self.bin), "byteLength": len(data), "target": target})
+        view = {"buffer": 0, "byteOffset": len(self.bin), "byteLength": len(data)}
+        view = self.push("bufferViews", view | {"target": target} if target else view)
         self.bin += data + b"\0" * (-len(data) % 4)
-        said = {"bufferView": view, "componentType": {"f": 5126, "H": 5123}[code], "count": len(rows), "type": kind}
+        said = {"bufferView": view, "componentType": {"f": 5126, "H": 5123, "B": 5121}[code], "count": len(rows), "type": kind}
+        if code == "B":
+            said["normalized"] = True
         if bounds:
-            single = [struct.unpack("<3f", struct.pack("<3f", *r)) for r in rows]
-            said["min"] = [min(r[k] for r in single) for k in range(3)]
-            said["max"] = [max(r[k] for r in single) for k in range(3)]
+            single = [struct.unpack("<%df" % len(r), struct.pack("<%df" % len(r), *r)) for r in rows]
+            said["min"] = [min(c) for c in zip(*single)]
+            said["max"] = [max(c) for c in zip(*single)]
         return self.push("accessors", said)
 
     def show(self, node):
-        self.json["scenes"][0]["nodes"].append(self.push("nodes", node))
+        index = self.push("nodes", node)
+        self.json["scenes"][0]["nodes"].append(index)
+        return index
 
     def material(self, name, color):
         return self.push("materials", {"name": name, "doubleSided": True, "pbrMetallicRoughness": {
             "baseColorFactor": [*color, 1], "metallicFactor": 0, "roughnessFactor": 1}})
 
-    def mesh(self, name, parts):
-        """parts: (positions, normals, uvs or None, triangles, material, and height vectors if there are some)."""
+    def mesh(self, name, parts, colours=None):
+        """parts: (positions, normals, uvs or None, triangles, material, and height vectors if there are some); colours: of each
+        part's vertices, red, green, blue and alpha, linear, from 0 to 255."""
         primitives = []
-        for positions, normals, uvs, triangles, material, *heights in parts:
+        for part, (positions, normals, uvs, triangles, material, *heights) in enumerate(parts):
             attributes = {"POSITION": self.array(positions, "VEC3", "f", 34962, True),
                           "NORMAL": self.array([unit(n) for n in normals], "VEC3", "f", 34962)}
             if uvs:
                 attributes["TEXCOORD_0"] = self.array(uvs, "VEC2", "f", 34962)
+            if colours:
+                attributes["COLOR_0"] = self.array(colours[part], "VEC4", "B", 34962)
             if heights:
                 attributes["_VTEX_HEIGHT"] = self.array(heights[0], "VEC3", "f", 34962)
             indices = self.array([[i] for t in triangles for i in t], "SCALAR", "H", 34963)
             primitives.append({"attributes": attributes, "indices": indices, "material": material})
         self.show({"name": name, "mesh": self.push("meshes", {"name": name, "primitives": primitives})})
 
-    def camera(self, name, eye, target, yfov, aspect=16 / 9):
+    def camera(self, name, eye, target, yfov, aspect=16 / 9, path=()):
+        """path: (seconds, eye, target) of an animation."""
         index = self.push("cameras", {"type": "perspective", "perspective": {
             "yfov": math.radians(yfov), "znear": 0.01, "aspectRatio": aspect}})
-        self.show({"name": name, "camera": index, "translation": list(eye), "rotation": turn(sub(eye, target))})
+        node = self.show({"name": name, "camera": index, "translation": list(eye), "rotation": turn(sub(eye, target))})
+        if path:
+            times = self.array([[t] for t, _, _ in path], "SCALAR", "f", None, True)
+            eyes = self.array([e for _, e, _ in path], "VEC3", "f", None)
+            turns = self.array([turn(sub(e, aim)) for _, e, aim in path], "VEC4", "f", None)
+            self.push("animations", {"name": name, "samplers": [{"input": times, "output": o} for o in (eyes, turns)], "channels": [
+                {"sampler": k, "target": {"node": node, "path": what}} for k, what in enumerate(("translation", "rotation"))]})
 
     def sun(self, towards, color=(1, 0.95, 0.88), intensity=3.0):
-        self.json["extensionsUsed"] = ["KHR_lights_punctual"]
+        self.json["extensionsUsed"].append("KHR_lights_punctual")
         self.json["extensions"] = {"KHR_lights_punctual": {"lights": [
             {"type": "directional", "name": "sun", "color": list(color), "intensity": intensity}]}}
         self.show({"name": "sun", "rotation": turn(towards), "extensions": {"KHR_lights_punctual": {"light": 0}}})
@@ -147,7 +176,7 @@ def grid(columns, rows, size, height, material, keep=lambda x, z: True):
             uvs.append([i, rows - j])
             if i < columns and j < rows and keep(*at(i + 0.5, j + 0.5)):
                 k = j * (columns + 1) + i
-                triangles += [[k, k + columns + 1, k + 1], [k + 1, k + columns + 1, k + columns + 2]]
+                triangles += [[k, k + columns + 1, k + columns + 2], [k, k + columns + 2, k + 1]]
     return positions, normals, uvs, triangles, material
 
 
@@ -203,7 +232,7 @@ def sphere(cells, place):
                     uvs.append([i + 40 * axis, j + 20 * sign])
                     if i < cells and j < cells:
                         k = j * (cells + 1) + i
-                        triangles += [[k, k + 1, k + cells + 1], [k + 1, k + cells + 2, k + cells + 1]]
+                        triangles += [[k, k + 1, k + cells + 2], [k, k + cells + 2, k + cells + 1]]
             yield positions, normals, uvs, triangles
 
 
@@ -249,7 +278,138 @@ def teddy(folder):
     f.save(folder / "teddy.glb")
 
 
+def mountains(folder):
+    """1 404 quads of 36 m, forest, on both sides of a valley; bare mountains with snow behind them."""
+    f = File()
+    forest, rock = f.material("forest", [0.03, 0.035, 0.012]), f.material("rock", [1, 1, 1])
+    def top(x, z):
+        valley = math.exp(-((z - 270 + 130 * math.sin(x / 330 + 0.8)) / 240) ** 2)
+        return (70 + 520 * crests(13, x / 1100 + 0.35, z / 1100 + 5.2, 5) + 0.2 * max(0, 100 - z)) * (1 - 0.72 * valley)
+    f.mesh("forest", [grid(39, 36, (1404, 1296), top, forest)])
+    def far(x, z):
+        d = max(0, -z - 800)
+        return min(1, d / 1500) * (80 + 1900 * crests(35, x / 4300 + 4.6, z / 4300 + 8.9, 8) * min(1, 0.35 + d / 5500)) - 100
+    positions, normals, uvs, triangles, _ = grid(124, 56, (9300, 5040), lambda x, z: far(x, z - 3150), rock)
+    positions = [[x, y, z - 3150] for x, y, z in positions]
+    def shade(p, n):
+        steep = 1 - unit(n)[1]
+        snow = min(1, max(0, (p[1] - 620 - 620 * steep + 420 * (fractal(3, p[0] / 330, p[2] / 330, 3) - 0.5)) / 90))
+        wood = min(1, max(0, (480 - p[1]) / 160))
+        bare = [0.16 - 0.11 * wood, 0.15 - 0.09 * wood, 0.14 - 0.115 * wood]
+        return [round(255 * (b + snow * (w - b))) for b, w in zip(bare, [0.82, 0.85, 0.9])] + [255]
+    f.mesh("rock", [(positions, normals, None, triangles, rock)], [[shade(p, n) for p, n in zip(positions, normals)]])
+    eye = [120, top(120, 610) + 55, 610]
+    f.camera("ridge", eye, [-60, eye[1] - 28, -200], 34)
+    f.sun([-0.8, 0.34, 0.05])
+    f.save(folder / "mountains.glb")
+
+
+def picture(path, size, share):
+    """Write a grey .png: share(u, v) in [0, 1], the top row first."""
+    rows = b"".join(b"\0" + bytes(round(255 * min(1, max(0, share((i + 0.5) / size, (j + 0.5) / size)))) for i in range(size)) for j in range(size))
+    chunk = lambda kind, data: struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+    path.write_bytes(b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">IIBBBBB", size, size, 8, 0, 0, 0, 0))
+                     + chunk(b"IDAT", zlib.compress(rows, 9)) + chunk(b"IEND", b""))
+    print(path.name, path.stat().st_size, "bytes")
+
+
+def wedge(rows, columns, angle, height, material):
+    """Quads in rings around the origin, towards -z: near ones small, far ones large. rows: the rings' radii."""
+    positions, normals, triangles = [], [], []
+    for j, r in enumerate(rows):
+        for i in range(columns + 1):
+            a = math.radians(angle) * (2 * i / columns - 1)
+            x, z, e = r * math.sin(a), -r * math.cos(a), max(0.5, 0.012 * r)
+            positions.append([x, height(x, z), z])
+            normals.append([height(x - e, z) - height(x + e, z), 2 * e, height(x, z - e) - height(x, z + e)])
+            if i < columns and j + 1 < len(rows):
+                k = j * (columns + 1) + i
+                triangles += [[k, k + 1, k + columns + 2], [k, k + columns + 2, k + columns + 1]]
+    return positions, normals, None, triangles, material
+
+
+def million(folder):
+    """What is seen from a hill, up to 7 km: for 1 000 000 trees, and where they stand."""
+    # As triangles: small and nearly flat, they look the same, and take a quarter of the time.
+    f = File(polygons=False)
+    land = f.material("land", [0.07, 0.08, 0.03])
+    def top(x, z):
+        r = math.hypot(x, z)
+        hills = 2 * fractal(41, x / 1100 + 3.3, z / 1100 + 6.1, 5) - 1
+        ridges = crests(47, x / 3000 + 1.2, z / 3000 + 2.9, 5)
+        near = 1 - math.exp(-(r / 160) ** 2)
+        return 125 * math.exp(-(r / 180) ** 2) + (24 + 0.02 * r) * hills * near + 0.09 * max(0, r - 1500) * ridges + 0.8 * noise(7, x / 9, z / 9)
+    rows = [2.5]
+    while rows[-1] < 7000:
+        rows.append(rows[-1] + max(1.3, 0.045 * rows[-1]))
+    angle = 34
+    f.mesh("land", [wedge(rows, 48, angle, top, land)])
+    eye = [0, top(0, 0) + 5, 0]
+    f.camera("view", eye, [0, eye[1] - 11, -100], 34)
+    # From 2 km to the leaf of a tree that stands on a corner of the ground.
+    r = next(r for r in rows if r > 1900)
+    leaf = [0.871, top(0, -r) + 6.736, 3.532 - r]
+    def fly(t):
+        d, side, up = 2000 * (0.42 / 2000) ** (t * t * (3 - 2 * t)), math.radians(-7 * (1 - t) ** 2 + 16 * t ** 6), math.radians(21 + 5 * t)
+        return [leaf[0] + d * math.cos(up) * math.sin(side), leaf[1] + d * math.sin(up), leaf[2] + d * math.cos(up) * math.cos(side)]
+    f.camera("zoom", fly(0), leaf, 34, path=[(k / 8, fly(k / 29), leaf) for k in range(30)])
+    (folder / "zoom.csv").write_text("x,y,scale,turn\n0,%r,1,0\n" % r)
+    f.sun([-0.8, 0.33, -0.25])
+    f.save(folder / "million.glb")
+    # Woods with clearings; none on the hill.
+    width = 2 * rows[-1] * math.sin(math.radians(angle))
+    def share(u, v):
+        x, z = width * (u - 0.5), -rows[-1] * (1 - v)
+        open = fractal(53, x / 420 + 5.5, z / 420 + 1.5, 4)
+        return min(1, max(0, (0.62 - open) / 0.07)) * (math.hypot(x, z) > 190) * (math.hypot(x, z + r) > 60)
+    picture(folder / "million.png", 256, share)
+
+
+def lathe(columns, rows, place, turn=1.0, inward=False, seam=0.5):
+    """A surface of revolution about y: place(t) is (radius, height) for t in [0, 1]. A share of a turn, open towards +z at `seam` = 0.5, with texture
+    coordinates in metres where the radius is place(0)'s."""
+    positions, normals, uvs, triangles = [], [], [], []
+    length = 0.0
+    for j in range(rows + 1):
+        (r, y), (ra, ya), (rb, yb) = place(j / rows), place(j / rows - 1e-4), place(j / rows + 1e-4)
+        if j:
+            before = place((j - 1) / rows)
+            length += math.hypot(r - before[0], y - before[1])
+        for i in range(columns + 1):
+            a = math.pi * (seam + turn * (1 - 2 * i / columns))
+            c, s = math.cos(a), -math.sin(a)
+            positions.append([r * c, y, r * s])
+            out = [(yb - ya) * c, ra - rb, (yb - ya) * s]
+            normals.append([-v for v in out] if inward else out)
+            uvs.append([2 * math.pi * turn * place(0)[0] * i / columns, length])
+            if i < columns and j < rows:
+                k = j * (columns + 1) + i
+                quad = [k, k + 1, k + columns + 2, k + columns + 1]
+                a, b, c, d = quad if inward else quad[::-1]
+                triangles += [[a, b, c], [a, c, d]]
+    return positions, normals, uvs, triangles
+
+
+def crypt(folder):
+    """A round wall and half a dome, for heads, and an urn before it, for a hypertexture."""
+    f = File()
+    wall, urn = f.material("wall", [0.05, 0.04, 0.03]), f.material("urn", [0.2, 0.16, 0.12])
+    floor = f.material("floor", [0.16, 0.13, 0.11])
+    niche = lambda t: (2, 2.2 * t) if t < 0.55 else (2 * math.cos((t - 0.55) * 3.2), 1.21 + 2 * math.sin((t - 0.55) * 3.2))
+    f.mesh("wall", [(*lathe(26, 16, niche, 0.5, True), wall)])
+    knots = [(0, 0.14), (0.07, 0.12), (0.52, 0.27), (0.82, 0.105), (0.91, 0.105), (1, 0.135)]
+    def shape(t):
+        k = max(0, next((k for k, (at, _) in enumerate(knots) if at >= t), len(knots) - 1) - 1)
+        (t0, r0), (t1, r1) = knots[k:k + 2]
+        return r0 + (r1 - r0) * (0.5 - 0.5 * math.cos(math.pi * min(1, max(0, (t - t0) / (t1 - t0))))), 1.05 * t
+    f.mesh("urn", [(*lathe(32, 32, shape, seam=-0.5), urn)])
+    f.mesh("floor", [grid(12, 12, (12, 12), lambda x, z: 0, floor)])
+    f.camera("crypt", [0.45, 0.95, 2.9], [0.05, 0.78, -0.5], 36, 4 / 3)
+    f.sun([-0.5, 0.5, 1.1], (1, 0.84, 0.66), 3.4)
+    f.save(folder / "crypt.glb")
+
+
 if __name__ == "__main__":
     folder = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent
-    for make in (lawn, orchard, meadow, teddy):
+    for make in (lawn, orchard, meadow, teddy, mountains, million, crypt):
         make(folder)

@@ -19,7 +19,7 @@ pub struct Args {
     #[arg(default_value = DEFAULT)]
     name: String,
     /// Print the names of the landscapes, and what each is
-    #[arg(long, conflicts_with_all = ["output", "size"])]
+    #[arg(long, conflicts_with_all = ["output", "size", "draft"])]
     list: bool,
     /// Folder for the samples, the texels, the landscape and the pictures [default: vtex-demo, and of other landscapes than the
     /// first vtex-demo/NAME]
@@ -28,6 +28,9 @@ pub struct Args {
     /// Pixels of the pictures [default: as the script has it]
     #[arg(long, value_name = "WxH", value_parser = super::render::size)]
     size: Option<[u32; 2]>,
+    /// A quick look: voxels eight times as wide, a fiftieth of the copies, a few frames, small pictures
+    #[arg(long)]
+    draft: bool,
     /// Print where the pictures are, and how long it took, as JSON
     #[arg(long)]
     json: bool,
@@ -36,12 +39,16 @@ pub struct Args {
 const DEFAULT: &str = "valley";
 
 /// The landscapes, the first by default.
-const SCRIPTS: [(&str, &str); 5] = [
+const SCRIPTS: [(&str, &str); 9] = [
     (DEFAULT, include_str!("../../samples/landscapes/valley.sh")),
     ("lawn", include_str!("../../samples/landscapes/lawn.sh")),
     ("trees", include_str!("../../samples/landscapes/trees.sh")),
     ("teddy", include_str!("../../samples/landscapes/teddy.sh")),
     ("wind", include_str!("../../samples/landscapes/wind.sh")),
+    ("mountains", include_str!("../../samples/landscapes/mountains.sh")),
+    ("million", include_str!("../../samples/landscapes/million.sh")),
+    ("zoom", include_str!("../../samples/landscapes/zoom.sh")),
+    ("crypt", include_str!("../../samples/landscapes/crypt.sh")),
 ];
 
 /// Where scripts find the samples.
@@ -61,12 +68,13 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
     let usual = if *name == DEFAULT { base.to_path_buf() } else { base.join(name) };
     let folder = args.output.clone().unwrap_or(usual);
     std::fs::create_dir_all(&folder).map_err(|e| Error::io(&folder, e))?;
+    let form = Form { size: args.size.or(args.draft.then_some(DRAFT_SIZE)), draft: args.draft };
     let commands = commands(script);
     write_samples(&commands, &folder, ui)?;
     let mut times = Vec::new();
     let mut pictures = Vec::new();
     for command in &commands {
-        let words = words_in(command, &folder, args.size);
+        let words = words_in(command, &folder, &form);
         let line = words.iter().map(|w| if w.contains([' ', '#', '*']) { format!("'{w}'") } else { w.clone() });
         ui.say("");
         ui.say(&format!("$ vtex {}", line.collect::<Vec<_>>().join(" ")));
@@ -120,19 +128,54 @@ fn commands(script: &str) -> Vec<Vec<String>> {
 /// Endings of the names of files in scripts.
 const FILES: [&str; 9] = ["apng", "csv", "glb", "gltf", "lsys", "png", "sh", "toml", "vtex"];
 
-/// A command's words with the folder before the names of files, and the pictures' size.
-fn words_in(command: &[String], folder: &Path, size: Option<[u32; 2]>) -> Vec<String> {
+/// How a landscape is made in another form than its script says.
+struct Form {
+    /// Pixels of pictures.
+    size: Option<[u32; 2]>,
+    draft: bool,
+}
+
+/// Of a draft: the pictures' size, how much wider voxels are, the share of copies, and the most frames.
+const DRAFT_SIZE: [u32; 2] = [320, 180];
+const DRAFT_VOXELS: f64 = 8.0;
+const DRAFT_COPIES: f64 = 0.02;
+/// Densities up to this one, per hectare, are left as they are.
+const FEW_COPIES: f64 = 100.0;
+const DRAFT_FRAMES: f64 = 4.0;
+
+impl Form {
+    /// What stands behind option `option` in place of `word`.
+    fn word(&self, option: &str, word: &str) -> Option<String> {
+        let changed = |by: &dyn Fn(f64) -> f64| {
+            let digits = word.find(|c: char| !c.is_ascii_digit() && c != '.').unwrap_or(word.len());
+            let (number, unit) = word.split_at(digits);
+            number.parse().ok().map(|n| format!("{}{unit}", by(n)))
+        };
+        match (option, self.size) {
+            ("--size", Some([width, height])) => Some(format!("{width}x{height}")),
+            ("-r", _) if self.draft => changed(&|n| (n / DRAFT_VOXELS).max(8.0)),
+            ("--voxel-size", _) if self.draft => changed(&|n| n * DRAFT_VOXELS),
+            ("--density", _) if self.draft => changed(&|n| if n > FEW_COPIES { n * DRAFT_COPIES } else { n }),
+            ("--frames", _) if self.draft => changed(&|n| n.min(DRAFT_FRAMES)),
+            _ => None,
+        }
+    }
+}
+
+/// A command's words with the folder before the names of files, in that form.
+fn words_in(command: &[String], folder: &Path, form: &Form) -> Vec<String> {
+    let maps = command.first().is_some_and(|w| w == "map");
     let mut before = "";
     let mut words = Vec::with_capacity(command.len());
     for word in command {
         let is_file = FILES.contains(&files::extension(Path::new(word)).as_str());
         let own = word.rsplit('/').next().unwrap_or(word);
-        words.push(match (before, size) {
-            ("--size", Some([width, height])) if command.first().is_some_and(|w| w == "render") => {
-                format!("{width}x{height}")
-            }
-            _ if is_file => folder.join(own).display().to_string(),
-            _ => word.clone(),
+        // The size that `map` takes is that of copies.
+        let other = form.word(before, word).filter(|_| !(maps && before == "--size"));
+        words.push(match other {
+            Some(word) => word,
+            None if is_file => folder.join(word.strip_prefix(SAMPLES).unwrap_or(own)).display().to_string(),
+            None => word.clone(),
         });
         before = word;
     }
@@ -144,11 +187,15 @@ fn write_samples(commands: &[Vec<String>], folder: &Path, ui: &Ui) -> Result<()>
     let mut named: Vec<&str> = commands.iter().flatten().filter_map(|word| word.strip_prefix(SAMPLES)).collect();
     named.sort_unstable();
     named.dedup();
-    for (path, bytes) in samples::find(&named)? {
-        let name = path.rsplit('/').next().unwrap_or(path);
-        format::save(folder.join(name), &bytes)?;
+    let found = samples::find(&named)?;
+    for (path, bytes) in &found {
+        let path = folder.join(path);
+        let parent = path.parent().unwrap_or(folder);
+        std::fs::create_dir_all(parent).map_err(|e| Error::io(parent, e))?;
+        format::save(path, bytes)?;
     }
-    ui.say(&format!("wrote the samples to {}: {}", folder.display(), named.join(", ")));
+    let names: Vec<&str> = found.keys().map(String::as_str).collect();
+    ui.say(&format!("wrote the samples to {}: {}", folder.display(), names.join(", ")));
     Ok(())
 }
 
@@ -175,7 +222,7 @@ mod tests {
             let commands = commands(script);
             assert!(commands.iter().any(|c| c[0] == "render"), "{name}");
             for command in &commands {
-                let words = words_in(command, Path::new("out"), Some([64, 36]));
+                let words = words_in(command, Path::new("out"), &Form { size: Some([64, 36]), draft: true });
                 let all = std::iter::once("vtex").chain(words.iter().map(String::as_str));
                 if let Err(e) = crate::cli::Vtex::try_parse_from(all) {
                     panic!("{name}: {command:?}: {e}");
@@ -184,8 +231,9 @@ mod tests {
                     assert!(words.contains(&"64x36".into()), "{name}: a picture without a size: {command:?}");
                 }
                 for sample in command.iter().filter_map(|word| word.strip_prefix(SAMPLES)) {
-                    let found = samples::find(&[sample]).unwrap();
-                    assert!(found[0].1 == std::fs::read(folder.join(sample)).unwrap(), "{sample}");
+                    for (path, bytes) in samples::find(&[sample]).unwrap() {
+                        assert!(bytes == std::fs::read(folder.join(&path)).unwrap(), "{path}");
+                    }
                 }
             }
         }
@@ -193,13 +241,16 @@ mod tests {
 
     #[test]
     fn words_are_as_a_shell_has_them() {
-        let script = "#!/bin/sh\n# A title.\nS=..\nvtex map $S/a.glb --palette 'leaf=#ff0000' \\\n  --size 2 -o b.glb\nvtex render b.glb --size 8x4 -o c.png\n";
+        let script = "#!/bin/sh\n# A title.\nS=..\nvtex map $S/a.glb --palette 'leaf=#ff0000' \\\n  --size 2 -o b.glb\nvtex render b.glb --size 8x4 -o c.png\nvtex bake $S/d/e.toml -r 256 --voxel-size 0.25\nvtex map a.obj --density 500/ha\n";
         let commands = commands(script);
         assert_eq!(title(script), "A title.");
         assert_eq!(commands[0], ["map", "$S/a.glb", "--palette", "leaf=#ff0000", "--size", "2", "-o", "b.glb"]);
-        let words = |k: usize| words_in(&commands[k], Path::new("f"), Some([2, 1])).join(" ");
+        let form = Form { size: Some([2, 1]), draft: true };
+        let words = |k: usize| words_in(&commands[k], Path::new("f"), &form).join(" ");
         assert_eq!(words(0), "map f/a.glb --palette leaf=#ff0000 --size 2 -o f/b.glb");
         assert_eq!(words(1), "render f/b.glb --size 2x1 -o f/c.png");
+        assert_eq!(words(2), "bake f/d/e.toml -r 32 --voxel-size 2");
+        assert_eq!(words(3), "map a.obj --density 10/ha");
         assert!(samples::find(&["no/such.glb"]).is_err());
     }
 }

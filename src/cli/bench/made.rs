@@ -56,7 +56,7 @@ impl Bench<'_> {
     fn sample(&self, name: &str) -> Result<PathBuf> {
         let path = self.folder.join(name);
         let found = samples::find(&[name])?;
-        format::save(&path, found.first().map_or(&[][..], |s| &s.1))?;
+        format::save(&path, found.get(name).map_or(&[][..], Vec::as_slice))?;
         Ok(path)
     }
 
