@@ -100,6 +100,15 @@ pub fn short(value: f64) -> String {
     }
 }
 
+/// A length as messages have it: three places after the point, or three digits where these would say nothing, and seven at most.
+pub fn length(value: f64) -> String {
+    match value.abs() {
+        0.0 | 0.1..1e4 => format!("{value:.3}"),
+        ..0.1 => short(format!("{value:.2e}").parse().unwrap_or(value)),
+        _ => short(value),
+    }
+}
+
 /// The text without a newline: decoders end their messages with one, and names in files may have them anywhere.
 fn one_line(text: String) -> String {
     if text.contains(['\n', '\r']) { text.trim_end().replace('\n', "\\n").replace('\r', "\\r") } else { text }
@@ -166,6 +175,17 @@ mod tests {
         ];
         for (value, text) in cases {
             assert_eq!(short(value), text);
+        }
+        let lengths = [
+            (0.0, "0.000"),
+            (1.7578, "1.758"),
+            (10.0, "10.000"),
+            (0.000_333_44, "0.000333"),
+            (999_000_999.001, "9.99001e8"),
+            (12_345.678_9, "12345.68"),
+        ];
+        for (value, text) in lengths {
+            assert_eq!(length(value), text);
         }
     }
 

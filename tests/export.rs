@@ -118,6 +118,34 @@ fn splats_lie_flat_on_a_ball_and_cover_it() {
 }
 
 #[test]
+fn what_is_far_from_0_keeps_its_detail() {
+    let dir = tempfile::tempdir().unwrap();
+    let corners = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 1.0]];
+    let place = [448_262.125, 5_411_932.25, 120.0];
+    let line = |c: [f64; 3]| format!("v {} {} {}\n", place[0] + c[0], place[1] + c[1], place[2] + c[2]);
+    std::fs::write(dir.path().join("far.obj"), corners.map(line).concat() + "f 1 2 3\n").unwrap();
+    assert!(vtex(&["bake", "far.obj", "-r", "8"], dir.path()).status.success());
+    for form in ["blocks", "points"] {
+        let done = vtex(&["export", "far.vtex", "-o", "far.glb", "--depth", "3", "--form", form], dir.path());
+        assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+        let bytes = std::fs::read(dir.path().join("far.glb")).unwrap();
+        let length = u32::from_le_bytes(bytes[12..16].try_into().unwrap()) as usize;
+        let json: serde_json::Value = serde_json::from_slice(&bytes[20..20 + length]).unwrap();
+        // Nodes add up to where the mesh is.
+        let nodes = json["nodes"].as_array().unwrap();
+        let origin = |axis: usize| nodes.iter().filter_map(|n| n["translation"][axis].as_f64()).sum::<f64>();
+        let bound = |name: &str, axis: usize| json["accessors"][0][name][axis].as_f64().unwrap();
+        for axis in 0..3 {
+            let (low, high) = (bound("min", axis) + origin(axis), bound("max", axis) + origin(axis));
+            // The middle of a voxel is up to half of one, 1/16, from the end.
+            let near = if form == "blocks" { 1e-3 } else { 0.0626 };
+            let off = (low - place[axis]).abs().max((high - place[axis] - 1.0).abs());
+            assert!(off < near, "{form}, axis {axis}: {low} to {high}");
+        }
+    }
+}
+
+#[test]
 fn a_scene_of_mitsuba_has_grids_of_the_texel() {
     let dir = tempfile::tempdir().unwrap();
     ball(dir.path());

@@ -10,6 +10,7 @@ mod bench;
 mod builds;
 mod cards;
 mod circles;
+mod coarse;
 mod compare;
 mod copies;
 mod corpus;

@@ -110,7 +110,8 @@ pub(crate) fn measure_and_fit(
     let origin = source.origin();
     let relative = |cube: Aabb| Aabb::new(cube.min - origin, cube.max - origin);
     let options = &Options { cube: options.cube.map(relative), ..options.clone() };
-    let place = plan(source.bounds(), options)?;
+    let wanted = plan(source.bounds(), options)?;
+    let place = plan::resolved(&wanted);
     let surfaces = source.surfaces();
     // Voxels have to be told apart where some of them let light through.
     let names = if options.materials || !surfaces.is_empty() { source.materials() } else { &[] };
@@ -124,7 +125,12 @@ pub(crate) fn measure_and_fit(
         [one] => single_material(one, &output),
         _ => output.materials.summarize(names),
     };
-    let depths = output.depths;
+    let mut depths = output.depths;
+    if place.depth > wanted.depth {
+        depths.truncate(wanted.depth + 1);
+        // What is finer was only to be measured.
+        depths.iter_mut().last().into_iter().for_each(|finest| finest.masks.fill(0));
+    }
     // The root's support box holds those of all deeper voxels, since it is rounded outward by more than theirs.
     let content = depths.first().and_then(|d| d.voxels.first()).map_or(Aabb::new(DVec3::ZERO, DVec3::ZERO), |root| {
         let (lo, hi) = root.support_box();

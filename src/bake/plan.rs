@@ -39,6 +39,21 @@ pub fn plan(bounds: Aabb, options: &Options) -> Result<Placement> {
     Ok(placement(Aabb::new(min, min + edge), edge, side, options))
 }
 
+/// Depth at which the matter of a texel of few voxels is measured: a voxel that is as large as the source, or half as large,
+/// says nothing of its shape.
+const LEAST_DEPTH: usize = 4;
+/// Texels of this depth and finer ones are measured as they are.
+const MEASURED_AS_IS: usize = 3;
+
+/// The grid in which the matter of a texel in the grid `place` is measured: the same cube, of 16³ voxels where it has 4³ or fewer.
+pub fn resolved(place: &Placement) -> Placement {
+    if place.depth >= MEASURED_AS_IS {
+        return *place;
+    }
+    let finer = f64::from(1u32 << (LEAST_DEPTH - place.depth));
+    Placement { depth: LEAST_DEPTH, scale: place.scale * finer, ..*place }
+}
+
 /// Grid of `side` voxels along the edges of `cube`, which are `edge` long.
 fn placement(cube: Aabb, edge: f64, side: u32, options: &Options) -> Placement {
     Placement {

@@ -12,6 +12,7 @@ use super::map_motion::MotionArgs;
 use super::quantity::finite;
 use super::results::{print, shown};
 use super::{Ui, map_motion, outputs};
+use crate::error::{length, short};
 use crate::geom::DVec3;
 use crate::progress::Progress;
 use crate::scene::files::extension;
@@ -436,10 +437,11 @@ pub fn say(mapped: &Mapped, ui: &Ui) {
         ui.say(note);
     }
     for Covered { material, texel, cell: [u, v], height, copies } in &mapped.covered {
-        let size = format!("{u:.3} × {v:.3} m, {height:.3} m high");
+        let size = format!("{} × {} m, {} m high", length(*u), length(*v), length(*height));
+        let copies = short(copies.round());
         ui.say(&match texel {
-            Some(texel) => format!("covered {material}: {copies:.0} copies of {texel}, up to {size}"),
-            None => format!("covered {material}: copies {size}, about {copies:.0} of them"),
+            Some(texel) => format!("covered {material}: {copies} copies of {texel}, up to {size}"),
+            None => format!("covered {material}: copies {size}, about {copies} of them"),
         });
     }
     for copy in &mapped.saved.copied {

@@ -12,6 +12,7 @@ use super::results::{each, output_for, shown};
 use super::sequence::{MotionArgs, Said};
 use super::tile::{self, Picture};
 use super::{Ui, outputs, pixel_trace, reference};
+use crate::error::short;
 use crate::geom::DVec3;
 use crate::progress::Progress;
 use crate::render;
@@ -305,10 +306,11 @@ impl Args {
     /// What is to be known of the lights' units, in a line.
     fn said_of_lights(&self, scene: &Scene, options: &Options) -> Option<String> {
         let irradiance = render::photometric(scene)?;
-        let what = format!("the file's lights are in lux and candela (a median of {irradiance:.0} lx)");
+        let what = format!("the file's lights are in lux and candela (a median of {} lx)", short(irradiance.round()));
         if options.light_scale != 1.0 {
             let darker = if options.exposure < 0.0 {
-                format!(", and by {:.3} so that a white surface in that light is 1", (-options.exposure).exp2())
+                let by = short((1e3 * (-options.exposure).exp2()).round() / 1e3);
+                format!(", and by {by} so that a white surface in that light is 1")
             } else {
                 String::new()
             };

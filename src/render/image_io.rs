@@ -9,6 +9,7 @@ use exr::prelude::{AttributeValue, ReadChannels, ReadLayers};
 use crate::format;
 use crate::format::read_file;
 use crate::scene::files::extension;
+use crate::scene::image::decoder;
 use crate::scene::texture::srgb_to_linear;
 use crate::{Error, Result};
 
@@ -96,10 +97,10 @@ fn check_size(path: &Path, width: u64, height: u64, file_bytes: u64) -> Result<(
 }
 
 fn read_png(path: &Path) -> Result<Image> {
-    use image::{DynamicImage, ImageDecoder, codecs::png::PngDecoder};
+    use image::{DynamicImage, ImageDecoder, ImageFormat};
     let broken = |e: image::ImageError| Error::input(path, "", format!("cannot be read as a PNG: {e}"));
     let bytes = read_file(path, MAX_BYTES)?;
-    let decoder = PngDecoder::new(Cursor::new(&bytes)).map_err(broken)?;
+    let decoder = decoder(&bytes, ImageFormat::Png).map_err(broken)?;
     let (width, height) = decoder.dimensions();
     check_size(path, width.into(), height.into(), bytes.len() as u64)?;
     let decoded = DynamicImage::from_decoder(decoder).map_err(broken)?;
@@ -143,7 +144,10 @@ pub fn read_rgb8(path: &Path, text: &str) -> Result<Rgb8> {
     let broken = |e: png::DecodingError| Error::input(path, "", format!("cannot be read as a PNG: {e}"));
     let bytes = read_file(path, MAX_BYTES)?;
     let limits = png::Limits { bytes: MAX_BYTES as usize };
-    let mut reader = png::Decoder::new_with_limits(Cursor::new(&bytes), limits).read_info().map_err(broken)?;
+    let mut decoder = png::Decoder::new_with_limits(Cursor::new(&bytes), limits);
+    // A profile of colours is packed, and would be unpacked.
+    decoder.set_ignore_iccp_chunk(true);
+    let mut reader = decoder.read_info().map_err(broken)?;
     let info = reader.info();
     check_size(path, info.width.into(), info.height.into(), bytes.len() as u64)?;
     if (info.color_type, info.bit_depth) != (png::ColorType::Rgb, png::BitDepth::Eight) {

@@ -19,6 +19,21 @@ impl From<image::ImageError> for Refused {
     }
 }
 
+/// Bytes that a decoder may take for what stands before the pixels: a profile of colours, packed, is unpacked with the header.
+const MOST_BESIDE: u64 = 16 << 20;
+
+/// A decoder of an image whose header has been read, with little memory: before its pixels are, it wants limits of its own.
+///
+/// # Errors
+/// As the decoder has them: where the header is broken.
+pub(crate) fn decoder(bytes: &[u8], format: ImageFormat) -> image::ImageResult<impl ImageDecoder + '_> {
+    let mut limits = Limits::no_limits();
+    limits.max_alloc = Some(MOST_BESIDE);
+    let mut reader = ImageReader::with_format(std::io::Cursor::new(bytes), format);
+    reader.limits(limits);
+    reader.into_decoder()
+}
+
 /// Decode an image of at most `max_pixels` pixels, which takes at most `max_bytes` of memory meanwhile; `hint` is its file name
 /// or MIME type, for TGA, which has no signature.
 pub fn decode(name: &str, bytes: &[u8], hint: &str, max_pixels: u64, max_bytes: u64) -> Result<Texture, Refused> {
@@ -32,7 +47,7 @@ pub fn decode(name: &str, bytes: &[u8], hint: &str, max_pixels: u64, max_bytes: 
         Err(_) if bytes.starts_with(b"DDS ") => return refused("DDS textures are not read"),
         Err(_) => return refused("not an image of a known format (png, jpeg, webp, gif, bmp, tga)"),
     };
-    let mut decoder = ImageReader::with_format(std::io::Cursor::new(bytes), format).into_decoder()?;
+    let mut decoder = decoder(bytes, format)?;
     let (width, height) = decoder.dimensions();
     let pixels = u64::from(width) * u64::from(height);
     if pixels == 0 || pixels > max_pixels {

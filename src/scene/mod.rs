@@ -19,6 +19,8 @@ pub mod shell;
 #[cfg(feature = "bake")]
 pub(crate) mod text;
 pub mod texture;
+#[cfg(feature = "bake")]
+pub(crate) mod tiff_file;
 pub(crate) mod topology;
 pub mod transmission;
 #[cfg(feature = "bake")]

@@ -5,12 +5,13 @@
 use std::io::Cursor;
 use std::path::Path;
 
-use image::{ImageFormat, ImageReader};
+use image::{DynamicImage, ImageDecoder, ImageFormat};
 use tiff::ColorType;
-use tiff::decoder::{Decoder, DecodingResult, Limits};
+use tiff::decoder::{Decoder, DecodingResult};
 use tiff::tags::Tag;
 
-use super::files;
+use super::image::decoder;
+use super::{files, tiff_file};
 use crate::{Error, Result};
 
 /// One channel of a picture, row 0 at the top.
@@ -43,6 +44,10 @@ pub struct GeoPlace {
 
 /// Pixels of one raster.
 const MAX_PIXELS: u64 = 1 << 26;
+/// Pixels per byte of a file, which no packing of real pictures exceeds.
+const MAX_RATIO: u64 = 8 * 1032;
+/// Bytes that a TIFF may take as it is decoded: pixels of four channels of 64 bits, and some more.
+const MAX_DECODED: u64 = 1 << 32;
 
 impl Raster {
     /// Read a PNG (8 or 16 bits; colours become their luma) or a TIFF (8 to 64 bits, whole or floating; its first channel).
@@ -103,7 +108,8 @@ impl Raster {
     }
 }
 
-fn check_size(path: &Path, width: u64, height: u64) -> Result<()> {
+/// The size that a header claims, of a file of `stored` bytes.
+fn check_size(path: &Path, width: u64, height: u64, stored: u64) -> Result<()> {
     let needed = width.saturating_mul(height);
     if needed == 0 {
         return Err(Error::input(path, "", "has no pixels"));
@@ -112,15 +118,18 @@ fn check_size(path: &Path, width: u64, height: u64) -> Result<()> {
         let what = format!("{}: the pixels of a mask or a ground (resample it to fewer)", path.display());
         return Err(Error::Limit { what, needed, allowed: MAX_PIXELS });
     }
+    if needed / MAX_RATIO > stored {
+        return Err(Error::input(path, "", format!("{stored} bytes cannot hold {width}×{height} pixels")));
+    }
     Ok(())
 }
 
 fn png(path: &Path, bytes: &[u8]) -> Result<Raster> {
     let broken = |e: image::ImageError| Error::input(path, "", format!("cannot be read as a PNG: {e}"));
-    let reader = || ImageReader::with_format(Cursor::new(bytes), ImageFormat::Png);
-    let (width, height) = reader().into_dimensions().map_err(broken)?;
-    check_size(path, width.into(), height.into())?;
-    let grey = reader().decode().map_err(broken)?.into_luma16();
+    let decoder = decoder(bytes, ImageFormat::Png).map_err(broken)?;
+    let (width, height) = decoder.dimensions();
+    check_size(path, width.into(), height.into(), bytes.len() as u64)?;
+    let grey = DynamicImage::from_decoder(decoder).map_err(broken)?.into_luma16();
     Ok(Raster {
         width: width as usize,
         height: height as usize,
@@ -134,21 +143,20 @@ fn png(path: &Path, bytes: &[u8]) -> Result<Raster> {
 struct Tiff<'a> {
     path: &'a Path,
     decoder: Decoder<Cursor<&'a [u8]>>,
+    /// Bytes of the file.
+    bytes: u64,
 }
 
 impl<'a> Tiff<'a> {
     fn new(path: &'a Path, bytes: &'a [u8]) -> Result<Tiff<'a>> {
-        let mut limits = Limits::default();
-        limits.decoding_buffer_size = 1 << 32;
-        limits.intermediate_buffer_size = 1 << 32;
-        let decoder = Decoder::new(Cursor::new(bytes)).map_err(|e| broken(path, e))?.with_limits(limits);
-        Ok(Tiff { path, decoder })
+        let decoder = tiff_file::open(path, bytes, MAX_DECODED, |_, e| broken(path, e))?;
+        Ok(Tiff { path, decoder, bytes: bytes.len() as u64 })
     }
 
     fn read(mut self) -> Result<Raster> {
         let path = self.path;
         let (width, height) = self.decoder.dimensions().map_err(|e| broken(path, e))?;
-        check_size(path, width.into(), height.into())?;
+        check_size(path, width.into(), height.into(), self.bytes)?;
         if matches!(self.decoder.colortype().map_err(|e| broken(path, e))?, ColorType::Palette(_)) {
             return Err(Error::unsupported(path, "a TIFF of palette colours as a mask or a ground"));
         }
@@ -156,7 +164,7 @@ impl<'a> Tiff<'a> {
         let no_data = self.decoder.get_tag_ascii_string(Tag::GdalNodata).ok();
         let no_data: Option<f64> = no_data.and_then(|t| t.trim_end_matches('\0').trim().parse().ok());
         let image = self.decoder.read_image().map_err(|e| broken(path, e))?;
-        let (mut values, white) = numbers(path, image)?;
+        let (mut values, white) = numbers(image);
         let pixels = width as usize * height as usize;
         let samples = values.len() / pixels;
         if samples > 1 {
@@ -165,6 +173,10 @@ impl<'a> Tiff<'a> {
         values.truncate(pixels);
         if values.len() < pixels {
             return Err(Error::input(path, "", "has fewer numbers than pixels"));
+        }
+        if self.decoder.find_tag_unsigned::<u16>(Tag::PhotometricInterpretation).ok().flatten() == Some(0) {
+            // Values as stored: that white is 0 says how a viewer shows them, and the decoder has turned them round.
+            values.iter_mut().for_each(|v| *v = white.unwrap_or(1.0) - *v);
         }
         if let Some(no_data) = no_data {
             values.iter_mut().filter(|v| **v == no_data as f32).for_each(|v| *v = f32::NAN);
@@ -220,11 +232,11 @@ fn broken(path: &Path, e: tiff::TiffError) -> Error {
 }
 
 /// The numbers of all samples, and the largest code where they are unsigned.
-fn numbers(path: &Path, image: DecodingResult) -> Result<(Vec<f32>, Option<f32>)> {
+fn numbers(image: DecodingResult) -> (Vec<f32>, Option<f32>) {
     fn wide<T: Copy>(v: &[T], as_f64: impl Fn(T) -> f64) -> Vec<f32> {
         v.iter().map(|&x| as_f64(x) as f32).collect()
     }
-    Ok(match image {
+    match image {
         DecodingResult::U8(v) => (wide(&v, f64::from), Some(255.0)),
         DecodingResult::U16(v) => (wide(&v, f64::from), Some(65535.0)),
         DecodingResult::U32(v) => (wide(&v, f64::from), Some(u32::MAX as f32)),
@@ -235,8 +247,8 @@ fn numbers(path: &Path, image: DecodingResult) -> Result<(Vec<f32>, Option<f32>)
         DecodingResult::I64(v) => (wide(&v, |x| x as f64), None),
         DecodingResult::F32(v) => (v, None),
         DecodingResult::F64(v) => (wide(&v, |x| x), None),
-        DecodingResult::F16(_) => return Err(Error::unsupported(path, "a TIFF of 16-bit floats")),
-    })
+        DecodingResult::F16(v) => (wide(&v, |x| x.to_f64()), None),
+    }
 }
 
 #[cfg(test)]
@@ -276,6 +288,35 @@ mod tests {
         assert!(Raster::open(&path).unwrap_err().to_string().contains("degrees"));
         geotiff(&path, 1, 9035);
         assert!(Raster::open(&path).unwrap_err().to_string().contains("9035"));
+    }
+
+    #[test]
+    fn numbers_are_as_stored() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("w.tif");
+        // A TIFF of one row of two numbers, by hand: bits per sample, format of samples, photometric interpretation.
+        let save = |bits: u32, format: u32, photometric: u32, data: [u8; 4]| {
+            let entries =
+                [(256u16, 2u32), (257, 1), (258, bits), (262, photometric), (273, 8), (279, bits / 4), (339, format)];
+            let mut file = b"II*\0\x0c\0\0\0".to_vec();
+            file.extend(data);
+            file.extend((entries.len() as u16).to_le_bytes());
+            for (tag, value) in entries {
+                file.extend(tag.to_le_bytes());
+                file.extend([4, 0, 1, 0, 0, 0]);
+                file.extend(value.to_le_bytes());
+            }
+            file.extend([0; 4]);
+            std::fs::write(&path, file).unwrap();
+            Raster::open(&path).unwrap().values
+        };
+        for photometric in [0, 1] {
+            // Grey of 8 and 16 bits; a stored 0 is a height of 0 whatever colour a viewer gives it.
+            assert_eq!(save(8, 1, photometric, [0, 250, 0, 0]), [0.0, 250.0]);
+            assert_eq!(save(16, 1, photometric, [0, 0, 0xe8, 3]), [0.0, 1000.0]);
+        }
+        // Floats of 16 bits.
+        assert_eq!(save(16, 3, 1, [0, 0x3c, 0, 0x58]), [1.0, 128.0]);
     }
 
     #[test]

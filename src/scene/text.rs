@@ -1,4 +1,5 @@
-//! Text as other programs write it: byte-order marks, UTF-16, lines that a backslash breaks, comments.
+//! Text as other programs write it: byte-order marks, UTF-16, lines that end in a carriage return alone or that a backslash
+//! breaks, comments.
 
 use std::borrow::Cow;
 
@@ -17,12 +18,13 @@ pub fn utf8(bytes: &[u8]) -> Cow<'_, [u8]> {
     }
 }
 
-/// The same as a string; what is not UTF-8 becomes U+FFFD.
+/// The same as a string; what is not UTF-8 becomes U+FFFD, and carriage returns become the ends of lines where there are no others.
 pub fn decode(bytes: &[u8]) -> Cow<'_, str> {
-    match utf8(bytes) {
+    let text = match utf8(bytes) {
         Cow::Borrowed(bytes) => String::from_utf8_lossy(bytes),
         Cow::Owned(bytes) => String::from_utf8_lossy(&bytes).into_owned().into(),
-    }
+    };
+    if text.contains('\r') && !text.contains('\n') { text.replace('\r', "\n").into() } else { text }
 }
 
 /// Lines, each with its number from 1 on. A line that ends in a backslash goes on with the next, and has the number of
@@ -92,6 +94,8 @@ mod tests {
         assert_eq!(decode(b"\xff\xfe\x00\xd8a"), "\u{fffd}", "half a pair, and half a unit");
         assert_eq!(decode(b"a\xffb"), "a\u{fffd}b");
         assert_eq!(decode(b""), "");
+        // As programs of the classic Mac OS write lines; beside a line feed a carriage return is none of its own.
+        assert_eq!([decode(b"a\rb\r"), decode(b"a\rb\r\n")], ["a\nb\n", "a\rb\r\n"]);
     }
 
     #[test]

@@ -72,7 +72,7 @@ fn vol(n: i32, channels: i32, grid: &[f32]) -> Vec<u8> {
 
 /// The scene: the texel at its own place and size, a sky and a camera that frames it.
 fn scene(voxels: &Voxels, grids: &[PathBuf]) -> Result<String> {
-    let corner = voxels.to_own.transform_point3(DVec3::Y);
+    let corner = voxels.origin + voxels.to_own.transform_point3(DVec3::Y);
     let size = voxels.to_own.matrix3.x_axis.length();
     let centre = corner + size / 2.0;
     let eye = centre + DVec3::new(0.6, 0.35, 1.0).normalize() * size * 2.2;

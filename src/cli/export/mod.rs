@@ -14,6 +14,7 @@ use super::depfile::DepfileArgs;
 use super::download::{self, DownloadArgs, Need};
 use super::results::{print, shown};
 use super::{Ui, outputs};
+use crate::error::short;
 use crate::format::{Limits, Reader, save};
 use crate::volume::Pages;
 use crate::{Error, Result};
@@ -144,6 +145,12 @@ fn to_splats(args: &Args, reader: &Reader) -> Result<Written> {
     save(&args.output, &bytes)?;
     let said =
         format!("{count} splats in the texel's own colours, without light; depths and block correlation are lost");
+    let said = if voxels.origin == glam::DVec3::ZERO {
+        said
+    } else {
+        let [x, y, z] = voxels.origin.to_array().map(short);
+        format!("{said}; ({x}, {y}, {z}) is subtracted from their places, since the file holds 32 bits of a number")
+    };
     Ok(Written { bytes: bytes.len() as u64, said, more: Vec::new() })
 }
 

@@ -31,14 +31,14 @@ pub fn write(voxels: &Voxels, form: Form, least: f64, name: &str, output: &Path)
         let boxes = cells.iter().map(|cell| cell.support(voxels.resolution));
         let positions: Vec<_> = boxes.map(|(low, high)| own(voxels, (low + high) / 2.0)).collect();
         let colors: Vec<_> = cells.iter().map(|cell| color(cell)).collect();
-        save_points(name, &positions, &colors, output)?;
+        save_points(name, voxels.origin, &positions, &colors, output)?;
         return Ok(cells.len());
     }
     let material = Material { name: name.into(), ..Material::default() };
     let model = Model {
         parts: vec![Part { name: name.into(), ..blocks(voxels, &cells) }],
         materials: vec![material],
-        instances: vec![Instance { part: 0, transform: DAffine3::IDENTITY, node: name.into() }],
+        instances: vec![Instance { part: 0, transform: DAffine3::from_translation(voxels.origin), node: name.into() }],
         metres_per_unit: 1.0,
         ..Model::default()
     };

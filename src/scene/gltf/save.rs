@@ -46,11 +46,17 @@ pub fn save(model: &Model, output: &Path, warnings: &mut Warnings) -> Result<()>
     file.save(output, &Saved::default())
 }
 
-/// Store points, each of a linear RGBA colour that light does not change, as `.glb` or `.gltf`.
+/// Store points around `origin`, each of a linear RGBA colour that light does not change, as `.glb` or `.gltf`.
 ///
 /// # Errors
 /// As [`save`].
-pub fn save_points(name: &str, positions: &[[f32; 3]], colors: &[[f32; 4]], output: &Path) -> Result<()> {
+pub fn save_points(
+    name: &str,
+    origin: DVec3,
+    positions: &[[f32; 3]],
+    colors: &[[f32; 4]],
+    output: &Path,
+) -> Result<()> {
     let mut file = Editor::new(output);
     if positions.is_empty() {
         return Err(Error::input(output, "", "nothing is drawn"));
@@ -60,7 +66,11 @@ pub fn save_points(name: &str, positions: &[[f32; 3]], colors: &[[f32; 4]], outp
     let material = file.push("materials", json!({"name": name, "extensions": {"KHR_materials_unlit": {}}}))?;
     let primitive = json!({"attributes": attributes, "material": material, "mode": 0});
     let mesh = file.push("meshes", json!({"name": name, "primitives": [primitive]}))?;
-    let node = file.push("nodes", json!({"name": name, "mesh": mesh}))?;
+    let mut node = json!({"name": name, "mesh": mesh});
+    if origin != DVec3::ZERO {
+        node["translation"] = json!(origin.to_array());
+    }
+    let node = file.push("nodes", node)?;
     file.push("scenes", json!({"nodes": [node]}))?;
     file.json["scene"] = json!(0);
     file.save(output, &Saved::default())

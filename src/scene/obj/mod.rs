@@ -44,6 +44,9 @@ pub fn read(path: &Path, options: &ReadOptions) -> Result<Model> {
     // Names of objects and materials are not handed on, so that all geometry is one mesh.
     let mesh = models.into_iter().next().map(|m| m.mesh).unwrap_or_default();
     let geometry = Geometry::new(&mesh, statements.decimals);
+    if geometry.white > 1.0 {
+        warnings.add("colours of vertices are above 1: they are taken as parts of 255");
+    }
     let built = geometry.parts(&statements, options.patches);
     let mut model = Model::default();
     let mut textures = mtl::Textures::new(options.max_bytes.saturating_sub(bytes.len() as u64));
@@ -101,13 +104,16 @@ struct Geometry<'a> {
     mesh: &'a tobj::Mesh,
     offset: DVec3,
     decimals: far::Decimals,
+    /// What colours of vertices are divided by: 255 where any is above 1.
+    white: f64,
 }
 
 impl<'a> Geometry<'a> {
     fn new(mesh: &'a tobj::Mesh, decimals: far::Decimals) -> Geometry<'a> {
         let positions = mesh.positions.as_chunks::<3>().0.iter().map(|p| DVec3::from(*p));
         let offset = far::offset(Aabb::around(positions.filter(|p| p.is_finite())));
-        Geometry { mesh, offset, decimals }
+        let white = if mesh.vertex_color.iter().any(|c| *c > 1.0) { 255.0 } else { 1.0 };
+        Geometry { mesh, offset, decimals, white }
     }
 
     /// The parts of all runs of elements, in the order of [`Statements::parts`]; with `patches`, convex faces of four corners are
@@ -187,7 +193,7 @@ impl Building {
         let normal = normal.map(|c| if c.is_nan() { 0.0 } else { c as f32 });
         part.normals.get_or_insert_default().push(normal);
         if let Some(color) = row(&mesh.vertex_color) {
-            let linear = |c: f64| srgb_to_linear(((c as f32).clamp(0.0, 1.0) * 255.0 + 0.5) as u8);
+            let linear = |c: f64| srgb_to_linear(((c / geometry.white).clamp(0.0, 1.0) * 255.0 + 0.5) as u8);
             let [r, g, b] = color.map(linear);
             part.colors.get_or_insert_default().push([r, g, b, 1.0]);
         }

@@ -9,7 +9,7 @@ use super::coding::byte_count;
 use super::natural::natural;
 use super::samples::Samples;
 use super::slice::{self, About, Sink, Slice, is_image};
-use super::split::by_names;
+use super::split::{by_names, oddities};
 use super::{Channels, Stack};
 use crate::geom::{DAffine3, DVec3};
 use crate::scene::files::extension;
@@ -77,7 +77,9 @@ pub fn choose<'a>(
         if !folders.is_empty() {
             let names: Vec<String> = folders.iter().map(|f| name(f)).collect();
             let folder = &folders[choice.channel(&names, warnings)?];
-            return Ok((images(folder, &list(folder)?, warnings)?, choice.within(true, false)));
+            let slices = images(folder, &list(folder)?, warnings)?;
+            oddities(&slices).into_iter().for_each(|what| warnings.add(what));
+            return Ok((slices, choice.within(true, false)));
         }
     }
     let mut slices = images(choice.path, files, warnings)?;
@@ -92,6 +94,7 @@ pub fn choose<'a>(
         slices = groups.into_iter().nth(channel).unwrap_or_default();
         by_channel = true;
     }
+    oddities(&slices).into_iter().for_each(|what| warnings.add(what));
     Ok((slices, choice.within(by_channel, by_frame)))
 }
 

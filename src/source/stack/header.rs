@@ -17,6 +17,7 @@ pub fn numbers(text: &str) -> Option<Vec<f64>> {
 pub fn metres(unit: &str) -> Option<f64> {
     let name = unit.trim().trim_matches('"').replace(['\u{b5}', '\u{3bc}'], "u").replace("\\u00B5", "u").to_lowercase();
     Some(match name.as_str() {
+        "km" | "kilometer" | "kilometers" | "kilometre" | "kilometres" => 1e3,
         "m" | "meter" | "meters" | "metre" | "metres" => 1.0,
         "cm" | "centimeter" | "centimeters" | "centimetre" | "centimetres" => 1e-2,
         "mm" | "millimeter" | "millimeters" | "millimetre" | "millimetres" => 1e-3,

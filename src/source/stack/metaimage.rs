@@ -45,7 +45,9 @@ impl<'a> Fields<'a> {
     fn read(path: &'a Path) -> Result<Fields<'a>> {
         let map = map_file(path)?;
         let head = &map[..map.len().min(MAX_HEADER)];
-        let mut fields = Fields { path, list: Vec::new(), end: 0 };
+        // Editors put a byte-order mark before a text.
+        let end = if head.starts_with(b"\xef\xbb\xbf") { 3 } else { 0 };
+        let mut fields = Fields { path, list: Vec::new(), end };
         let mut row = 0;
         while fields.end < head.len() {
             let rest = &head[fields.end..];
@@ -53,7 +55,8 @@ impl<'a> Fields<'a> {
             let line = String::from_utf8_lossy(&rest[..length]).into_owned();
             fields.end = (fields.end + length + 1).min(map.len());
             row += 1;
-            let Some((key, value)) = line.split_once('=') else {
+            // MetaIO takes a colon for the equals sign, too.
+            let Some((key, value)) = line.split_once('=').or_else(|| line.split_once(':')) else {
                 if line.trim().is_empty() {
                     continue;
                 }

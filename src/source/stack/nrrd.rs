@@ -240,10 +240,8 @@ fn stack(fields: &Fields, choice: &Choice, body: Option<usize>, in_memory: u64) 
     let samples = Data { volume, ..data(fields, body, coding, dims)? }.load(in_memory)?;
     let axis =
         |n: usize| directions.as_ref().filter(|_| n < axes.space).and_then(|d| d.get(first + n).copied().flatten());
-    let spacings = fields
-        .get(&["spacings"])
-        .map(|s| s.0.split_whitespace().map(|w| w.parse().unwrap_or(f64::NAN)).collect::<Vec<f64>>());
-    let spacing = |n: usize| spacings.as_ref().and_then(|s| s.get(first + n)).filter(|v| !v.is_nan()).copied();
+    let extents = Extents::new(fields);
+    let spacing = |n: usize| extents.spacing(first + n, dims[n]);
     let mut unit = None;
     let columns: [DVec3; 3] = std::array::from_fn(|n| match (axis(n), spacing(n)) {
         (Some(direction), _) => direction,
@@ -254,10 +252,18 @@ fn stack(fields: &Fields, choice: &Choice, body: Option<usize>, in_memory: u64) 
         unit = text.split_whitespace().find_map(metres);
         placed |= unit.is_some();
     }
-    let mut origin = DVec3::ZERO;
+    let along = |n: usize| extents.first(first + n, spacing(n).unwrap_or(1.0)).unwrap_or(0.0);
+    let mut origin = match directions {
+        Some(_) => DVec3::ZERO,
+        None => DVec3::from(std::array::from_fn(|n| if n < axes.space { along(n) } else { 0.0 })),
+    };
     if let Some((text, at)) = fields.get(&["space origin"]) {
-        match vectors(text).as_deref() {
-            Some([Some(v)]) => origin = *v,
+        // A space of more than three axes begins with those of space.
+        let inner = text.trim().strip_prefix('(').and_then(|t| t.strip_suffix(')'));
+        match inner.and_then(|t| numbers(&t.replace(',', " "))).as_deref() {
+            Some([x, rest @ ..]) => {
+                origin = DVec3::new(*x, *rest.first().unwrap_or(&0.0), *rest.get(1).unwrap_or(&0.0));
+            }
             _ => return fields.wrong(at, format!("space origin {text:?}: one vector is needed")),
         }
     }
@@ -276,8 +282,60 @@ fn stack(fields: &Fields, choice: &Choice, body: Option<usize>, in_memory: u64) 
     Ok(stack)
 }
 
+/// Where samples lie along each axis, where no directions say so.
+struct Extents {
+    spacings: Vec<f64>,
+    /// Least and greatest position, of the cells' faces or of the samples.
+    least: Vec<f64>,
+    greatest: Vec<f64>,
+    /// Whether samples lie on the ends, and not in the middles of cells.
+    on_ends: Vec<bool>,
+}
+
+impl Extents {
+    fn new(fields: &Fields) -> Extents {
+        // NaN stands for what is not known.
+        let list = |names: &[&str]| {
+            let text = fields.get(names).map_or("", |f| f.0);
+            text.split_whitespace().map(|w| w.parse().unwrap_or(f64::NAN)).collect::<Vec<f64>>()
+        };
+        let centres = fields.get(&["centers", "centerings"]).map_or("", |f| f.0);
+        Extents {
+            spacings: list(&["spacings"]),
+            least: list(&["axis mins", "axismins"]),
+            greatest: list(&["axis maxs", "axismaxs"]),
+            on_ends: centres.split_whitespace().map(|w| w.eq_ignore_ascii_case("node")).collect(),
+        }
+    }
+
+    fn known(list: &[f64], axis: usize) -> Option<f64> {
+        list.get(axis).copied().filter(|v| v.is_finite())
+    }
+
+    fn is_on_ends(&self, axis: usize) -> bool {
+        self.on_ends.get(axis) == Some(&true)
+    }
+
+    /// Distance of samples along an axis of `count`.
+    fn spacing(&self, axis: usize, count: usize) -> Option<f64> {
+        let by_ends = || {
+            let length = Self::known(&self.greatest, axis)? - Self::known(&self.least, axis)?;
+            let steps = if self.is_on_ends(axis) { count.saturating_sub(1) } else { count };
+            Some(length / steps as f64).filter(|v| v.is_finite() && *v != 0.0)
+        };
+        Self::known(&self.spacings, axis).or_else(by_ends)
+    }
+
+    /// Position of the first sample.
+    fn first(&self, axis: usize, spacing: f64) -> Option<f64> {
+        let half = if self.is_on_ends(axis) { 0.0 } else { 0.5 * spacing };
+        Self::known(&self.least, axis).map(|least| least + half)
+    }
+}
+
 fn big_endian(fields: &Fields, kind: Kind) -> Result<bool> {
-    let text = fields.get(&["encoding"]).is_some_and(|e| ["ascii", "txt", "text"].contains(&e.0));
+    let is_text = |encoding: &str| ["ascii", "txt", "text"].iter().any(|name| name.eq_ignore_ascii_case(encoding));
+    let text = fields.get(&["encoding"]).is_some_and(|e| is_text(e.0));
     match fields.get(&["endian"]) {
         Some((order, at)) => match order.to_ascii_lowercase().as_str() {
             "little" => Ok(false),

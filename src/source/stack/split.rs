@@ -75,6 +75,35 @@ fn groups(files: &[PathBuf], names: &[Vec<&str>], at: &[usize]) -> Option<(Vec<S
     (all.len() > 1 && alike).then(|| all.into_iter().map(|(value, (_, files))| (value.to_owned(), files)).unzip())
 }
 
+/// What the names of slices tell that is odd: names of several forms, and numbers that are missing from a row.
+pub fn oddities(files: &[PathBuf]) -> Vec<String> {
+    let name = |f: &PathBuf| f.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    let stems: Vec<String> =
+        files.iter().map(|f| f.file_stem().unwrap_or_default().to_string_lossy().to_lowercase()).collect();
+    let names: Vec<Vec<&str>> = stems.iter().map(|s| parts(s)).collect();
+    let is_number = |part: &&str| part.starts_with(|c: char| c.is_ascii_digit());
+    let form = |name: &[&str]| name.iter().map(|p| if is_number(p) { "\0" } else { p }).collect::<String>();
+    let Some(first) = names.first() else { return Vec::new() };
+    if let Some(other) = names.iter().position(|n| form(n) != form(first)) {
+        let (a, b) = (name(&files[0]), name(&files[other]));
+        return vec![format!("names of its slices are not alike ({a}, {b}): all are taken, in this order")];
+    }
+    // The one number that differs.
+    let differing: Vec<usize> = (0..first.len()).filter(|&n| names.iter().any(|name| name[n] != first[n])).collect();
+    let [at] = differing[..] else { return Vec::new() };
+    let Some(numbers) = names.iter().map(|n| n[at].parse().ok()).collect::<Option<Vec<u64>>>() else {
+        return Vec::new();
+    };
+    let steps = || numbers.windows(2).map(|w| w[1].abs_diff(w[0]));
+    let Some(step) = steps().min().filter(|s| *s > 0) else { return Vec::new() };
+    let Some(gap) = numbers.windows(2).position(|w| w[1].abs_diff(w[0]) != step) else { return Vec::new() };
+    let missing: u64 = steps().map(|s| (s / step).saturating_sub(1)).fold(0, u64::saturating_add);
+    let (a, b) = (name(&files[gap]), name(&files[gap + 1]));
+    vec![format!(
+        "{missing} of its slices may be missing, the first between {a} and {b}: they are taken as evenly apart"
+    )]
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -99,5 +128,19 @@ mod tests {
         assert!(split(&["c001", "c002", "c003"], &keys).is_empty());
         assert!(split(&["z1_c1", "z2_c1", "z3_c2", "z4_c2"], &keys).is_empty());
         assert!(split(&["slice1", "slice2", "Slice3"], &keys).is_empty());
+    }
+
+    #[test]
+    fn a_picture_of_another_kind_and_a_gap_are_said() {
+        let odd = |names: &[&str]| oddities(&names.iter().map(PathBuf::from).collect::<Vec<_>>()).concat();
+        for even in [&["a_1.png", "A_2.PNG", "a_3.png"][..], &["s10", "s20", "s30"], &["x"], &[], &["a1b2", "a2b4"]] {
+            assert_eq!(odd(even), "", "{even:?}");
+        }
+        assert!(odd(&["a_1.png", "a_2.png", "mip.png"]).contains("(a_1.png, mip.png)"));
+        assert!(odd(&["z-1", "z-2", "z0", "z1"]).contains("(z-1, z0)"), "their order is not known");
+        assert!(
+            odd(&["s1", "s2", "s5", "s6", "s8"])
+                .starts_with("3 of its slices may be missing, the first between s2 and s5")
+        );
     }
 }

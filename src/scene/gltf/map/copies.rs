@@ -13,6 +13,7 @@ use super::plan::metres_per_unit;
 use super::scatter::Target;
 use super::shell::restyle;
 use super::surface::{Surface, WRITTEN};
+use crate::error::length;
 use crate::geom::{Aabb, DVec3};
 use crate::scene::copies::to_texel;
 use crate::{Result, Warnings};
@@ -108,7 +109,9 @@ pub fn kinds(
         (None, Cells::Repeat(_) | Cells::Wide(_)) if widest > 0.0 => cell / widest,
         (None, Cells::Texel) if side < widest => {
             warnings.add(format!(
-                "the ground is {side:.3} m across and a copy {widest:.3} m: copies are made smaller (option `sizes` sets their height)"
+                "the ground is {} m across and a copy {} m: copies are made smaller (option `sizes` sets their height)",
+                length(side),
+                length(widest)
             ));
             side / FEW_FIT / widest
         }

@@ -99,7 +99,7 @@ pub fn place(
         });
     }
     if covered.is_empty() {
-        warnings.add("the ground has no room for a single copy: nothing was placed (option `density`, option `sizes`)");
+        warnings.add("nothing was placed: no place was left for a copy (option `density`, option `sizes`, option `presence`, slope, altitude)");
     }
     Ok(covered)
 }

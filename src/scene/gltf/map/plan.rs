@@ -3,6 +3,7 @@
 
 use super::options::{Cells, Chart, Heights, MapOptions};
 use super::surface::{Coordinates, Surface, SurfaceStats};
+use crate::error::length;
 use crate::geom::DVec3;
 use crate::scene::shell::Orientations;
 use crate::volume::Info;
@@ -280,7 +281,9 @@ fn width(options: &MapOptions, groups: &[Group], notes: &mut Vec<String>, warnin
     let narrowest = widths.iter().copied().fold(f64::INFINITY, f64::min);
     if narrowest < 0.5 * widest {
         warnings.add(format!(
-            "the texels are {narrowest:.3} to {widest:.3} m wide, and all are drawn as wide as the widest; map them one by one"
+            "the texels are {} to {} m wide, and all are drawn as wide as the widest; map them one by one",
+            length(narrowest),
+            length(widest)
         ));
     }
     let widest = if widest > 0.0 && widest.is_finite() { widest } else { 1.0 };
@@ -291,7 +294,10 @@ fn width(options: &MapOptions, groups: &[Group], notes: &mut Vec<String>, warnin
     }
     let fit = room / FEW_FIT;
     warnings.add(format!(
-        "the mesh is {room:.3} m across and the texel {widest:.3} m: copies are made {fit:.3} m wide (option `cells` sets it)"
+        "the mesh is {} m across and the texel {} m: copies are made {} m wide (option `cells` sets it)",
+        length(room),
+        length(widest),
+        length(fit)
     ));
     fit
 }

@@ -6,6 +6,7 @@ use super::super::write::Editor;
 use super::options::{Chart, MapOptions};
 use super::plan::{Plan, SurfacePlan};
 use super::surface::{Coordinates, Surface, WRITTEN};
+use crate::error::length;
 use crate::scene::shell::{Continuous, Orientations};
 use crate::volume::Style;
 use crate::{Error, Result, Warnings};
@@ -205,7 +206,7 @@ pub fn add(
     }
     if own.thickness > height * 1.001 {
         let high = own.thickness;
-        warnings.add(format!("{name}: the shell is {height:.3} m high and cuts the layer's {high:.3} m"));
+        warnings.add(format!("{name}: the shell is {} m high and cuts the layer's {} m", length(height), length(high)));
     }
     for layer in shell.get("layers").and_then(Value::as_array).into_iter().flatten() {
         let mut layer = layer.clone();

@@ -23,7 +23,7 @@ const ITEM: Tag = 0xfffe_e000;
 const ITEM_END: Tag = 0xfffe_e00d;
 const SEQUENCE_END: Tag = 0xfffe_e0dd;
 /// Sequences that are looked into where the file does not say that they are some.
-const SEQUENCES: [Tag; 13] = [
+const SEQUENCES: [Tag; 14] = [
     0x0018_9076,
     0x0018_9114,
     0x0018_9117,
@@ -35,6 +35,7 @@ const SEQUENCES: [Tag; 13] = [
     0x0028_3000,
     0x0028_9110,
     0x0028_9145,
+    0x0054_0022,
     0x5200_9229,
     0x5200_9230,
 ];
@@ -42,8 +43,6 @@ const SEQUENCES: [Tag; 13] = [
 const MAX_NESTED: usize = 16;
 /// A length that is not known.
 const OPEN: usize = u32::MAX as usize;
-/// Bytes that a deflated file may become.
-const MAX_INFLATED: u64 = 1 << 32;
 
 pub enum Element {
     Value(Range<usize>),
@@ -70,7 +69,11 @@ pub fn has_magic(bytes: &[u8]) -> bool {
 }
 
 impl File {
-    pub fn open(path: &Path) -> Result<File> {
+    /// Read the elements of a file; a deflated one may become `memory` bytes.
+    ///
+    /// # Errors
+    /// [`Error::Io`], [`Error::Limit`], [`Error::Input`] with the byte that is not understood.
+    pub fn open(path: &Path, memory: u64) -> Result<File> {
         let bytes = map_file(path)?;
         let wrong = |at: usize, what: &str| Error::input(path, format!("byte {at}"), what);
         let mut reader = Reader { bytes: &bytes, at: 0, explicit: true, big: false };
@@ -92,8 +95,12 @@ impl File {
         let start = reader.at;
         if syntax == "1.2.840.10008.1.2.1.99" {
             let mut inflated = Vec::new();
-            let mut from = flate2::read::DeflateDecoder::new(&bytes[start..]).take(MAX_INFLATED);
+            let mut from = flate2::read::DeflateDecoder::new(&bytes[start..]).take(memory.saturating_add(1));
             from.read_to_end(&mut inflated).map_err(|_| wrong(start, "its deflated data are broken"))?;
+            if inflated.len() as u64 > memory {
+                let what = format!("decoding {}, in bytes,", path.display());
+                return Err(Error::Limit { what, needed: inflated.len() as u64, allowed: memory });
+            }
             return File::parse(path, Bytes::Memory(inflated), 0, "1.2.840.10008.1.2.1".into());
         }
         File::parse(path, bytes, start, syntax)

@@ -1,10 +1,11 @@
 //! One DICOM file: its frames, where they lie, and what their numbers mean.
 //!
-//! Based on: NEMA PS3.3, sections C.7.6.2 (image plane) and C.7.6.16 (multi-frame functional groups).
+//! Based on: NEMA PS3.3, sections C.7.6.2 (image plane), C.7.6.16 (multi-frame functional groups), C.8.4.8 (nuclear medicine's
+//! vectors) and C.8.8.3 (radiotherapy's doses).
 
 use std::path::{Path, PathBuf};
 
-use super::dataset::{Dataset, File};
+use super::dataset::{Dataset, File, Tag};
 use super::layout::Layout;
 use super::tables::{Palette, Table};
 use super::{attributes, dataset, tables};
@@ -35,6 +36,9 @@ pub struct Image {
     pub padding: Option<[f32; 2]>,
 }
 
+/// Sequence of nuclear medicine's detectors, the first of which says where the first frame lies.
+const DETECTOR: Tag = 0x0054_0022;
+
 /// One slice.
 #[derive(Clone)]
 pub struct Frame {
@@ -50,8 +54,12 @@ pub struct Frame {
 }
 
 impl Image {
-    pub fn read(path: &Path) -> Result<Option<Image>> {
-        let file = File::open(path)?;
+    /// Read what a file says of its frames; `None` where it has none. A deflated file may become `memory` bytes.
+    ///
+    /// # Errors
+    /// As [`File::open`].
+    pub fn read(path: &Path, memory: u64) -> Result<Option<Image>> {
+        let file = File::open(path, memory)?;
         let pixels = [dataset::PIXEL_DATA, dataset::FLOAT_PIXEL_DATA, dataset::DOUBLE_PIXEL_DATA];
         if !pixels.iter().any(|tag| file.data.0.contains_key(tag)) {
             return Ok(None);
@@ -67,7 +75,11 @@ impl Image {
         }
         let shared = data.items(0x5200_9229).first();
         let each = data.items(0x5200_9230);
-        let frames = (0..count as usize).map(|n| Frame::new(&file, &[each.get(n), shared, Some(data)])).collect();
+        let mut frames: Vec<Frame> =
+            (0..count as usize).map(|n| Frame::new(&file, &[each.get(n), shared, Some(data)])).collect();
+        if each.is_empty() {
+            frames.iter_mut().zip(offsets(&file, count as usize)).for_each(|(frame, by)| frame.shift(by));
+        }
         let thickness = [0x0018_0088, 0x0018_0050].iter().find_map(|&t| {
             let own = number(t);
             let deep = || file.numbers(shared?.items(0x0028_9110).first()?, t).and_then(|l| l.first().copied());
@@ -91,7 +103,45 @@ impl Image {
     }
 }
 
+/// Distance of frames from the first, along their normal or along z.
+#[derive(Debug, Clone, Copy)]
+enum Offset {
+    Normal(f64),
+    Z(f64),
+}
+
+/// Where the frames of a file lie that says the place of the first alone; none where it does not say, or where they are moments.
+fn offsets(file: &File, count: usize) -> Vec<Offset> {
+    const GRID_FRAME_OFFSETS: Tag = 0x3004_000c;
+    const FRAME_INCREMENT: Tag = 0x0028_0009;
+    const SLICE_VECTOR: Tag = 0x0054_0080;
+    /// Group of the tags by which frames are moments.
+    const ACQUISITION: u16 = 0x0018;
+    let data = &file.data;
+    if let Some(list) = file.numbers(data, GRID_FRAME_OFFSETS).filter(|l| l.len() == count) {
+        let z = file.numbers(data, 0x0020_0032).and_then(|p| p.get(2).copied());
+        // The first is 0, or the z of the first frame where all are z.
+        let absolute = list[0] != 0.0 && z == Some(list[0]);
+        return list.iter().map(|&v| if absolute { Offset::Z(v - list[0]) } else { Offset::Normal(v) }).collect();
+    }
+    let number = |tag| file.numbers(data, tag).and_then(|l| l.first().copied()).filter(|v| *v != 0.0);
+    let step = number(0x0018_0088).or_else(|| number(0x0018_0050).map(f64::abs));
+    let Some(step) = step.filter(|_| file.short(data, FRAME_INCREMENT) != Some(ACQUISITION)) else { return Vec::new() };
+    let slices = file.shorts(data, SLICE_VECTOR).filter(|l| l.len() == count);
+    let slice = |n: usize| slices.as_ref().map_or(n as f64, |l| f64::from(l[n]) - 1.0);
+    (0..count).map(|n| Offset::Normal(step * slice(n))).collect()
+}
+
 impl Frame {
+    fn shift(&mut self, by: Offset) {
+        let [row, column] = self.axes.unwrap_or([DVec3::X, DVec3::Y]);
+        let by = match by {
+            Offset::Normal(distance) => row.cross(column).normalize_or_zero() * distance,
+            Offset::Z(distance) => DVec3::Z * distance,
+        };
+        self.position = self.position.map(|at| at + by);
+    }
+
     /// From what is said of the frame itself, of all frames, and of the file, in this order.
     pub fn new(file: &File, places: &[Option<&Dataset>]) -> Frame {
         let find = |sequence, tag, count: usize| {
@@ -102,12 +152,16 @@ impl Frame {
         };
         let vector = |l: &[f64]| DVec3::new(l[0], l[1], l[2]);
         let spacing = find(0x0028_9110, 0x0028_0030, 2).or_else(|| find(0, 0x0018_1164, 2));
-        let one = |tag, otherwise| find(0x0028_9145, tag, 1).map_or(otherwise, |l| l[0]);
+        let one = |tag| find(0x0028_9145, tag, 1).map(|l| l[0]);
+        let position = find(0x0020_9113, 0x0020_0032, 3).or_else(|| find(DETECTOR, 0x0020_0032, 3));
+        let axes = find(0x0020_9116, 0x0020_0037, 6).or_else(|| find(DETECTOR, 0x0020_0037, 6));
+        // A dose is scaled by its own attribute.
+        let slope = one(0x0028_1053).or_else(|| find(0, 0x3004_000e, 1).map(|l| l[0]));
         Frame {
-            position: find(0x0020_9113, 0x0020_0032, 3).map(|l| vector(&l)),
-            axes: find(0x0020_9116, 0x0020_0037, 6).map(|l| [vector(&l), vector(&l[3..])]),
+            position: position.map(|l| vector(&l)),
+            axes: axes.map(|l| [vector(&l), vector(&l[3..])]),
             spacing: spacing.map(|l| [l[1], l[0]]),
-            rescale: (one(0x0028_1053, 1.0), one(0x0028_1052, 0.0)),
+            rescale: (slope.unwrap_or(1.0), one(0x0028_1052).unwrap_or(0.0)),
             attributes: attributes::attributes(file, places),
         }
     }

@@ -70,8 +70,8 @@ pub fn read(choice: &Choice, files: &[PathBuf], in_memory: u64) -> Result<Stack>
             let (i, f) = group[n];
             let image = &images[i];
             let wrong = |e: String| Error::input(&image.path, format!("frame {}", f + 1), e);
-            let bytes =
-                pixels::frame(&File::open(&image.path)?, &image.layout, f, image.frames.len()).map_err(wrong)?;
+            let bytes = pixels::frame(&File::open(&image.path, choice.memory)?, &image.layout, f, image.frames.len())
+                .map_err(wrong)?;
             match () {
                 () if palette => image.colours(bytes).map_err(wrong),
                 () if stored => Ok(bytes),
@@ -99,7 +99,7 @@ fn choose(choice: &Choice, files: &[PathBuf], warnings: &mut Warnings) -> Result
     let path = choice.path;
     let mut all: BTreeMap<String, Vec<Image>> = BTreeMap::new();
     let mut without = 0;
-    for image in par::map(files.len(), |i| Image::read(&files[i])) {
+    for image in par::map(files.len(), |i| Image::read(&files[i], choice.memory)) {
         match image? {
             Some(image) => all.entry(image.series.clone()).or_default().push(image),
             None => without += 1,

@@ -2,7 +2,7 @@
 //!
 //! Based on: the Open Microscopy Environment's OME-TIFF specification, schema 2016-06; ImageJ's `TiffEncoder`.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use super::Spacing;
 use crate::source::stack::header::metres;
@@ -19,15 +19,21 @@ pub struct Description {
     /// One per channel, empty where it has none.
     pub names: Vec<String>,
     pub spacing: Option<Spacing>,
+    /// What is to be said of how it was understood.
+    pub notes: Vec<String>,
+    /// Whether it names no axes: then it counts only where it agrees with the pages.
+    pub is_guess: bool,
     /// Pages from one slice, channel and frame to the next.
     strides: [usize; 3],
     /// Page of each plane where they are listed; `Err` with the name of the other file that it is in.
     listed: Option<BTreeMap<usize, Result<usize, String>>>,
 }
 
-/// Resolution by a TIFF's own tags.
+/// What a page says of itself by a TIFF's own tags.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Resolution {
+pub struct Page {
+    pub width: usize,
+    pub height: usize,
     /// Pixels per unit along rows and columns.
     pub x: Option<f64>,
     pub y: Option<f64>,
@@ -52,16 +58,27 @@ impl Description {
         }
         let names = vec![String::new(); channels.min(MAX_PLANES)];
         let known = (1..=MAX_PLANES).contains(&stride) && strides.iter().all(|s| *s > 0);
-        known.then_some(Description { slices, channels, frames, names, spacing: None, strides, listed: None })
+        let plain = Description {
+            slices,
+            channels,
+            frames,
+            names,
+            spacing: None,
+            notes: Vec::new(),
+            is_guess: false,
+            strides,
+            listed: None,
+        };
+        known.then_some(plain)
     }
 
     /// Description in `text`; `None` where it is of none of these programs.
-    pub fn parse(text: &str, resolution: Resolution, own_name: &str) -> Option<Description> {
+    pub fn parse(text: &str, page: Page, own_name: &str) -> Option<Description> {
         let text = text.trim_start_matches('\u{feff}').trim_start();
         if text.starts_with("ImageJ=") {
-            imagej(text, resolution)
+            imagej(text, page)
         } else if text.starts_with('{') {
-            tifffile(text)
+            tifffile(text, page)
         } else if text.starts_with('<') && text.contains("<OME") {
             ome(text, own_name)
         } else {
@@ -97,7 +114,7 @@ impl Description {
     }
 }
 
-fn imagej(text: &str, resolution: Resolution) -> Option<Description> {
+fn imagej(text: &str, page: Page) -> Option<Description> {
     let value = |key: &str| text.lines().find_map(|l| l.strip_prefix(key)?.strip_prefix('=')).map(str::trim);
     let count = |key: &str| value(key).and_then(|v| v.parse::<usize>().ok()).filter(|n| *n > 0).unwrap_or(1);
     let images = count("images");
@@ -109,12 +126,12 @@ fn imagej(text: &str, resolution: Resolution) -> Option<Description> {
     let distance = |pixels: Option<f64>| pixels.map(|p| 1.0 / p).filter(|d| d.is_finite() && *d > 0.0);
     let between = value("spacing").and_then(|v| v.parse::<f64>().ok()).map(f64::abs);
     let between = between.filter(|d| d.is_finite() && *d > 0.0);
-    let unit = value("unit").and_then(metres).or(match resolution.unit {
+    let unit = value("unit").and_then(metres).or(match page.unit {
         2 => metres("inch"),
         3 => metres("cm"),
         _ => None,
     });
-    let (columns, rows) = (distance(resolution.x).unwrap_or(1.0), distance(resolution.y).unwrap_or(1.0));
+    let (columns, rows) = (distance(page.x).unwrap_or(1.0), distance(page.y).unwrap_or(1.0));
     if unit.is_some() || between.is_some() || columns != rows {
         description.spacing = Some(millimetres(columns, rows, between, unit));
     }
@@ -128,15 +145,29 @@ fn millimetres(columns: f64, rows: f64, slices: Option<f64>, unit: Option<f64>) 
     Spacing { columns: columns * factor, rows: rows * factor, slices: slices.map(|s| s * factor), metres }
 }
 
-/// `{"shape": [2, 16, 24, 20], "axes": "CZYX"}`: the slowest axis first.
-fn tifffile(text: &str) -> Option<Description> {
+/// `{"shape": [2, 16, 24, 20], "axes": "CZYX"}`: the slowest axis first. Without axes, the last before those of a page are slices,
+/// and the others frames.
+fn tifffile(text: &str, page: Page) -> Option<Description> {
     let json: serde_json::Value = serde_json::from_str(text).ok()?;
-    let axes = json.get("axes")?.as_str()?;
     let shape: Vec<usize> =
         json.get("shape")?.as_array()?.iter().map(|v| usize::try_from(v.as_u64()?).ok()).collect::<Option<_>>()?;
-    let letters: Vec<char> = axes.chars().collect();
+    let Some(axes) = json.get("axes") else {
+        let is_page = |n: &usize| shape[*n..*n + 2] == [page.height, page.width];
+        let at = [2, 3].iter().filter_map(|n| shape.len().checked_sub(*n)).find(is_page)?;
+        let (slices, frames) = shape[..at].split_last().filter(|(_, frames)| !frames.is_empty())?;
+        let frames = frames.iter().try_fold(1usize, |product, n| product.checked_mul(*n))?;
+        return Some(Description { is_guess: true, ..Description::new("ZCT", [*slices, 1, frames])? });
+    };
+    let mut letters: Vec<char> = axes.as_str()?.chars().collect();
     if letters.len() != shape.len() || shape.contains(&0) {
         return None;
+    }
+    // One axis of another name is of frames, beside slices.
+    let is_other = |(n, l): &(usize, &char)| !"TCZYXS".contains(**l) && shape[*n] > 1;
+    if let (Some((other, _)), true, false) =
+        (letters.iter().enumerate().find(is_other), letters.contains(&'Z'), letters.contains(&'T'))
+    {
+        letters[other] = 'T';
     }
     let size = |letter: char| letters.iter().position(|&l| l == letter).map_or(1, |n| shape[n]);
     // An axis of another name would be lost.
@@ -160,6 +191,10 @@ fn ome(text: &str, own_name: &str) -> Option<Description> {
     let planes = if !channels.is_empty() && samples == size("SizeC") { channels.len() } else { size("SizeC") };
     let letters = pixels.attribute("DimensionOrder").unwrap_or("XYCZT");
     let mut out = Description::new(letters, [size("SizeZ"), planes, size("SizeT")])?;
+    let images = document.descendants().filter(|n| is(n, "Pixels")).count();
+    if images > 1 {
+        out.notes.push(format!("its description tells of {images} images: the first is taken"));
+    }
     for (name, channel) in out.names.iter_mut().zip(&channels) {
         *name = channel.attribute("Name").unwrap_or_default().to_owned();
     }
@@ -168,21 +203,46 @@ fn ome(text: &str, own_name: &str) -> Option<Description> {
         let unit = pixels.attribute(format!("PhysicalSize{axis}Unit").as_str()).unwrap_or("um");
         (value.is_finite() && value > 0.0).then_some((value, metres(unit)?))
     };
-    if let (Some((x, unit)), Some((y, unit_y))) = (length("X"), length("Y")) {
+    let (width, height) = (length("X"), length("Y"));
+    if width.is_some() != height.is_some() {
+        out.notes
+            .push("its description gives the size of a pixel along one axis: the other is taken for the same".into());
+    }
+    if let (Some((x, unit)), Some((y, unit_y))) = (width.or(height), height.or(width)) {
         let slices = length("Z").map(|(z, unit_z)| z * unit_z / unit);
         out.spacing = Some(millimetres(x, y * unit_y / unit, slices, Some(unit)));
     }
     let data: Vec<roxmltree::Node> = children("TiffData").collect();
     if !data.is_empty() {
-        out.listed = Some(listed(&out, &data, own_name));
+        let (list, renamed) = listed(&out, &data, own_name);
+        out.listed = Some(list);
+        let note = |name| format!("its description calls it {name}: it is taken for that file under another name");
+        out.notes.extend(renamed.map(note));
     }
     Some(out)
 }
 
-/// Page of each plane by the elements that list them.
-fn listed(out: &Description, data: &[roxmltree::Node], own_name: &str) -> BTreeMap<usize, Result<usize, String>> {
+/// The element that names the file of a plane.
+fn named<'a, 'i>(plane: &roxmltree::Node<'a, 'i>) -> Option<roxmltree::Node<'a, 'i>> {
+    plane.children().find(|n| n.attribute("FileName").is_some())
+}
+
+/// Page of each plane by the elements that list them. A file that was given another name is known by its UUID, and where all
+/// planes are in one file, that is it; then its other name comes second.
+fn listed(
+    out: &Description,
+    data: &[roxmltree::Node],
+    own_name: &str,
+) -> (BTreeMap<usize, Result<usize, String>>, Option<String>) {
     let mut list = BTreeMap::new();
     let total = out.count();
+    let names: BTreeSet<Option<String>> =
+        data.iter().map(|n| named(n)?.attribute("FileName").map(str::to_owned)).collect();
+    let root = data.first().and_then(|n| n.document().root_element().attribute("UUID").map(str::trim));
+    let is_own = |n: &roxmltree::Node| {
+        let uuid = n.text().map(str::trim);
+        names.len() == 1 || n.attribute("FileName") == Some(own_name) || uuid.is_some() && uuid == root
+    };
     for node in data {
         let number = |name: &str| node.attribute(name).and_then(|v| v.parse::<usize>().ok());
         let [z, c, t] = out.strides;
@@ -190,14 +250,15 @@ fn listed(out: &Description, data: &[roxmltree::Node], own_name: &str) -> BTreeM
         let plane = first[0] * z + first[1] * c + first[2] * t;
         let page = number("IFD");
         let count = number("PlaneCount").unwrap_or(if page.is_some() { 1 } else { total });
-        let file = node.children().find_map(|n| n.attribute("FileName")).filter(|f| *f != own_name);
+        let file = named(node).filter(|n| !is_own(n)).and_then(|n| n.attribute("FileName"));
         for n in 0..count.min(total.saturating_sub(plane)) {
             let place =
                 file.map_or_else(|| Ok(page.unwrap_or(0).saturating_add(n)), |f| Err(format!("in the file {f:?}")));
             list.insert(plane + n, place);
         }
     }
-    list
+    let only = if names.len() == 1 { names.into_iter().next().flatten() } else { None };
+    (list, only.filter(|name| name != own_name))
 }
 
 #[cfg(test)]
@@ -207,8 +268,8 @@ mod tests {
     #[test]
     fn imagej_counts_channels_before_slices_before_frames() {
         let text = "ImageJ=1.53t\nimages=24\nchannels=2\nslices=4\nframes=3\nspacing=2.5\nunit=\\u00B5m\n";
-        let resolution = Resolution { x: Some(4.0), y: Some(2.0), unit: 1 };
-        let d = Description::parse(text, resolution, "").unwrap();
+        let page = Page { x: Some(4.0), y: Some(2.0), unit: 1, ..Page::default() };
+        let d = Description::parse(text, page, "").unwrap();
         assert_eq!((d.slices, d.channels, d.frames, d.count()), (4, 2, 3, 24));
         assert_eq!(d.page(3, 1, 2), Ok(23));
         assert_eq!(d.page(1, 1, 0), Ok(3));
@@ -217,8 +278,8 @@ mod tests {
         assert!((s.slices.unwrap() - 2.5e-3).abs() < 1e-12);
         // Without a unit only the ratio is known; without anything, nothing.
         let plain = "ImageJ=1.53t\nimages=5\nslices=5\n";
-        assert_eq!(Description::parse(plain, Resolution::default(), "").unwrap().spacing, None);
-        let ratio = Description::parse(&format!("{plain}spacing=3\n"), Resolution::default(), "").unwrap().spacing;
+        assert_eq!(Description::parse(plain, Page::default(), "").unwrap().spacing, None);
+        let ratio = Description::parse(&format!("{plain}spacing=3\n"), Page::default(), "").unwrap().spacing;
         assert_eq!(ratio, Some(Spacing { columns: 1.0, rows: 1.0, slices: Some(3.0), metres: 0.0 }));
     }
 
@@ -228,7 +289,7 @@ mod tests {
             SizeT="2" PhysicalSizeX="0.5" PhysicalSizeY="500" PhysicalSizeYUnit="nm" PhysicalSizeZ="0.003" PhysicalSizeZUnit="mm">
             <Channel Name="DAPI"/><Channel/><TiffData FirstC="1" IFD="0" PlaneCount="6"/><TiffData IFD="6" PlaneCount="3"/>
             <TiffData FirstT="1" IFD="0" PlaneCount="3"><UUID FileName="b.ome.tif"/></TiffData></Pixels></Image></OME>"#;
-        let d = Description::parse(text, Resolution::default(), "a.ome.tif").unwrap();
+        let d = Description::parse(text, Page::default(), "a.ome.tif").unwrap();
         assert_eq!((d.slices, d.channels, d.frames), (3, 2, 2));
         assert_eq!(d.names, ["DAPI", ""]);
         assert_eq!([d.page(0, 1, 0), d.page(2, 1, 1), d.page(2, 0, 0)], [Ok(0), Ok(5), Ok(8)]);
@@ -238,19 +299,52 @@ mod tests {
     }
 
     #[test]
+    fn a_file_of_ome_that_got_another_name_is_known() {
+        let ome = |planes: &str| {
+            let text = format!(
+                r#"<OME UUID="urn:uuid:1"><Image><Pixels DimensionOrder="XYZCT" SizeZ="2" PhysicalSizeX="0.5">{planes}</Pixels>
+                </Image><Image><Pixels DimensionOrder="XYZCT"/></Image></OME>"#
+            );
+            Description::parse(&text, Page::default(), "new.tif").unwrap()
+        };
+        let plane = |z: usize, file: &str, uuid: &str| {
+            format!(r#"<TiffData FirstZ="{z}" IFD="{z}"><UUID FileName="{file}">urn:uuid:{uuid}</UUID></TiffData>"#)
+        };
+        let alone = ome(&[plane(0, "old.tif", "7"), plane(1, "old.tif", "7")].concat());
+        assert_eq!([alone.page(0, 0, 0), alone.page(1, 0, 0)], [Ok(0), Ok(1)]);
+        assert!(alone.notes.iter().any(|n| n.contains("old.tif")), "{:?}", alone.notes);
+        let several = ome(&[plane(0, "old.tif", "1"), plane(1, "other.tif", "2")].concat());
+        assert_eq!(several.page(0, 0, 0), Ok(0));
+        assert!(several.page(1, 0, 0).unwrap_err().contains("other.tif"));
+        let s = several.spacing.unwrap();
+        assert_eq!((s.rows, several.notes.len()), (s.columns, 2), "{:?}", several.notes);
+    }
+
+    #[test]
     fn axes_of_tifffile_are_the_slowest_first_and_nonsense_is_none() {
-        let d = Description::parse(r#"{"shape": [3, 2, 8, 9], "axes": "ZCYX"}"#, Resolution::default(), "").unwrap();
+        let d = Description::parse(r#"{"shape": [3, 2, 8, 9], "axes": "ZCYX"}"#, Page::default(), "").unwrap();
         assert_eq!((d.slices, d.channels, d.frames, d.page(2, 1, 0)), (3, 2, 1, Ok(5)));
+        // Without axes, and with one of another name: two volumes of three slices.
+        let page = Page { width: 9, height: 8, ..Page::default() };
+        for text in [
+            r#"{"shape": [2, 3, 8, 9]}"#,
+            r#"{"shape": [2, 3, 8, 9, 3]}"#,
+            r#"{"shape": [2, 3, 8, 9], "axes": "QZYX"}"#,
+        ] {
+            let d = Description::parse(text, page, "").unwrap();
+            assert_eq!((d.slices, d.channels, d.frames, d.page(2, 0, 1)), (3, 1, 2, Ok(5)), "{text}");
+        }
+        assert_eq!(Description::parse(r#"{"shape": [3, 8, 9]}"#, page, ""), None, "one volume");
         for text in [
             "a picture",
             r#"{"shape": [3, 2, 8, 9]}"#,
             r#"{"shape": [3], "axes": "ZYX"}"#,
-            r#"{"shape": [4, 3, 8, 9], "axes": "QZYX"}"#,
+            r#"{"shape": [4, 3, 8, 9], "axes": "QRYX"}"#,
             "<OME><Pixels",
             r#"<OME><Pixels DimensionOrder="XYCZT" SizeZ="99999999" SizeT="99999999"/></OME>"#,
             "ImageJ=1\nimages=99999999999\n",
         ] {
-            assert_eq!(Description::parse(text, Resolution::default(), ""), None, "{text}");
+            assert_eq!(Description::parse(text, Page::default(), ""), None, "{text}");
         }
     }
 }

@@ -8,11 +8,13 @@ mod parts;
 use std::io::Cursor;
 use std::path::Path;
 
-use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader};
+use image::codecs::{gif::GifDecoder, webp::WebPDecoder};
+use image::{AnimationDecoder, DynamicImage, ImageDecoder, ImageFormat};
 
 use super::bytes::map_file;
 use super::choice::Choice;
 use super::coding::{Coding, Kind};
+use crate::scene::image::decoder;
 use crate::{Error, Result, Warnings};
 
 /// A slice's samples, row by row from the first.
@@ -21,6 +23,8 @@ pub struct Slice {
     pub height: usize,
     pub coding: Coding,
     pub bytes: Vec<u8>,
+    /// Column and row of the first pixel in the picture that the file says it is a part of.
+    pub origin: [i32; 2],
 }
 
 /// Description that a file gives of all its slices.
@@ -54,11 +58,13 @@ impl Slice {
     /// "512×512, 1 channel of U16".
     pub fn describe(&self) -> String {
         let s = if self.coding.channels == 1 { "" } else { "s" };
-        format!("{}×{}, {} channel{s} of {:?}", self.width, self.height, self.coding.channels, self.coding.kind)
+        let [x, y] = self.origin;
+        let at = if self.origin == [0, 0] { String::new() } else { format!(" from pixel ({x}, {y}) on") };
+        format!("{}×{}{at}, {} channel{s} of {:?}", self.width, self.height, self.coding.channels, self.coding.kind)
     }
 
     pub fn is_like(&self, other: &Slice) -> bool {
-        (self.width, self.height, self.coding) == (other.width, other.height, other.coding)
+        (self.width, self.height, self.coding, self.origin) == (other.width, other.height, other.coding, other.origin)
     }
 }
 
@@ -109,11 +115,15 @@ pub fn read(choice: &Choice, path: &Path, sink: &mut dyn Sink) -> Result<()> {
 fn other(choice: &Choice, path: &Path, bytes: &[u8]) -> Result<Slice> {
     let broken = |e: image::ImageError| Error::input(path, "", format!("cannot be read as an image: {e}"));
     let format = image::guess_format(bytes).or_else(|e| ImageFormat::from_path(path).map_err(|_| e)).map_err(broken)?;
-    let mut decoder = ImageReader::with_format(Cursor::new(bytes), format).into_decoder().map_err(broken)?;
+    let mut decoder = decoder(bytes, format).map_err(broken)?;
     let (width, height) = decoder.dimensions();
     check_size(path, width.into(), height.into(), bytes.len() as u64)?;
     // Bytes that are decoded, and those that a decoder keeps besides.
     check_memory(choice, path, decoder.total_bytes().saturating_mul(2))?;
+    if is_animation(bytes, format).map_err(broken)? {
+        let what = "an animation of several pictures (save each as a file of its own, all in one folder)";
+        return Err(Error::unsupported(path, what));
+    }
     let mut limits = image::Limits::default();
     limits.max_alloc = Some((u64::from(width) * u64::from(height)).saturating_mul(16).saturating_add(1 << 20));
     decoder.set_limits(limits).map_err(broken)?;
@@ -132,5 +142,18 @@ fn other(choice: &Choice, path: &Path, bytes: &[u8]) -> Result<Slice> {
         _ => return Err(Error::unsupported(path, "an image of this kind of pixels")),
     };
     let (width, height) = (width as usize, height as usize);
-    Ok(Slice { width, height, coding: Coding::native(kind, channels), bytes: image.into_bytes() })
+    let coding = Coding::native(kind, channels);
+    Ok(Slice { width, height, coding, bytes: image.into_bytes(), origin: [0, 0] })
+}
+
+/// Whether the file holds several pictures, of which a decoder gives the first.
+fn is_animation(bytes: &[u8], format: ImageFormat) -> image::ImageResult<bool> {
+    let from = Cursor::new(bytes);
+    Ok(match format {
+        // The count of frames stands before the pixels.
+        ImageFormat::Png => bytes.windows(4).take_while(|b| b != b"IDAT").any(|b| b == b"acTL"),
+        ImageFormat::WebP => WebPDecoder::new(from)?.has_animation(),
+        ImageFormat::Gif => GifDecoder::new(from)?.into_frames().nth(1).is_some(),
+        _ => false,
+    })
 }

@@ -6,12 +6,14 @@ use std::io::Cursor;
 use std::path::Path;
 
 use tiff::decoder::ifd::Value;
-use tiff::decoder::{Decoder, DecodingResult, Limits};
+use tiff::decoder::{Decoder, DecodingResult};
 use tiff::tags::{Tag, Type, ValueBuffer};
 use tiff::{ColorType, TiffUnsupportedError};
 
-use super::description::{Description, Resolution};
+use super::description;
+use super::description::Description;
 use super::{About, Sink, Slice, check_memory, check_size};
+use crate::scene::tiff_file;
 use crate::source::stack::choice::Choice;
 use crate::source::stack::coding::{Coding, Kind, rgb_of_ycbcr};
 use crate::{Error, Result};
@@ -64,11 +66,7 @@ pub(super) fn broken(path: &Path, n: usize) -> impl Fn(tiff::TiffError) -> Error
 
 /// A decoder of the file `bytes` that takes at most `memory` bytes.
 fn decoder<'a>(path: &Path, bytes: &'a [u8], memory: u64) -> Result<Decoder<Cursor<&'a [u8]>>> {
-    let mut limits = Limits::default();
-    let most = usize::try_from(memory).unwrap_or(MAX_PAGE).min(MAX_PAGE);
-    limits.decoding_buffer_size = most;
-    limits.intermediate_buffer_size = most;
-    Ok(Decoder::new(Cursor::new(bytes)).map_err(broken(path, 0))?.with_limits(limits))
+    tiff_file::open(path, bytes, memory.min(MAX_PAGE as u64), |page, e| broken(path, page)(e))
 }
 
 /// Give the slices of a TIFF.
@@ -129,6 +127,11 @@ fn plan(
     };
     about.spacing = described.spacing;
     let count = described.count();
+    if described.is_guess && count != pages {
+        choice.frame(1, &mut about.warnings)?;
+        return Ok(None);
+    }
+    described.notes.drain(..).for_each(|note| about.warnings.add(note));
     if !described.is_listed() && count != pages && pages != 1 {
         about
             .warnings
@@ -158,7 +161,10 @@ fn plan(
 fn describe(path: &Path, decoder: &mut Decoder<Cursor<&[u8]>>) -> Option<Description> {
     let mut text = ValueBuffer::empty(Type::ASCII);
     decoder.image_ifd().find_tag_buf(Tag::ImageDescription, &mut text).ok()??;
-    let text = String::from_utf8_lossy(text.as_bytes());
+    // Old programs write a µ in Latin-1.
+    let bytes = text.as_bytes();
+    let latin = || bytes.iter().map(|b| char::from(*b)).collect();
+    let text = std::str::from_utf8(bytes).map_or_else(|_| latin(), str::to_owned);
     let text = text.trim_end_matches('\0');
     let mut per_unit = |tag| {
         let value = match decoder.find_tag(tag).ok()?? {
@@ -172,7 +178,9 @@ fn describe(path: &Path, decoder: &mut Decoder<Cursor<&[u8]>>) -> Option<Descrip
     let (x, y) = (per_unit(Tag::XResolution), per_unit(Tag::YResolution));
     let unit = decoder.find_tag_unsigned::<u16>(Tag::ResolutionUnit).ok().flatten().unwrap_or(1);
     let name = path.file_name().unwrap_or_default().to_string_lossy();
-    Description::parse(text, Resolution { x, y, unit }, &name)
+    let (width, height) = decoder.dimensions().ok()?;
+    let page = description::Page { width: width as usize, height: height as usize, x, y, unit };
+    Description::parse(text, page, &name)
 }
 
 /// Type and channels of a page's pixels.
@@ -263,7 +271,7 @@ impl Pages<'_> {
         if matches!(colour, ColorType::YCbCr(_)) {
             bytes.as_chunks_mut().0.iter_mut().for_each(|pixel| *pixel = rgb_of_ycbcr(*pixel));
         }
-        Ok(Slice { width, height, coding: Coding::native(kind, channels), bytes })
+        Ok(Slice { width, height, coding: Coding::native(kind, channels), bytes, origin: [0, 0] })
     }
 
     /// A plane of those that follow the first page's pixels without pages of their own, as ImageJ writes stacks above 4 GB.
@@ -301,7 +309,8 @@ impl Pages<'_> {
             );
             return Err(Error::input(self.path, "", what));
         };
-        Ok(Slice { width, height, coding: Coding { kind, big_endian, channels }, bytes: bytes.to_vec() })
+        let coding = Coding { kind, big_endian, channels };
+        Ok(Slice { width, height, coding, bytes: bytes.to_vec(), origin: [0, 0] })
     }
 }
 

@@ -144,5 +144,6 @@ fn slice(part: &Layer, channels: &[String]) -> Option<Slice> {
     for i in 0..width * height {
         planes.iter().for_each(|plane| bytes.extend(plane[i].to_ne_bytes()));
     }
-    Some(Slice { width, height, coding: Coding::native(Kind::F32, planes.len()), bytes })
+    let at = part.attributes.layer_position;
+    Some(Slice { width, height, coding: Coding::native(Kind::F32, planes.len()), bytes, origin: [at.x(), at.y()] })
 }

@@ -13,6 +13,7 @@ mod formats;
 mod missing;
 mod surface;
 mod tiffs;
+mod writers;
 
 /// 4 × 3 × 2 samples: x + 10 y + 100 z.
 fn numbers() -> Vec<i16> {

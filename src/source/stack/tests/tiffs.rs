@@ -137,9 +137,30 @@ fn ome_names_channels_and_orders_pages() {
     let size = gfp.affine.matrix3 * DVec3::ONE;
     assert!((size - DVec3::new(5e-4, 5e-4, 3e-3)).length() < 1e-12, "{size}");
     assert!(open(&path).unwrap().warnings.as_reasons().contains("1 DAPI, 2 GFP"));
-    let elsewhere = "<OME><Image><Pixels DimensionOrder=\"XYZCT\" SizeZ=\"2\"><TiffData IFD=\"0\" PlaneCount=\"2\">\
-        <UUID FileName=\"b.ome.tif\"/></TiffData></Pixels></Image></OME>";
+    let elsewhere = "<OME><Image><Pixels DimensionOrder=\"XYZCT\" SizeZ=\"2\"><TiffData IFD=\"0\"><UUID FileName=\"a.ome.tif\"/>\
+        </TiffData><TiffData IFD=\"0\" FirstZ=\"1\"><UUID FileName=\"b.ome.tif\"/></TiffData></Pixels></Image></OME>";
     assert!(error(&dir.save("a.ome.tif", &numbered(2, elsewhere))).contains("b.ome.tif"));
+}
+
+#[test]
+fn a_micro_sign_of_an_old_program_and_axes_without_names_are_understood() {
+    let dir = Dir::new();
+    // One byte in Latin-1, where the text has another one.
+    let mut file = numbered(2, "ImageJ=1.33\nimages=2\nslices=2\nspacing=3.0\nunit=Um\n");
+    let at = file.windows(2).position(|w| w == b"Um").unwrap();
+    file[at] = 0xb5;
+    let stack = open(&dir.save("latin.tif", &file)).unwrap();
+    let size = stack.affine.matrix3 * DVec3::ONE;
+    assert!((size - DVec3::new(5e-4, 2.5e-4, 3e-3)).length() < 1e-12 && stack.metres_per_unit == 1e-3, "{size}");
+    // Two volumes of three slices, as an array of four axes is written.
+    let path = dir.save("shaped.tif", &numbered(6, r#"{"shape": [2, 3, 2, 2]}"#));
+    let first = open(&path).unwrap();
+    assert_eq!(slices(&first), [0.0, 1.0, 2.0]);
+    assert!(first.warnings.as_reasons().contains("2 frames"), "{}", first.warnings.as_reasons());
+    assert_eq!(slices(&open_with(&path, None, Some(2)).unwrap()), [3.0, 4.0, 5.0]);
+    // Where it does not agree with the pages, it is none of theirs.
+    let other = open(&dir.save("other.tif", &numbered(5, r#"{"shape": [2, 3, 2, 2]}"#))).unwrap();
+    assert_eq!((slices(&other).len(), other.warnings.is_empty()), (5, true));
 }
 
 /// A TIFF of one page with these tags.
