@@ -5,7 +5,7 @@ use std::path::Path;
 
 use vtex::Error;
 
-use crate::memory::peak;
+use crate::memory::{alone, peak};
 use crate::mutators::gzip;
 use crate::run::{Command, MEMORY, MOST_MEMORY, run};
 use crate::small;
@@ -49,6 +49,7 @@ fn nested() -> String {
 
 #[test]
 fn memory_is_refused_before_it_is_taken() {
+    let _alone = alone();
     let folder = tempfile::tempdir().unwrap();
     let png = wide_png();
     let (obj, mtl) = library();

@@ -73,6 +73,7 @@ fn refused(command: Command, input: &Path, said: &str) {
 
 #[test]
 fn counts_that_multiply_are_refused_before_memory_is_taken() {
+    let _alone = memory::alone();
     let folder = tempfile::tempdir().unwrap();
     // 2000 copies of 2048 triangles: 4 million facets, of 48 bytes each while they are sorted, and of 360 in a picture.
     let often = instanced(folder.path(), 2000, 1);
