@@ -39,7 +39,7 @@ fn frames_whose_place_is_said_once_lie_one_behind_the_other() {
     assert_eq!((list, at, step), (vec![2.0, 1.5, 1.0, 0.5], first - up(12.0), up(4.0)));
     // Seen from below: the normal points down, and so do offsets, but not a z.
     let below = text(0x20, 0x37, b"DS", "1\\0\\0\\0\\-1\\0");
-    let turned = |offsets: &str| frames(&dir, &[&dose(offsets)[..], &[below.clone()]].concat()).unwrap();
+    let turned = |offsets: &str| frames(&dir, &[&dose(offsets)[..], std::slice::from_ref(&below)].concat()).unwrap();
     assert_eq!(lie(&turned("0\\4\\8\\12")), (half.clone(), first, up(-4.0)));
     assert_eq!(lie(&turned("30\\34\\38\\42")), (vec![2.0, 1.5, 1.0, 0.5], first + up(12.0), up(-4.0)));
     // A film: all frames are in one place.
