@@ -144,6 +144,45 @@ struct BlockCursor<'a> {
 
 static EMPTY: Block = Block::EMPTY;
 
+/// Lower and upper end of the support along an axis, in voxel edges, by its byte: see [`Voxel::support`].
+static SUPPORT: [[f32; 2]; 256] = {
+    let mut table = [[0.0; 2]; 256];
+    let mut byte = 0;
+    while byte < 256 {
+        table[byte] = [(byte & 15) as f32 / 16.0, (16 - (byte >> 4)) as f32 / 16.0];
+        byte += 1;
+    }
+    table
+};
+
+/// How a walk enters the blocks of a tree.
+struct Entry<'a> {
+    tree: &'a Octree,
+    line: &'a Line,
+    /// Of the voxels.
+    depth: u32,
+}
+
+impl<'a> Entry<'a> {
+    /// Into the block of `node`, whose cells are 2^`shift` voxels wide, `scale` of them to a cube edge, at the cell that the line is
+    /// in at `s`. `low` is the block's low corner in its cells, of which an axis has at most `most`.
+    #[inline(always)]
+    fn cursor(&self, [shift, node]: [u32; 2], low: Vec3A, [scale, s, most]: [f32; 3]) -> BlockCursor<'a> {
+        let blocks = self.tree.blocks(self.depth as i32 - shift as i32 - 2);
+        let at = ((self.line.origin + self.line.ahead * s) * scale - low).min(Vec3A::splat(most));
+        let upper = at.cmpge(Vec3A::splat(2.0));
+        let half = Vec3A::select(upper, Vec3A::splat(2.0), Vec3A::ZERO);
+        let odd = (at - half).cmpge(Vec3A::ONE);
+        let end = low + half + Vec3A::select(odd, Vec3A::splat(2.0), Vec3A::ONE);
+        BlockCursor {
+            block: blocks.get(node as usize).unwrap_or(&EMPTY),
+            node,
+            cell: odd.bitmask() | upper.bitmask() << 3,
+            end,
+        }
+    }
+}
+
 /// Visit the voxels of `depth` that the line crosses between `s0` and `s1`, in order; of a terminal node above `depth`, one
 /// piece for each cell on the way. `depth` at most the finest; `turn`: where to hand back for another choice of depth.
 #[inline(always)]
@@ -166,23 +205,9 @@ pub(super) fn walk(
     };
     let (mut shift, mut scale, mut flip) = (first_shift, side, first_flip);
     let mut step = line.inverse * (1.0 / scale);
-    // The cursor into a node's block at the cell that the line is in at s; `low` is the block's low corner in its cells.
-    let enter = |shift: u32, node: u32, low: Vec3A, scale: f32, s: f32, most: f32| {
-        let blocks = tree.blocks(depth as i32 - shift as i32 - 2);
-        let at = ((line.origin + line.ahead * s) * scale - low).min(Vec3A::splat(most));
-        let upper = at.cmpge(Vec3A::splat(2.0));
-        let half = Vec3A::select(upper, Vec3A::splat(2.0), Vec3A::ZERO);
-        let odd = (at - half).cmpge(Vec3A::ONE);
-        let end = low + half + Vec3A::select(odd, Vec3A::splat(2.0), Vec3A::ONE);
-        BlockCursor {
-            block: blocks.get(node as usize).unwrap_or(&EMPTY),
-            node,
-            cell: odd.bitmask() | upper.bitmask() << 3,
-            end,
-        }
-    };
+    let entry = Entry { tree, line, depth };
     let mut s = s0;
-    let mut cursor = enter(shift, 0, Vec3A::ZERO, scale, s, side - 0.5);
+    let mut cursor = entry.cursor([shift, 0], Vec3A::ZERO, [scale, s, side - 0.5]);
     // Where the line meets the planes that end the cell.
     let mut meets = cursor.end * step + start;
     let mut stack = [cursor; MAX_DEPTH / 2];
@@ -200,7 +225,7 @@ pub(super) fn walk(
                 scale *= 4.0;
                 step *= 0.25;
                 flip = all;
-                cursor = enter(shift, node, (cursor.end - 1.0) * 4.0, scale, s, 3.5);
+                cursor = entry.cursor([shift, node], (cursor.end - 1.0) * 4.0, [scale, s, 3.5]);
                 meets = cursor.end * step + start;
                 visitor.block_end();
                 continue;
@@ -269,20 +294,17 @@ impl VoxelSegment<'_> {
     /// The part of the piece within the voxel's support; empty where not `.0 < .1`.
     #[inline(always)]
     pub fn support(&self, voxel: &Voxel) -> (f32, f32) {
-        if voxel.support == [0; 3] || u32::from(self.place.depth) != self.depth {
+        let [x, y, z] = voxel.support;
+        if u32::from_le_bytes([x, y, z, 0]) == 0 || u32::from(self.place.depth) != self.depth {
             return (self.enter, self.leave);
         }
-        let mut low = [0.0f32; 3];
-        let mut high = [0.0f32; 3];
-        for k in 0..3 {
-            // Mirrored, a box of sixteenths swaps the distances from the two ends.
-            let byte = voxel.support[k];
-            let byte = if self.line.mirrored >> k & 1 != 0 { byte.rotate_left(4) } else { byte };
-            low[k] = f32::from(byte & 15);
-            high[k] = f32::from(16 - (byte >> 4));
-        }
-        let near = self.planes.meet(self.corner + Vec3A::from_array(low) * (1.0 / 16.0)).max_element();
-        let far = self.planes.meet(self.corner + Vec3A::from_array(high) * (1.0 / 16.0)).min_element();
+        // Mirrored, a box of sixteenths swaps the distances from the two ends.
+        let mirrored = |k: u32, byte: u8| byte.rotate_left(4 * (self.line.mirrored >> k & 1));
+        let ends = [mirrored(0, x), mirrored(1, y), mirrored(2, z)].map(|byte| &SUPPORT[usize::from(byte)]);
+        let low = Vec3A::new(ends[0][0], ends[1][0], ends[2][0]);
+        let high = Vec3A::new(ends[0][1], ends[1][1], ends[2][1]);
+        let near = self.planes.meet(self.corner + low).max_element();
+        let far = self.planes.meet(self.corner + high).min_element();
         (near.max(self.enter), far.min(self.leave))
     }
 }

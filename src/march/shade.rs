@@ -1,9 +1,12 @@
 //! Shading of what a march meets: reflected sky at once, and sunlight gathered in groups that share one shadow ray.
 
+use smallvec::SmallVec;
+
 use crate::geom::{Mat3, Vec3};
 use crate::simd::multiversioned;
 use crate::volume::brightness::BrightnessFactors;
 use crate::volume::octree::VoxelAddress;
+use crate::volume::voxel::voxel_edge;
 use crate::volume::{Gloss, Octree, Sggx, Voxel};
 
 use super::specular::SeenFacets;
@@ -107,7 +110,7 @@ pub struct Shader<'a> {
     /// The last voxel that was met of a solid's surface: what comes through it and ends within the solid is seen of it too.
     solid: Option<SolidSurface>,
     /// One a light, from the first voxel on.
-    open: Vec<OpenGroup>,
+    open: SmallVec<[OpenGroup; 1]>,
     groups: &'a mut Vec<ShadowGroup>,
     /// Sum of weight · albedo · ambient factor of what is lit: times the radiance of a constant sky, the ambient light reflected.
     pub albedo: Vec3,
@@ -172,7 +175,7 @@ impl<'a> Shader<'a> {
             brightness,
             surfaces: None,
             solid: None,
-            open: Vec::new(),
+            open: SmallVec::new(),
             groups,
             albedo: Vec3::ZERO,
             transmission: Vec3::ZERO,
@@ -227,17 +230,20 @@ impl Shader<'_> {
     #[inline(always)]
     fn add(&mut self, hit: &VoxelHit<'_>) {
         let voxel = hit.voxel;
-        let edge = (-f32::from(hit.depth)).exp2();
+        let edge = voxel_edge(hit.depth);
         let place = VoxelAddress { depth: hit.depth, rank: hit.rank };
-        let own = SolidSurface { voxel: *voxel, place, t: hit.t, position: hit.position };
-        let near = |s: &SolidSurface| s.position.distance_squared(hit.position) <= (SURFACE_SEEN_WITHIN * edge).powi(2);
-        let SolidSurface { voxel, place, t, position } = match self.solid {
-            Some(solid) if voxel.is_inside() && near(&solid) => solid,
-            _ => own,
-        };
-        if voxel.one_sidedness() > 0.0 {
-            self.solid = Some(SolidSurface { voxel, place, t, position });
+        let mut seen = SolidSurface { voxel: *voxel, place, t: hit.t, position: hit.position };
+        if voxel.is_inside()
+            && let Some(solid) = &self.solid
+            && solid.position.distance_squared(hit.position) <= (SURFACE_SEEN_WITHIN * edge).powi(2)
+        {
+            seen = *solid;
         }
+        let share = seen.voxel.one_sidedness();
+        if share > 0.0 {
+            self.solid = Some(seen);
+        }
+        let SolidSurface { voxel, place, t, position } = seen;
         let Look { diffuse, mut ambient, gloss, .. } = self.look;
         let mut albedo = voxel.albedo() * diffuse * hit.weight;
         let mut transmission = Vec3::ZERO;
@@ -266,7 +272,6 @@ impl Shader<'_> {
         let decoded = Sggx::decode(voxel.ndf);
         let s = self.warp.map_or(decoded, |j| warped(&decoded, j));
         let normals = visible_normals(&s, self.view);
-        let share = voxel.one_sidedness();
         let (weights, mean) = if share > 0.0 {
             let mean = mean_normal(&voxel, self.warp);
             (normals.one_sided(mean, share), mean)
@@ -282,15 +287,9 @@ impl Shader<'_> {
             let square = std::array::from_fn(|k| square[k] + flat * (one[k] - square[k]));
             sums.add(albedo.max_element().max(transmission.max_element()), (middle.lerp(mean, flat), square));
         }
-        let seen = SeenFacets {
-            ndf: &s,
-            normals: &normals,
-            weights: &weights,
-            mean,
-            one_sidedness: share,
-            flat,
-            view: self.view,
-        };
+        let view = self.view;
+        let facets =
+            || SeenFacets { ndf: &s, normals: &normals, weights: &weights, mean, one_sidedness: share, flat, view };
         let translucent = transmission != Vec3::ZERO;
         let factors = self.brightness.get(usize::from(hit.depth)).unwrap_or(&BrightnessFactors::PLAIN);
         for light in 0..self.lights.len() {
@@ -320,7 +319,7 @@ impl Shader<'_> {
             open.outside += hit.weight * (cosine - behind) * share * mean;
             open.energy += albedo * cosine + transmission * behind;
             for gloss in glosses.iter().filter(|g| !g.is_none()) {
-                open.energy += gloss.specular * (factor * seen.highlight(gloss, towards));
+                open.energy += gloss.specular * (factor * facets().highlight(gloss, towards));
             }
             if open.weight >= GROUP_WEIGHT {
                 self.close(light);

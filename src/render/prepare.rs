@@ -26,6 +26,7 @@ use crate::geom::{Aabb, DAffine3, DVec3, Ray, Vec3};
 use crate::march::shade::Look;
 use crate::scene::shell::{Layer, ShellMaterial, Variant};
 use crate::scene::{Camera, Part, Projection, Scene};
+use crate::volume::voxel::voxel_edge;
 use crate::volume::{Info, Octree};
 use crate::{Error, Result, Warnings};
 
@@ -44,7 +45,7 @@ impl Texel {
     pub fn source_lod(&self, width: f32, lod_dither: f32) -> Option<&SourceMesh> {
         let source = self.source.as_ref()?;
         let finest = self.tree.finest()?.min(usize::from(self.finest));
-        source.get(self.tree.info(), (-(finest as f32)).exp2(), width, lod_dither)
+        source.get(self.tree.info(), voxel_edge(finest as u8), width, lod_dither)
     }
 }
 

@@ -16,6 +16,8 @@ use crate::{Result, Warnings};
 /// .071 with one cone through voxels, 1.4 times the time).
 const BEGIN: f32 = -1.0;
 const BAND: f32 = 0.5;
+/// 2^[`BEGIN`].
+const FARTHEST: f32 = 0.5;
 /// Facets count as voxels of a third of their width, so that they are 1.5 pixels wide where the hand-over begins: three rays a
 /// pixel alias where they are smaller (FLIP at a voxel a pixel, voxels and triangles: facets of .8 pixels .054 and .083, of 1.1
 /// .017 and .022, of 1.9 .043 and .039, of 6 .062 and .032).
@@ -39,7 +41,9 @@ impl LazySource {
     /// where it cannot be read.
     pub fn get(&self, info: &Info, voxel: f32, width: f32, lod_dither: f32) -> Option<&SourceMesh> {
         let facet = if info.facet_size > 0.0 { info.facet_size as f32 } else { f32::INFINITY };
-        if voxel.min(facet / FACET) <= width * (BEGIN + BAND * lod_dither).exp2() {
+        let smallest = voxel.min(facet / FACET);
+        // Most are so far away that the power need not be known.
+        if smallest <= width * FARTHEST || smallest <= width * (BEGIN + BAND * lod_dither).exp2() {
             return None;
         }
         let read = || {

@@ -27,7 +27,7 @@ impl Sggx {
     pub const ISOTROPIC: Sggx = Sggx { xx: 1.0, yy: 1.0, zz: 1.0, xy: 0.0, xz: 0.0, yz: 0.0 };
 
     /// w^T S w.
-    #[inline]
+    #[inline(always)]
     pub fn quad(&self, w: Vec3) -> f32 {
         self.xx * w.x * w.x
             + self.yy * w.y * w.y
@@ -36,13 +36,13 @@ impl Sggx {
     }
 
     /// Projected area along the unit vector `w`, ≥ 0.
-    #[inline]
+    #[inline(always)]
     pub fn sigma(&self, w: Vec3) -> f32 {
         self.quad(w).max(0.0).sqrt()
     }
 
     /// S w.
-    #[inline]
+    #[inline(always)]
     pub fn mul(&self, w: Vec3) -> Vec3 {
         Vec3::new(
             self.xx * w.x + self.xy * w.y + self.xz * w.z,
@@ -90,7 +90,7 @@ impl Sggx {
 
     /// The matrix of six codes. About one code in twelve of random matrices is not positive; such correlations are scaled
     /// back until the determinant is, so every result is positive semidefinite.
-    #[inline]
+    #[inline(always)]
     pub fn decode(code: [u8; 6]) -> Sggx {
         let d = [code[0], code[1], code[2]].map(|v| f32::from(v) * (1.0 / 255.0));
         let mut r = [code[3], code[4], code[5]].map(|v| ((f32::from(v) - 128.0) * (1.0 / 127.0)).max(-1.0));
@@ -104,16 +104,27 @@ impl Sggx {
     }
 }
 
-/// The largest f in [0, 1) for which the correlations f·r make a positive semidefinite matrix, from below, to 1e-4.
-#[cold]
+/// The largest multiple of 2^-14 in [0, 1) by which the correlations `r` make a positive semidefinite matrix. Half of the voxels
+/// of thin leaves need it.
+#[inline]
 fn positive_scale(r: [f32; 3]) -> f32 {
-    let det = |f: f32| 1.0 + 2.0 * f * f * f * r[0] * r[1] * r[2] - f * f * (r[0] * r[0] + r[1] * r[1] + r[2] * r[2]);
-    let (mut lo, mut hi) = (0.0f32, 1.0f32);
-    for _ in 0..14 {
-        let mid = 0.5 * (lo + hi);
-        if det(mid) >= 0.0 { lo = mid } else { hi = mid }
+    const STEP: f32 = 1.0 / 16_384.0;
+    let (product, squares) = (r[0] * r[1] * r[2], r[0] * r[0] + r[1] * r[1] + r[2] * r[2]);
+    // It falls from 1 at f = 0 to less than 0 at f = 1.
+    let det = |f: f32| 1.0 + 2.0 * f * f * f * r[0] * r[1] * r[2] - f * f * squares;
+    // Newton's method, and then by steps: halving an interval fourteen times took 4 % of a far picture's time.
+    let mut f = 1.0f32;
+    for _ in 0..3 {
+        f -= det(f) / (f * (6.0 * product * f - 2.0 * squares));
     }
-    lo
+    f = (f.max(0.0).min(1.0 - STEP) / STEP).floor() * STEP;
+    while f > 0.0 && det(f) < 0.0 {
+        f -= STEP;
+    }
+    while f + STEP < 1.0 && det(f + STEP) >= 0.0 {
+        f += STEP;
+    }
+    f
 }
 
 #[cfg(test)]
@@ -123,6 +134,26 @@ mod tests {
 
     fn facet(n: Vec3) -> Sggx {
         Sggx { xx: n.x * n.x, yy: n.y * n.y, zz: n.z * n.z, xy: n.x * n.y, xz: n.x * n.z, yz: n.y * n.z }
+    }
+
+    #[test]
+    fn codes_that_make_no_positive_matrix_are_scaled_as_little_as_that_takes() {
+        let det = |f: f32, r: [f32; 3]| {
+            1.0 + 2.0 * f * f * f * r[0] * r[1] * r[2] - f * f * (r[0] * r[0] + r[1] * r[1] + r[2] * r[2])
+        };
+        let codes = || (-127..=127).step_by(6).map(|v| v as f32 / 127.0);
+        let mut scaled = 0;
+        for (a, b, c) in codes().flat_map(|a| codes().flat_map(move |b| codes().map(move |c| (a, b, c)))) {
+            let r = [a, b, c];
+            if det(1.0, r) >= 0.0 {
+                continue;
+            }
+            scaled += 1;
+            let f = positive_scale(r);
+            let next = f + 1.0 / 16_384.0;
+            assert!(det(f, r) >= 0.0 && (next >= 1.0 || det(next, r) < 0.0), "{r:?}: {f}");
+        }
+        assert!(scaled > 10_000, "{scaled}");
     }
 
     #[test]

@@ -125,7 +125,7 @@ impl Block {
     pub const EMPTY: Block = Block { mask: 0, terminal: 0, first: 0, child: 0 };
 
     /// Rank of the occupied, non-terminal `cell`, in the depth two below the block's node.
-    #[inline]
+    #[inline(always)]
     pub fn rank(&self, cell: u32) -> u32 {
         let below = self.mask & !self.terminal & ((1u64 << cell) - 1);
         self.first + below.count_ones()
@@ -133,7 +133,7 @@ impl Block {
 
     /// The voxel that the occupied `cell` shows; the block belongs to node `node` of `depth`, −2 and −1 for the virtual
     /// roots of even and odd descents.
-    #[inline]
+    #[inline(always)]
     pub fn place(&self, depth: i32, node: u32, cell: u32) -> VoxelAddress {
         if self.terminal >> cell & 1 == 0 {
             return VoxelAddress { depth: (depth + 2) as u8, rank: self.rank(cell) };
@@ -272,7 +272,7 @@ impl Octree {
     /// Blocks of the nodes at `depth` (−2 and −1: the one virtual root above an even or an odd descent, whose cells are the
     /// root alone and the root's children, both at the low corner). `depth + 2` must not exceed the finest depth.
     /// After a failure to read, blocks are empty and [`Octree::failure`] tells.
-    #[inline]
+    #[inline(always)]
     pub fn blocks(&self, depth: i32) -> &[Block] {
         let slot = &self.blocks[(depth + 2) as usize];
         match slot.get() {
@@ -363,7 +363,7 @@ impl Octree {
     }
 
     /// The voxel of `rank` at `depth`.
-    #[inline]
+    #[inline(always)]
     pub fn voxel(&self, place: VoxelAddress) -> &Voxel {
         let (page, slot) = (place.rank >> PAGE_LOG2, place.rank as usize & (PAGE - 1));
         let cell = &self.pages[place.depth as usize][page as usize];

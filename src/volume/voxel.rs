@@ -63,20 +63,41 @@ pub fn encode_rate(rho: f64) -> u8 {
     (libm::log2(rho) * f64::from(RATE_STEPS) + f64::from(RATE_BIAS)).round().clamp(1.0, 255.0) as u8
 }
 
+/// i / 15.
+static FIFTEENTHS: [f32; 16] = {
+    let mut table = [0.0; 16];
+    let mut i = 0;
+    while i < 16 {
+        table[i] = i as f32 / 15.0;
+        i += 1;
+    }
+    table
+};
+
+/// Edge of the voxels of a depth, in cube edges.
+#[inline(always)]
+pub fn voxel_edge(depth: u8) -> f32 {
+    // 2^-depth by its exponent; depths are below 17.
+    f32::from_bits((127 - u32::from(depth)) << 23)
+}
+
 impl Voxel {
     /// Block correlation c in [0, 1].
+    #[inline(always)]
     pub fn c(&self) -> f32 {
-        f32::from(self.correlation & 15) / 15.0
+        FIFTEENTHS[usize::from(self.correlation & 15)]
     }
 
     /// |mean area vector| / area in [0, 1]: 0 for facets seen from both sides, 1 for one face of a solid.
+    #[inline(always)]
     pub fn one_sidedness(&self) -> f32 {
-        f32::from(self.correlation >> 4) / 15.0
+        FIFTEENTHS[usize::from(self.correlation >> 4)]
     }
 
     /// Whether this is the opaque inside of a solid, without facets of its own.
+    #[inline(always)]
     pub fn is_inside(&self) -> bool {
-        self.rate == RATE_MAX && self.one_sidedness() == 0.0
+        self.rate == RATE_MAX && self.correlation >> 4 == 0
     }
 
     /// The support box, lower and upper corner in voxel edges, within [0, 1]^3.
@@ -97,6 +118,7 @@ impl Voxel {
     }
 
     /// Linear albedo, each channel in [0, 1].
+    #[inline(always)]
     pub fn albedo(&self) -> Vec3 {
         let decode = |c: u8| (f32::from(c) / 255.0) * (f32::from(c) / 255.0);
         Vec3::new(decode(self.albedo[0]), decode(self.albedo[1]), decode(self.albedo[2]))
