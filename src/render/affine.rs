@@ -6,6 +6,8 @@
 
 use std::collections::HashMap;
 
+use glam::Vec3A;
+
 use super::cells::{CopyHit, RIGID, TexelLayer};
 use super::copies::RigidCopy;
 use super::copy_segment::{CopySegment, round_inside};
@@ -59,7 +61,7 @@ pub struct AffineCopies {
     kinds: Vec<Kind>,
     known: HashMap<KindKey, u32>,
     /// For each texel of the scene, the box of its content, with room for what a march allows for by rounding.
-    contents: Vec<Aabb>,
+    contents: Vec<(Vec3A, Vec3A)>,
 }
 
 /// A cone's width as it grows along its ray: `start` + `growth` · t.
@@ -78,7 +80,7 @@ const CUT: f64 = 1e-4;
 impl AffineCopies {
     /// None yet; `contents`: for each texel of the scene, the box of its content in texel space.
     pub fn new(contents: impl Iterator<Item = Aabb>) -> AffineCopies {
-        let padded = |content: Aabb| Aabb::new(content.min - CONTENT_PAD, content.max + CONTENT_PAD);
+        let padded = |c: Aabb| ((c.min - CONTENT_PAD).as_vec3a(), (c.max + CONTENT_PAD).as_vec3a());
         AffineCopies { contents: contents.map(padded).collect(), ..AffineCopies::default() }
     }
 
@@ -113,11 +115,16 @@ impl AffineCopies {
             Filling::Copy(_, kind) if phongs.varies(kind.phong) => false,
             Filling::Copy(to_texel, kind) => self.made(&to_texel, kind).is_some_and(|copy| {
                 self.list.push(copy);
-                bounds.push(bounds_of(&self.contents[kind.texel], &to_texel));
+                bounds.push(bounds_of(&self.content(kind.texel).unwrap_or(Aabb::EMPTY), &to_texel));
                 true
             }),
             Filling::Other => false,
         }
+    }
+
+    /// The box of a texel's content.
+    fn content(&self, texel: usize) -> Option<Aabb> {
+        self.contents.get(texel).map(|(min, max)| Aabb::new(min.as_dvec3(), max.as_dvec3()))
     }
 
     fn filling(&self, prism: &Prism, layer: &TexelLayer) -> Filling {
@@ -138,13 +145,13 @@ impl AffineCopies {
             cell[k] = low as i64;
         }
         let Some((copy, to_cube)) = layer.placed(cell) else { return Filling::Nothing };
-        let Some(content) = self.contents.get(copy.texel) else { return Filling::Other };
+        let Some(content) = self.content(copy.texel) else { return Filling::Other };
         if content.is_empty() {
             return Filling::Nothing;
         }
         let to_texel = to_cube * to_layer * prism.to_texel();
         let from_texel = to_texel.inverse();
-        if !from_texel.is_finite() || prism.cuts(content, &from_texel, CONTENT_PAD + CUT) {
+        if !from_texel.is_finite() || prism.cuts(&content, &from_texel, CONTENT_PAD + CUT) {
             return Filling::Other;
         }
         let (opacity_scale, rank) = (layer.layer.opacity_scale as f32, layer.rank);
@@ -175,40 +182,42 @@ impl AffineCopies {
     pub fn segment(&self, index: usize, ray: &Ray, t1: f64, width: ConeWidth) -> Option<CopySegment> {
         let copy = self.list.get(index)?;
         let kind = self.kinds.get(copy.kind as usize)?;
-        let matrix = copy.matrix.as_dmat3();
-        let (origin, dir) = (matrix * (ray.origin - copy.middle.as_dvec3()) + 0.5, matrix * ray.dir);
+        let content = self.contents.get(kind.texel)?;
+        // The difference is exact enough in f64; what follows needs no more than the map has.
+        let offset = (ray.origin - copy.middle.as_dvec3()).as_vec3a();
+        let along = ray.dir.as_vec3a();
+        let [x, y, z] = [copy.matrix.x_axis, copy.matrix.y_axis, copy.matrix.z_axis].map(Vec3A::from);
+        let origin = x * offset.x + y * offset.y + z * offset.z + 0.5;
+        let dir = x * along.x + y * along.y + z * along.z;
         // Along a face of the cube, inside of the lower one and outside of the upper one.
-        let reciprocal = |d: f64| if d == 0.0 { 1e300 } else { 1.0 / d };
-        let inverse = DVec3::new(reciprocal(dir.x), reciprocal(dir.y), reciprocal(dir.z));
-        let within = |min: DVec3, max: DVec3| {
-            let (mut near, mut far) = (0.0, t1);
-            for k in 0..3 {
-                let (a, b) = ((min[k] - origin[k]) * inverse[k], (max[k] - origin[k]) * inverse[k]);
-                let (a, b) = if a < b { (a, b) } else { (b, a) };
-                near = if a > near { a } else { near };
-                far = if b < far { b } else { far };
-            }
+        let inverse = Vec3A::select(dir.cmpeq(Vec3A::ZERO), Vec3A::splat(1e30), dir.recip());
+        let within = |min: Vec3A, max: Vec3A| {
+            let (a, b) = ((min - origin) * inverse, (max - origin) * inverse);
+            let (near, far) = (a.min(b).max_element().max(0.0), a.max(b).min_element().min(t1 as f32));
             (near < far).then_some((near, far))
         };
-        let content = self.contents.get(kind.texel)?;
-        within(content.min, content.max)?;
-        let (t0, t1) = within(DVec3::ZERO, DVec3::ONE)?;
-        let scale = f64::from(copy.root_determinant) / dir.length().sqrt();
-        // A start on a face may lie outside by rounding.
-        let start = (origin + t0 * dir).clamp(DVec3::ZERO, DVec3::ONE);
+        within(content.0, content.1)?;
+        let (t0, t1) = within(Vec3A::ZERO, Vec3A::ONE)?;
+        let length = dir.length();
+        let scale = copy.root_determinant / length.sqrt();
+        // A start on a face may lie outside by rounding, or on the wrong side of it.
+        let start = (origin + t0 * dir).clamp(Vec3A::ZERO, Vec3A::ONE);
         let march = MarchSegment {
-            origin: round_inside(start),
-            dir: dir.as_vec3(),
-            length: (t1 - t0) as f32,
-            footprint: ((width.start + width.growth * t0) * scale) as f32,
-            growth: (width.growth * scale) as f32,
+            origin: round_inside(start.as_dvec3()),
+            dir: dir.into(),
+            length: t1 - t0,
+            footprint: (width.start + width.growth * f64::from(t0)) as f32 * scale,
+            growth: width.growth as f32 * scale,
             opacity_scale: kind.opacity_scale,
         };
-        let (texel, tint, cell) = (kind.texel, kind.tint, kind.cell.unwrap_or([index as i64, 0, RIGID]));
-        let phong = kind.phong;
-        let hit = CopyHit { texel, tint, phong, cell, t0, t1, origin: start, dir, linear: DMat3::IDENTITY, zoom: 1.0 };
-        let coords = kind.varies.then(|| SurfaceCoords::of_copy(&hit, scale));
-        Some(CopySegment { hit, march, to_texel: matrix, scale, rank: kind.rank, coords })
+        let (texel, tint, phong) = (kind.texel, kind.tint, kind.phong);
+        let cell = kind.cell.unwrap_or([index as i64, 0, RIGID]);
+        let (t0, t1, origin, dir) = (f64::from(t0), f64::from(t1), start.as_dvec3(), dir.as_dvec3());
+        let hit = CopyHit { texel, tint, phong, cell, t0, t1, origin, dir, linear: DMat3::IDENTITY, zoom: 1.0 };
+        let scale = f64::from(scale);
+        let coords = kind.varies.then(|| Box::new(SurfaceCoords::of_copy(&hit, scale)));
+        let (to_texel, rank, affine) = (copy.matrix.as_dmat3(), kind.rank, Some(index as u32));
+        Some(CopySegment { hit, march, to_texel, scale, rank, affine, coords })
     }
 }
 
@@ -295,10 +304,10 @@ mod tests {
                     });
                 });
                 let found = copies.segment(0, &ray, 9.0, width);
-                let (Some((hit, to_cell)), Some(segment)) = (want, found) else {
+                let (Some((hit, to_cell)), Some(segment)) = (want, &found) else {
                     // Only just passed by, on either way.
                     let grazes = |hit: &CopyHit| hit.misses(&Aabb::new(CONTENT.min + 1e-4, CONTENT.max - 1e-4));
-                    assert!(want.is_none_or(|w| grazes(&w.0)) && found.is_none_or(|s| grazes(&s.hit)), "{i}");
+                    assert!(want.is_none_or(|w| grazes(&w.0)) && found.as_ref().is_none_or(|s| grazes(&s.hit)), "{i}");
                     continue;
                 };
                 met += 1;

@@ -357,12 +357,15 @@ impl<'a> Sweep<'a> {
         let (mask, enter) = self.slabs.enter(node, self.limit);
         for k in bits(mask) {
             let pending = Pending { enter: enter[k / 4][k % 4], child: node.children[k] };
-            // A sorted list beats a heap here: a sweep holds a few dozen children and new ones go near the end.
+            // A sorted list beats a heap here: a sweep holds a few dozen children and new ones go near the end. So they are moved
+            // up one by one, and not by `insert`, which calls a function for that.
             let mut place = self.waiting.len();
+            self.waiting.push(pending);
             while place > 0 && self.waiting[place - 1].key() < pending.key() {
+                self.waiting[place] = self.waiting[place - 1];
                 place -= 1;
             }
-            self.waiting.insert(place, pending);
+            self.waiting[place] = pending;
         }
         None
     }

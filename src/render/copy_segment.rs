@@ -6,7 +6,7 @@ use crate::geom::{DMat3, DVec3, Vec3};
 use crate::march::transmittance::MarchSegment;
 
 /// A straight segment of a ray in one copy, ready to be marched.
-#[derive(Clone, Copy)]
+#[derive(Clone)]
 pub struct CopySegment {
     pub hit: CopyHit,
     pub march: MarchSegment,
@@ -16,8 +16,10 @@ pub struct CopySegment {
     pub scale: f64,
     /// See [`super::cells::TexelLayer::rank`].
     pub rank: u32,
+    /// Its number in [`super::affine::AffineCopies`]; `None` for a copy that is not there.
+    pub affine: Option<u32>,
     /// Where what it makes of surfaces varies.
-    pub coords: Option<SurfaceCoords>,
+    pub coords: Option<Box<SurfaceCoords>>,
 }
 
 /// To f32, so that what is inside of a cube's upper faces stays so: a ray along one lies in one cube only.

@@ -11,9 +11,9 @@ use std::ops::Range;
 
 use super::copy_segment::CopySegment;
 use super::mesh::Contact;
-use crate::geom::{Ray, Vec3};
+use crate::geom::Ray;
 use crate::march::transmittance::{Sink, VoxelHit};
-use crate::volume::Voxel;
+use crate::volume::voxel::voxel_edge;
 
 /// Matter that stops part of the light, at a distance along the ray.
 #[derive(Clone, Copy)]
@@ -25,22 +25,19 @@ pub struct Event {
     pub origin: EventOrigin,
 }
 
-/// Matter that an event is of. `copy` is an index into the cone's list of [`CopySegment`]s.
+/// Matter that an event is of, as small as may be, since events are sorted. `copy` is an index into the cone's list of [`CopySegment`]s.
 #[derive(Clone, Copy)]
 pub enum EventOrigin {
     Voxel {
         copy: u32,
-        voxel: Voxel,
         depth: u8,
         /// Its number among those of its depth.
         rank: u32,
         /// The copy's own parameter, from where the ray enters it.
         t: f32,
-        /// Texel space.
-        position: Vec3,
     },
-    /// A triangle of a copy's source.
-    Source { copy: u32, contact: Contact },
+    /// A triangle of a copy's source: index into the cone's list of them.
+    Source { copy: u32, contact: u32 },
     /// A triangle of the scene that lets part of the light through: index into the cone's list of them.
     BlendedSurface(u32),
 }
@@ -89,6 +86,32 @@ pub fn composite(events: &mut [Event], mut transmittance: f32) -> f32 {
     transmittance
 }
 
+/// An event is faint below this share of all that a cone sees, and below this part of the mean event. (In thin matter all are alike,
+/// and none is left out.)
+const FAINT_EVENT: f32 = 1.0 / 128.0;
+const FAINT_OF_MEAN: f32 = 0.25;
+/// Share of all that is left out at the most. A far picture takes 6 % less with it; with faint events of 1/64, and 1/16 of all, 9 %,
+/// but then what is left out is seen, since it lies deeper in the shade.
+const LEFT_OUT: f32 = 1.0 / 32.0;
+
+/// Leave out what weighs so little, of composited events, that it may be taken to look as the others do. Returns the share that
+/// is left, in (0, 1].
+pub fn leave_out_faint(events: &mut Vec<Event>) -> f32 {
+    let all: f32 = events.iter().map(|e| e.alpha).sum();
+    if events.len() < 2 || all <= 0.0 {
+        return 1.0;
+    }
+    let faint = all * FAINT_EVENT.min(FAINT_OF_MEAN / events.len() as f32);
+    let room = LEFT_OUT * all;
+    let mut left_out = 0.0;
+    events.retain(|e| {
+        let stays = e.alpha >= faint || left_out + e.alpha > room;
+        left_out += if stays { 0.0 } else { e.alpha };
+        stays
+    });
+    1.0 - left_out / all
+}
+
 /// The sink that records a march's voxels as events.
 pub struct Recorder<'a> {
     pub events: &'a mut Vec<Event>,
@@ -102,22 +125,28 @@ pub struct Recorder<'a> {
 }
 
 impl Sink for Recorder<'_> {
+    #[inline(always)]
     fn voxel(&mut self, hit: &VoxelHit<'_>) {
         let alpha = (hit.weight / self.transmittance).clamp(0.0, 1.0);
         self.transmittance -= hit.weight;
-        let VoxelHit { t, voxel, depth, rank, position, .. } = *hit;
-        let origin = EventOrigin::Voxel { copy: self.copy, voxel: *voxel, depth, rank, t, position };
-        let lead = self.lead * (-f64::from(depth)).exp2();
+        let VoxelHit { t, depth, rank, .. } = *hit;
+        let origin = EventOrigin::Voxel { copy: self.copy, depth, rank, t };
+        let lead = self.lead * f64::from(voxel_edge(depth));
         self.events.push(Event { t: self.t0 + f64::from(t) - lead, alpha, origin });
     }
 }
 
-/// The events of a cone that are not composited yet, and what they refer to.
+/// The events of a cone, and what they refer to.
 #[derive(Default)]
 pub struct EventLists {
+    /// Those that are not composited yet.
     pub events: Vec<Event>,
+    /// Those that are, in order of distance.
+    pub composited: Vec<Event>,
     /// Copies that events are of, or may be.
     pub copies: Vec<CopySegment>,
+    /// Triangles of copies' sources that events are of.
+    pub contacts: Vec<Contact>,
     /// Triangles of the scene before the first opaque one; with fine rays, all that they see.
     pub blended: Vec<Contact>,
     /// Fine rays, what they see, and which of it belongs to each item of `blended`; empty without them.
@@ -139,7 +168,9 @@ pub struct FineHit {
 impl EventLists {
     pub fn clear(&mut self) {
         self.events.clear();
+        self.composited.clear();
         self.copies.clear();
+        self.contacts.clear();
         self.blended.clear();
         self.rays.clear();
         self.fine.clear();
@@ -150,6 +181,30 @@ impl EventLists {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Of an opaque event and of faint ones, as many as may are left out; of events that are alike, none.
+    #[test]
+    fn faint_events_are_left_out_within_a_bound() {
+        let events = |alphas: &[f32]| -> Vec<Event> {
+            let event = |(i, &alpha): (usize, &f32)| Event {
+                t: i as f64,
+                alpha,
+                origin: EventOrigin::BlendedSurface(i as u32),
+            };
+            alphas.iter().enumerate().map(event).collect()
+        };
+        let mut few = events(&[0.5, 0.003, 0.4, 0.002]);
+        let share = leave_out_faint(&mut few);
+        assert_eq!(few.iter().map(|e| e.t).collect::<Vec<_>>(), [0.0, 2.0]);
+        assert!((share - 0.9 / 0.905).abs() < 1e-6, "{share}");
+        let mut many = events(&[&[0.9][..], &[0.001; 100]].concat());
+        let share = leave_out_faint(&mut many);
+        assert_eq!(many.len(), 101 - 31, "31 thousandths are a little less than a 32nd");
+        assert!((share - 0.969).abs() < 1e-5, "{share}");
+        let mut alike = events(&[0.001; 500]);
+        assert_eq!((leave_out_faint(&mut alike), alike.len()), (1.0, 500));
+        assert_eq!(leave_out_faint(&mut Vec::new()), 1.0);
+    }
 
     /// Events in one place, however faint or opaque, share what they stop together.
     #[test]

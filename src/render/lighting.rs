@@ -20,9 +20,13 @@ use super::trace::TraceEvent;
 use crate::geom::{DMat3, DVec3, Mat3, Ray, Vec3};
 use crate::march::shade::{Look, MAX_FROM_MEAN, Shader};
 use crate::march::transmittance::{DepthChoice, Sink, VoxelHit};
+use crate::volume::octree::VoxelAddress;
 
 /// Contributions below this, where the display's white is 1, are not tested for shadows.
 const FAINT: f32 = 1.0 / 256.0;
+
+/// A share of a light below this is taken for none.
+const DARK_BELOW: f32 = 1.0 / 64.0;
 
 /// How the cone sees a plain surface.
 struct Seen<'a> {
@@ -57,14 +61,14 @@ impl Tracer<'_> {
         let (albedo, normal) = (surface.albedo.to_array(), surface.normal.to_array());
         let metres = contact.t * world.unit;
         self.trace_event(|| TraceEvent::Surface { metres, albedo, normal, through: weight });
-        let start = SelfHit { triangle: contact.triangle, copy: None };
+        let start = SelfHit { triangle: contact.triangle, copy: None, affine: None };
         self.shade_surface(state, &surface, Seen { start, width, weight, places: &places, copy: None });
     }
 
     /// Light a triangle of a copy's source, whose event carries its weight.
-    pub(super) fn shade_source(&mut self, state: &mut ConeState<'_>, event: &Event) {
-        let EventOrigin::Source { copy, contact } = event.origin else { return };
-        let segment = self.lists.copies[copy as usize];
+    pub(super) fn shade_source(&mut self, state: &mut ConeState<'_>, segment: &CopySegment, event: &Event) {
+        let EventOrigin::Source { contact, .. } = event.origin else { return };
+        let contact = self.lists.contacts[contact as usize];
         let Some(texel) = &self.world.texels[segment.hit.texel] else { return };
         // It was read when it was traced.
         let Some(source) = texel.source_lod(0.0, state.lod_dither) else { return };
@@ -72,9 +76,10 @@ impl Tracer<'_> {
         let width = state.cone.width_at(t);
         let copy = CopyRay { ray: segment.hit.ray(), t0: segment.hit.t0, to_texel: segment.to_texel };
         let surface = source.surface(&state.cone.ray, &copy, &contact, width * segment.scale);
-        let surface = surface.shown(&self.look(&segment, &state.cone.ray, t, width));
-        let start = SelfHit { triangle: contact.triangle, copy: Some((segment.hit.texel, segment.hit.cell)) };
-        let copy = Some(InCopy { segment: &segment, t });
+        let surface = surface.shown(&self.look(segment, &state.cone.ray, t, width));
+        let copy_of = Some((segment.hit.texel, segment.hit.cell));
+        let start = SelfHit { triangle: contact.triangle, copy: copy_of, affine: segment.affine };
+        let copy = Some(InCopy { segment, t });
         self.shade_surface(state, &surface, Seen { start, width, weight: event.alpha, places: &[], copy });
     }
 
@@ -123,12 +128,11 @@ impl Tracer<'_> {
     }
 
     /// Light voxels of one copy, whose events carry their weights.
-    pub(super) fn shade_voxels(&mut self, state: &mut ConeState<'_>, copy: usize, events: &[Event]) {
+    pub(super) fn shade_voxels(&mut self, state: &mut ConeState<'_>, segment: &CopySegment, events: &[Event]) {
         let (world, cone) = (self.world, state.cone);
-        let segment = self.lists.copies[copy];
-        let hit = segment.hit;
+        let hit = &segment.hit;
         let weight: f32 = events.iter().map(|e| e.alpha).sum();
-        let mean: f64 = events.iter().map(|e| f64::from(e.alpha) * distance(&hit, e)).sum::<f64>() / f64::from(weight);
+        let mean: f64 = events.iter().map(|e| f64::from(e.alpha) * distance(hit, e)).sum::<f64>() / f64::from(weight);
         if !mean.is_finite() {
             return;
         }
@@ -151,32 +155,37 @@ impl Tracer<'_> {
         }
         shader.normals = world.surround.is_directional(self.options.ambient).then(Default::default);
         for event in events {
-            if let EventOrigin::Voxel { voxel, depth, rank, t, position, .. } = &event.origin {
-                let (t, depth, rank, position) = (*t, *depth, *rank, *position);
+            if let (EventOrigin::Voxel { depth, rank, t, .. }, Some(texel)) = (event.origin, texel) {
+                let voxel = texel.tree.voxel(VoxelAddress { depth, rank });
+                let position = segment.march.origin + t * segment.march.dir;
                 if hit.phong != 0 {
                     let t = hit.t0 + f64::from(t);
-                    shader.look = self.look(&segment, &cone.ray, t, cone.width_at(t));
+                    shader.look = self.look(segment, &cone.ray, t, cone.width_at(t));
                 }
                 shader.voxel(&VoxelHit { t, weight: event.alpha, depth, voxel, rank, position });
             }
         }
         shader.finish();
         let (albedo, transmission, unlit) = (shader.albedo, shader.transmission, shader.unlit);
-        let (normal, square) = shader.normals.unwrap_or_default().means();
-        let normals = of_means(normal, square, &space.rotation());
         let before = (state.radiance, state.faint);
-        let outward = space.world(normal);
-        let (width, copy) = (cone.width_at(mean), Some(InCopy { segment: &segment, t: mean }));
-        let front = self.sky_light(middle, outward, width, copy);
-        state.radiance += unlit + albedo * front.irradiance(&normals);
-        if transmission != Vec3::ZERO {
-            let normals = of_means(-normal, square, &space.rotation());
-            let behind = self.sky_light_behind(front, middle, outward, width, copy);
-            state.radiance += transmission * behind.irradiance(&normals);
+        match shader.normals {
+            None => state.radiance += unlit + (albedo + transmission) * world.surround.light.flat(),
+            Some(normals) => {
+                let (normal, square) = normals.means();
+                let of_normals = |normal: Vec3| of_means(normal, square, &space.rotation());
+                let outward = space.world(normal);
+                let (width, copy) = (cone.width_at(mean), Some(InCopy { segment, t: mean }));
+                let front = self.sky_light(middle, outward, width, copy);
+                state.radiance += unlit + albedo * front.irradiance(&of_normals(normal));
+                if transmission != Vec3::ZERO {
+                    let behind = self.sky_light_behind(front, middle, outward, width, copy);
+                    state.radiance += transmission * behind.irradiance(&of_normals(-normal));
+                }
+            }
         }
         let air = world.surround.air(cone.ray.dir, mean);
         let through_air = air.map_or(Vec3::ONE, |(through, _)| through);
-        let start = Some(SelfHit { triangle: u32::MAX, copy: Some((hit.texel, hit.cell)) });
+        let start = Some(SelfHit { triangle: u32::MAX, copy: Some((hit.texel, hit.cell)), affine: segment.affine });
         let facet_size = texel.map_or(0.0, |t| t.tree.info().facet_size as f32);
         for group in &groups {
             let t = hit.t0 + f64::from(group.t);
@@ -203,12 +212,12 @@ impl Tracer<'_> {
 
     /// What the landscape makes of the surfaces of a copy at the distance `t`, where the cone is `width` wide.
     fn look(&self, segment: &CopySegment, ray: &Ray, t: f64, width: f64) -> Look {
-        self.world.look(&segment.hit, segment.coords.as_ref(), ray, (t, width))
+        self.world.look(&segment.hit, segment.coords.as_deref(), ray, (t, width))
     }
 
     /// Whether light that is seen is looked for by a shadow ray.
     fn is_tested(&self, radiance: Vec3, faint: f32) -> bool {
-        self.options.shadows && radiance.max_element() * (self.options.exposure as f32).exp2() >= faint
+        self.options.shadows && radiance.max_element() * self.exposure >= faint
     }
 
     /// Add the light of all groups that wait for their shadow rays.
@@ -262,18 +271,17 @@ impl Tracer<'_> {
         cone.transmittance(
             self.world,
             through,
-            ShadowQuality { choice, stop_below: FAINT, source_geometry: true, left_out: None },
+            ShadowQuality { choice, stop_below: DARK_BELOW, source_geometry: true, left_out: None },
             &mut self.counts,
         )
     }
 }
 
-/// Distance of an event of a copy, whatever it is composited over.
+/// Distance of a voxel's event, whatever it is composited over.
 fn distance(hit: &CopyHit, event: &Event) -> f64 {
     match event.origin {
         EventOrigin::Voxel { t, .. } => hit.t0 + f64::from(t),
-        EventOrigin::Source { contact, .. } => hit.t0 + contact.t,
-        EventOrigin::BlendedSurface(_) => event.t,
+        EventOrigin::Source { .. } | EventOrigin::BlendedSurface(_) => event.t,
     }
 }
 

@@ -151,10 +151,13 @@ impl Shear {
     }
 
     /// (t, b1, b2) where the ray from the origin meets the triangle.
-    pub fn meet(&self, corners: [DVec3; 3]) -> Option<(f64, [f64; 2])> {
+    #[inline]
+    pub fn meet(&self, [a, b, c]: [DVec3; 3]) -> Option<(f64, [f64; 2])> {
         let [x, y, z] = self.axes;
-        let [a, b, c] =
-            corners.map(|p| DVec3::new(p[x] - self.scale.x * p[z], p[y] - self.scale.y * p[z], self.scale.z * p[z]));
+        // Not by `map` over the corners, which is a call for each: a near picture took 4 % longer.
+        let sheared =
+            |p: DVec3| DVec3::new(p[x] - self.scale.x * p[z], p[y] - self.scale.y * p[z], self.scale.z * p[z]);
+        let (a, b, c) = (sheared(a), sheared(b), sheared(c));
         let u = c.x * b.y - c.y * b.x;
         let v = a.x * c.y - a.y * c.x;
         let w = b.x * a.y - b.y * a.x;
@@ -263,8 +266,10 @@ impl Mesh {
         self.triangles.len()
     }
 
+    #[inline]
     fn corners(&self, t: &Triangle) -> [DVec3; 3] {
-        t.vertices.map(|v| self.vertices[v as usize])
+        let ([a, b, c], at) = (t.vertices, |v: u32| self.vertices[v as usize]);
+        [at(a), at(b), at(c)]
     }
 
     /// What the part's vertices have, at the corners of a triangle; `None` where it has none.
@@ -397,7 +402,8 @@ impl Mesh {
             return None;
         }
         let triangle = &self.triangles[index as usize];
-        let corners = self.corners(triangle).map(|p| p - ray.origin);
+        let [a, b, c] = self.corners(triangle);
+        let corners = [a - ray.origin, b - ray.origin, c - ray.origin];
         let (t, b) = shear.meet(corners)?;
         if !(t > t0 && t < t1) {
             return None;

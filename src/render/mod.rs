@@ -326,7 +326,7 @@ fn pixel_of(tracer: &mut Tracer<'_>, x: u32, y: u32) -> [f32; 4] {
     let first = add(tracer, 0, lanes);
     if lanes > 1 {
         let last = add(tracer, lanes - 1, lanes);
-        let apart = (first - last).abs() * Vec3::splat((tracer.options.exposure as f32).exp2()).extend(1.0);
+        let apart = (first - last).abs() * Vec3::splat(tracer.exposure).extend(1.0);
         let uneven = tracer.uses_source_geometry || tracer.uses_fine_rays;
         if uneven || apart.max_element() > ALIKE {
             (1..lanes - 1).for_each(|lane| {

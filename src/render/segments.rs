@@ -100,8 +100,8 @@ impl CellSpace {
             growth: ((w1 - w0) / length * scale) as f32,
             opacity_scale: self.opacity_scale,
         };
-        let coords = world.phongs.varies(hit.phong).then(coords);
+        let coords = world.phongs.varies(hit.phong).then(|| Box::new(coords()));
         let (to_texel, rank) = (hit.linear * self.to_cell, self.rank);
-        Some(CopySegment { hit, march, to_texel, scale, rank, coords })
+        Some(CopySegment { hit, march, to_texel, scale, rank, affine: None, coords })
     }
 }

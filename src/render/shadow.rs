@@ -23,6 +23,8 @@ pub struct SelfHit {
     pub triangle: u32,
     /// The texel and the cell of the copy; `None` for the scene's meshes.
     pub copy: Option<(usize, [i64; 3])>,
+    /// Number of that copy, see [`CopySegment::affine`].
+    pub affine: Option<u32>,
 }
 
 impl SelfHit {
@@ -161,7 +163,19 @@ impl ShadowCone {
             return 0.0;
         }
         let width = ConeWidth { start: self.width, growth: self.growth };
+        // What most often stops the light is the copy that the ray starts in.
+        let own = self.start.and_then(|start| start.affine);
+        if let Some(number) = own
+            && let Some(segment) = world.copies.segment(number as usize, &self.ray, self.end, width)
+        {
+            counts.boxes += 1;
+            through *= self.segment_transmittance(world, &segment, quality, through, counts);
+            if through < quality.stop_below {
+                return 0.0;
+            }
+        }
         let is_open = world.shells.all(&self.ray, self.end, |index| match world.item(index) {
+            Item::Copy(number) if own == Some(number as u32) => true,
             Item::Copy(number) => {
                 let Some(segment) = world.copies.segment(number, &self.ray, self.end, width) else { return true };
                 counts.boxes += 1;

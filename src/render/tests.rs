@@ -224,7 +224,8 @@ fn upper_layers_are_composited_over_lower_ones() {
     };
     // What one voxel lets through.
     let through = (-0.0625f32).exp();
-    let near = |a: f32, b: f32| (a / b - 1.0).abs() < 1e-3;
+    // Faint voxels are left out one by one: one of a layer's and not those of the others is a quarter of the mean of all 96.
+    let near = |a: f32, b: f32| (a / b - 1.0).abs() < 8e-3;
     let [r, g, b, alpha] = seen([false; 3]);
     assert!(near(r, g) && near(g, b), "{r} {g} {b}");
     let [r, g, b, a] = seen([false, true, true]);

@@ -183,8 +183,11 @@ impl<'a> Tracer<'a> {
         if seen.unlit {
             return seen.albedo;
         }
-        let start =
-            SelfHit { triangle: met.contact.triangle, copy: met.copy.as_ref().map(|copy| (copy.texel, copy.cell)) };
+        let start = SelfHit {
+            triangle: met.contact.triangle,
+            copy: met.copy.as_ref().map(|copy| (copy.texel, copy.cell)),
+            affine: None,
+        };
         let mut light = Vec3::ZERO;
         for incident in self.world.lights.iter().filter_map(|light| light.incident(seen.lifted)) {
             let cosine = seen.normal.dot(incident.dir) as f32;

@@ -180,8 +180,8 @@ fn near_corner(world: &World<'_>, corner: Corner, texel: usize, bias: f32) -> (O
         let within = within.and_then(|b| b.hit(hit.origin, hit.dir.recip(), 0.0, hit.t1 - hit.t0));
         if let Some((a, b)) = within {
             let t = hit.t0 + 0.5 * (a + b);
-            if best.is_none_or(|(distance, ..)| (t - size).abs() < distance) {
-                best = Some(((t - size).abs(), t, *segment));
+            if best.as_ref().is_none_or(|(distance, ..)| (t - size).abs() < *distance) {
+                best = Some(((t - size).abs(), t, segment.clone()));
             }
         }
         true

@@ -52,6 +52,11 @@ impl Harmonics {
         Harmonics(std::array::from_fn(|k| (weights[k] * at[k] * light).as_vec3()))
     }
 
+    /// Irradiance / π of normals in all directions alike; at least 0.
+    pub fn flat(&self) -> Vec3 {
+        self.0[0].max(Vec3::ZERO)
+    }
+
     /// Irradiance / π of normals; at least 0.
     pub fn irradiance(&self, normals: &Moments) -> Vec3 {
         let sum: Vec3 = self.0.iter().zip(normals).map(|(c, m)| *c * *m).sum();
