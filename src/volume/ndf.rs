@@ -117,7 +117,7 @@ fn positive_scale(r: [f32; 3]) -> f32 {
     for _ in 0..3 {
         f -= det(f) / (f * (6.0 * product * f - 2.0 * squares));
     }
-    f = (f.max(0.0).min(1.0 - STEP) / STEP).floor() * STEP;
+    f = if f > 0.0 { (f.min(1.0 - STEP) / STEP).floor() * STEP } else { 0.0 };
     while f > 0.0 && det(f) < 0.0 {
         f -= STEP;
     }
