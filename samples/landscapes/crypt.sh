@@ -1,5 +1,5 @@
 #!/bin/sh
-# Two curved surfaces: a vault of heads, from computed tomography, and an urn in a hypertexture.
+# Two curved surfaces: a vault of heads, as computed tomography sees them, and an urn in a hypertexture.
 # `vtex demo crypt`, or in a folder of its own: sh .../samples/landscapes/crypt.sh
 set -e
 S=${S:-$(dirname "$0")/..}
