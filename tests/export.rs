@@ -125,7 +125,7 @@ fn what_is_far_from_0_keeps_its_detail() {
     let line = |c: [f64; 3]| format!("v {} {} {}\n", place[0] + c[0], place[1] + c[1], place[2] + c[2]);
     std::fs::write(dir.path().join("far.obj"), corners.map(line).concat() + "f 1 2 3\n").unwrap();
     assert!(vtex(&["bake", "far.obj", "-r", "8"], dir.path()).status.success());
-    for form in ["blocks", "points"] {
+    for form in ["blocks", "points", "splats"] {
         let done = vtex(&["export", "far.vtex", "-o", "far.glb", "--depth", "3", "--form", form], dir.path());
         assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
         let bytes = std::fs::read(dir.path().join("far.glb")).unwrap();
@@ -143,6 +143,87 @@ fn what_is_far_from_0_keeps_its_detail() {
             assert!(off < near, "{form}, axis {axis}: {low} to {high}");
         }
     }
+}
+
+#[test]
+fn splats_of_glb_and_ply_are_the_same() {
+    let dir = tempfile::tempdir().unwrap();
+    ball(dir.path());
+    for arguments in [vec!["-o", "ball.ply"], vec!["-o", "ball.glb", "--form", "splats"]] {
+        let done = vtex(&[vec!["export", "ball.vtex"], arguments].concat(), dir.path());
+        assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+    }
+    let ply = std::fs::read(dir.path().join("ball.ply")).unwrap();
+    let floats = |bytes: &[u8]| -> Vec<f32> {
+        bytes.chunks_exact(4).map(|b| f32::from_le_bytes(b.try_into().unwrap())).collect()
+    };
+    let rows = floats(after(&ply, "end_header\n"));
+    let glb = std::fs::read(dir.path().join("ball.glb")).unwrap();
+    let length = u32::from_le_bytes(glb[12..16].try_into().unwrap()) as usize;
+    let doc: serde_json::Value = serde_json::from_slice(&glb[20..20 + length]).unwrap();
+    assert!(doc["extensionsUsed"].as_array().unwrap().iter().any(|name| name == "KHR_gaussian_splatting"));
+    let primitive = &doc["meshes"][0]["primitives"][0];
+    assert_eq!(primitive["mode"], 0);
+    let values = |name: &str| {
+        let accessor = &doc["accessors"][primitive["attributes"][name].as_u64().unwrap() as usize];
+        let view = &doc["bufferViews"][accessor["bufferView"].as_u64().unwrap() as usize];
+        let [start, size] = ["byteOffset", "byteLength"].map(|k| view[k].as_u64().unwrap_or(0) as usize);
+        floats(&glb[28 + length + start..28 + length + start + size])
+    };
+    let own = |name: &str| values(&format!("KHR_gaussian_splatting:{name}"));
+    let (centres, turns, scales, opacities) = (values("POSITION"), own("ROTATION"), own("SCALE"), own("OPACITY"));
+    let harmonics = own("SH_DEGREE_0_COEF_0");
+    assert_eq!(rows.len() / 17, opacities.len());
+    for (i, row) in rows.chunks(17).enumerate() {
+        assert_eq!(row[..3], centres[3 * i..3 * i + 3]);
+        assert_eq!(row[6..9], harmonics[3 * i..3 * i + 3]);
+        // The extension has opacities and deviations as they are, and the real part of a turn last.
+        assert!((1.0 / (1.0 + (-row[9]).exp()) - opacities[i]).abs() < 1e-6);
+        (0..3).for_each(|k| assert!((row[10 + k].exp() / scales[3 * i + k] - 1.0).abs() < 1e-5));
+        let same = (0..4).all(|k| (row[13 + (k + 1) % 4] - turns[4 * i + k]).abs() < 1e-6);
+        assert!(same, "{row:?} {:?}", &turns[4 * i..4 * i + 4]);
+    }
+}
+
+#[test]
+fn grids_of_openvdb_hold_the_ball() {
+    let dir = tempfile::tempdir().unwrap();
+    ball(dir.path());
+    let done = vtex(&["export", "ball.vtex", "-o", "ball.vdb", "--depth", "4"], dir.path());
+    assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+    let bytes = std::fs::read(dir.path().join("ball.vdb")).unwrap();
+    assert_eq!(bytes[..8], 0x5644_4220u64.to_le_bytes());
+    let again = dir.path().join("again.vdb");
+    vtex(&["export", "ball.vtex", "-o", "again.vdb", "--depth", "4"], dir.path());
+    assert!(bytes == std::fs::read(again).unwrap(), "the same texel gives the same file");
+    // Each grid says where it ends: the first where the second begins, the second at the end of the file.
+    let int = |at: usize| u64::from_le_bytes(bytes[at..at + 8].try_into().unwrap()) as usize;
+    let place = |name: &str| bytes.windows(name.len()).position(|w| w == name.as_bytes()).unwrap() + name.len() + 4;
+    let (density, color) = (place("Tree_float_5_4_3"), place("Tree_vec3s_5_4_3"));
+    assert_eq!([int(density), int(color)], [density + 24, color + 24]);
+    assert_eq!([int(density + 16), int(color + 16)], [color - 4 - 16 - 4 - 5 - 4, bytes.len()]);
+}
+
+#[test]
+fn levels_of_usd_are_three() {
+    let dir = tempfile::tempdir().unwrap();
+    ball(dir.path());
+    let done = vtex(&["export", "ball.vtex", "-o", "ball.usda"], dir.path());
+    assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+    let text = std::fs::read_to_string(dir.path().join("ball.usda")).unwrap();
+    assert!(text.starts_with("#usda 1.0\n") && text.contains("defaultPrim = \"ball\""));
+    for (open, close) in [('{', '}'), ('[', ']'), ('(', ')')] {
+        assert_eq!(text.matches(open).count(), text.matches(close).count(), "{open}");
+    }
+    let level = |name: &str| text.find(name).unwrap_or_else(|| panic!("{name}"));
+    let levels =
+        ["def ParticleField3DGaussianSplat \"splats\"", "def Mesh \"blocks\"", "def Points \"points\""].map(level);
+    assert!(levels.is_sorted(), "near ones first");
+    // Blocks of 1/8 and points of 1/4 of the diameter, 2 m, in pixels of 1080 over a view of 40 degrees.
+    let line = text.lines().find(|line| line.contains("thresholds")).unwrap();
+    let found: Vec<f64> =
+        line.split(['[', ']']).nth(3).unwrap().split(", ").map(|number| number.parse().unwrap()).collect();
+    assert!((found[0] - 0.25 * 1080.0 / 0.728).abs() < 1.0 && (found[1] - 2.0 * found[0]).abs() < 0.1, "{found:?}");
 }
 
 #[test]

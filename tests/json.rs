@@ -25,8 +25,8 @@ fn check_keys(command: &str, value: &Value) {
 
 /// Commands without `--json`: a shell's script is all that the first prints, and the other writes manual pages.
 const WITHOUT: [&str; 2] = ["completions", "man"];
-/// Their JSON is checked where they are tested: they take long, or need more than the folder has.
-const ELSEWHERE: [&str; 3] = ["bench", "demo", "expand"];
+/// Their JSON is checked where they are tested: they take long, go on until they are ended, or need more than the folder has.
+const ELSEWHERE: [&str; 4] = ["bench", "demo", "expand", "view"];
 
 #[test]
 fn every_command_prints_json() {

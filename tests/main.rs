@@ -54,3 +54,4 @@ mod tiles;
 mod translucency;
 mod unchanged;
 mod vectors;
+mod view;

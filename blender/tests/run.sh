@@ -6,7 +6,7 @@ here=$(cd "$(dirname "$0")" && pwd)
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 (cd "$here/../.." && cargo build --release --bin vtex)
-"${PYTHON:-python3.11}" -m venv "$work/venv"
-"$work/venv/bin/pip" install -q "bpy==${BPY:-5.0.1}"
+"${PYTHON:-python3.13}" -m venv "$work/venv"
+"$work/venv/bin/pip" install -q "bpy==${BPY:-5.3.0}"
 zip=$("$here/../build.sh")
 VTEX="${VTEX:-$here/../../target/release/vtex}" "$work/venv/bin/python" "$here/roundtrip.py" "$here/../../$zip" "$@"

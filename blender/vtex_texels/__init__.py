@@ -4,7 +4,11 @@
 import bpy
 
 from . import bake, panels, properties, render, scatter
-from .gltf_export import glTF2ExportUserExtension  # noqa: F401: the glTF exporter looks for it here
+from .gltf_export import (  # noqa: F401: the glTF exporter looks for them here
+    glTF2_post_export_callback,
+    glTF2_pre_export_callback,
+    glTF2ExportUserExtension,
+)
 from .gltf_import import glTF2ImportUserExtension  # noqa: F401: so does the importer
 
 MODULES = (properties, bake, scatter, render, panels)

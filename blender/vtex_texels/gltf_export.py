@@ -75,6 +75,21 @@ def world_sky(scene):
     return {"sky": sky}
 
 
+def own(export_settings):
+    return [one for one in export_settings["gltf_user_extensions"] if isinstance(one, glTF2ExportUserExtension)]
+
+
+# Blender 4.2 knows these two, and not the hooks `pre_export_hook` and `post_export_hook` of later versions.
+def glTF2_pre_export_callback(export_settings):
+    for one in own(export_settings):
+        one.begin(export_settings)
+
+
+def glTF2_post_export_callback(export_settings):
+    for one in own(export_settings):
+        one.end()
+
+
 class glTF2ExportUserExtension:
     """Called by the exporter; one object an export."""
 
@@ -85,7 +100,7 @@ class glTF2ExportUserExtension:
         self.active = False
         self.rewired = None
 
-    def pre_export_hook(self, export_settings):
+    def begin(self, export_settings):
         self.rewired = Rewired(bpy.data.materials)
         self.active = any(m.vtex.role != "none" for m in bpy.data.materials if m.users)
         if self.active:
@@ -93,7 +108,7 @@ class glTF2ExportUserExtension:
             export_settings["gltf_attributes"] = True
             export_settings["gltf_lighting_mode"] = "COMPAT"
 
-    def post_export_hook(self, export_settings):
+    def end(self):
         if self.rewired:
             self.rewired.restore()
 

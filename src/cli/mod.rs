@@ -89,6 +89,8 @@ mod tile;
 mod truncate;
 mod ui;
 mod verify;
+#[cfg(all(feature = "bake", feature = "render"))]
+mod view;
 
 use std::process::ExitCode;
 
@@ -170,6 +172,8 @@ enum Command {
     #[cfg(feature = "render")]
     Stress(stress::Args),
     Verify(verify::Args),
+    #[cfg(all(feature = "bake", feature = "render"))]
+    View(view::Args),
     Truncate(truncate::Args),
     /// Cover a plain glTF mesh with texels
     #[cfg(feature = "bake")]
@@ -240,6 +244,8 @@ fn run(command: Command, ui: &Ui) -> crate::Result<()> {
         #[cfg(feature = "render")]
         Command::Stress(args) => stress::run(&args, ui),
         Command::Verify(args) => verify::run(&args, ui),
+        #[cfg(all(feature = "bake", feature = "render"))]
+        Command::View(args) => view::run(&args, ui),
         Command::Truncate(args) => truncate::run(&args, ui),
         #[cfg(feature = "bake")]
         Command::Map(args) => map::run(&args, ui),
@@ -250,6 +256,30 @@ fn run(command: Command, ui: &Ui) -> crate::Result<()> {
             let mut script = Vec::new();
             clap_complete::generate(shell, &mut Vtex::command(), "vtex", &mut script);
             out!("{}", String::from_utf8_lossy(&script))
+        }
+    }
+}
+
+/// `vtex render` of a landscape: `words` up to its options, then those that another command was given after `--`.
+///
+/// # Errors
+/// `Options` where one is not known.
+#[cfg(all(feature = "bake", feature = "render"))]
+fn after_dashes(
+    words: Vec<String>,
+    options: &[String],
+    landscape: &std::path::Path,
+) -> crate::Result<Box<render::Args>> {
+    let words = words.into_iter().chain(options.iter().cloned());
+    // Last, so that the value of no option is taken for it.
+    let words = words.map(Into::into).chain([landscape.as_os_str().to_owned()]);
+    match Vtex::try_parse_from(words.collect::<Vec<std::ffi::OsString>>()).map(|cli| cli.command) {
+        Ok(Command::Render(how)) => Ok(how),
+        Ok(_) => Err(crate::Error::Options("what stands after -- is not of `vtex render`".into())),
+        Err(e) => {
+            let text = e.to_string();
+            let line = text.lines().next().unwrap_or_default().trim_start_matches("error: ").to_owned();
+            Err(crate::Error::Options(format!("after --: {line}")))
         }
     }
 }

@@ -170,7 +170,7 @@ fn pixel(text: &str) -> std::result::Result<[u32; 2], String> {
     Ok([part(x)?, part(y)?])
 }
 
-fn triple(text: &str) -> std::result::Result<[f64; 3], String> {
+pub fn triple(text: &str) -> std::result::Result<[f64; 3], String> {
     let parts: Vec<f64> = text
         .split(',')
         .map(|s| s.trim().parse().map_err(|_| format!("{s:?} is not a number")))
@@ -399,6 +399,36 @@ pub fn survey(args: &Args, time: Option<f64>, is_tiled: bool, ui: &Ui) -> Result
     let scene = read(args, landscape, time, &mut Said::default(), ui)?;
     let size = args.options(&scene, Path::new(""))?.size;
     Ok((scene, size))
+}
+
+/// A landscape to be looked at, and how its pictures are made.
+#[cfg(feature = "bake")]
+pub struct Look {
+    pub scene: Scene,
+    pub options: Options,
+    pub tone: Tone,
+}
+
+/// A landscape of which pictures are made by cameras that others choose.
+///
+/// # Errors
+/// `Options` where something is asked for that is not of such pictures; else as reading a scene.
+#[cfg(feature = "bake")]
+pub fn look(args: &Args, ui: &Ui) -> Result<Look> {
+    let [landscape] = &args.landscapes[..] else {
+        return Err(Error::Options("one landscape is looked at".into()));
+    };
+    let is_picture = args.output.is_some() || args.tile.is_some() || args.depfile.path().is_some();
+    if is_picture || args.pixel.is_some() || args.reference.is_some() || args.stats || args.json {
+        let what = "--output, --tile, --pixel, --reference, --stats, --json and --depfile are not of a view";
+        return Err(Error::Options(what.into()));
+    }
+    args.motion.only_one()?;
+    let scene = read(args, landscape, None, &mut Said::default(), ui)?;
+    let shown = Path::new("view.png");
+    let options = args.options(&scene, shown)?;
+    args.said_of_lights(&scene, &options).iter().for_each(|line| ui.say(line));
+    Ok(Look { scene, options, tone: args.tone(shown) })
 }
 
 /// The landscape at a time of a sequence, or as asked for.

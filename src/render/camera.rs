@@ -75,6 +75,16 @@ impl View {
         Self::towards(eye, -from, DVec3::Y, size, Projection::Perspective { yfov: YFOV })
     }
 
+    /// Unit direction through the picture's middle.
+    pub fn ahead(&self) -> DVec3 {
+        self.forward
+    }
+
+    /// Perspective or parallel.
+    pub fn projection(&self) -> Projection {
+        self.projection
+    }
+
     /// The ray of [`View::cone`].
     pub fn ray(&self, x: f64, y: f64, unit: f64) -> Ray {
         let across = self.across(x, y);

@@ -36,6 +36,7 @@ mod prepare;
 pub mod preview;
 pub mod reference;
 mod segments;
+pub mod session;
 mod shadow;
 mod shared_shadow;
 mod shell;
@@ -116,7 +117,7 @@ pub fn render_with(
     par::with_threads(options.threads, || {
         let start = Instant::now();
         progress.stage("prepare", 0);
-        let mut world = World::new(scene, texels, options)?;
+        let mut world = World::new(scene, shared(texels), options)?;
         let prepared = Instant::now();
         let (film, counts) = film(&world, options, progress);
         let mut stats = Stats {
@@ -136,7 +137,7 @@ pub fn render_with(
             if let Some(source) = texel.source {
                 stats.near_triangles += source.finish(&mut world.warnings);
             }
-            if let Some(failure) = texel.tree.into_failure() {
+            if let Some(failure) = Arc::into_inner(texel.tree).and_then(Octree::into_failure) {
                 return Err(failure);
             }
         }
@@ -158,11 +159,16 @@ pub fn trace_pixel(scene: &Scene, options: &Options, at: [u32; 2]) -> Result<Tra
             at[0], at[1], options.size[0], options.size[1]
         )));
     }
-    let world = World::new(scene, Opened::new(scene)?.trees()?, options)?;
+    let world = World::new(scene, shared(Opened::new(scene)?.trees()?), options)?;
     let mut tracer = Tracer::new(&world, options);
     tracer.trace = Some(Trace::new());
     pixel_of(&mut tracer, at[0], at[1]);
     Ok(tracer.trace.take().unwrap_or_default())
+}
+
+/// Texels as several pictures may have them.
+fn shared(texels: Vec<Option<Octree>>) -> Vec<Option<Arc<Octree>>> {
+    texels.into_iter().map(|tree| tree.map(Arc::new)).collect()
 }
 
 fn check(options: &Options) -> Result<()> {

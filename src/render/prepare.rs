@@ -3,6 +3,8 @@
 //! That space is (world − eye) / unit, with `unit` a power of two about as large as the scene. So neither where a scene
 //! lies nor how large it is changes a picture, and numbers near the camera keep their precision.
 
+use std::sync::Arc;
+
 use super::affine::AffineCopies;
 use super::bvh::Bvh;
 use super::camera::View;
@@ -32,7 +34,7 @@ use crate::{Error, Result, Warnings};
 
 /// A texel with what the scene says of it.
 pub struct Texel {
-    pub tree: Octree,
+    pub tree: Arc<Octree>,
     /// Deepest depth to be used.
     pub finest: u8,
     /// The mesh that it was baked from, if that is to be seen where a pixel is smaller than the finest voxel.
@@ -60,6 +62,8 @@ pub enum Item<'w> {
 pub struct World<'a> {
     pub scene: &'a Scene,
     pub view: View,
+    /// Of all that may be seen, world space; may be empty.
+    pub bounds: Aabb,
     /// Metres in a unit of length.
     pub unit: f64,
     pub mesh: Mesh,
@@ -119,7 +123,7 @@ pub fn shell_of(scene: &Scene, part: usize) -> Option<(&Part, &ShellMaterial)> {
 
 impl<'a> World<'a> {
     /// `texels[i]` is the scene's texel i, opened; needed for those of [`used_texels`].
-    pub fn new(scene: &'a Scene, texels: Vec<Option<Octree>>, options: &Options) -> Result<World<'a>> {
+    pub fn new(scene: &'a Scene, texels: Vec<Option<Arc<Octree>>>, options: &Options) -> Result<World<'a>> {
         check_memory(scene, options.memory)?;
         let mut notes = Vec::new();
         let mut warnings = Warnings::default();
@@ -158,6 +162,7 @@ impl<'a> World<'a> {
         let mut world = World {
             scene,
             unit,
+            bounds,
             mesh: Mesh::default(),
             boxes: Vec::new(),
             split_patches: 0,

@@ -10,7 +10,6 @@ use glam::DVec3;
 use super::voxels::Voxels;
 use crate::format::save;
 use crate::volume::Sggx;
-use crate::volume::voxel::decode_rate;
 use crate::{Error, Result};
 
 /// Voxels along the edge of the largest grid: ten numbers of four bytes for each of its cells are 640 MiB.
@@ -22,18 +21,14 @@ pub fn write(voxels: &Voxels, path: &Path) -> Result<Vec<PathBuf>> {
     let stem = path.file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
     let [mut density, mut albedo, mut sggx] = [1, 3, 6].map(|channels| vec![0f32; n * n * n * channels]);
     for cell in &voxels.cells {
-        let rate = decode_rate(cell.voxel.rate);
-        // Rates are by the edge of the node's own depth, the grid's by its cells; matter is spread over the whole cell.
-        let (low, high) = cell.voxel.support_box();
-        let filled = (high - low).element_product();
-        let rate = rate * filled / cell.edge as f32;
+        let rate = voxels.extinction(cell) as f32;
+        let corner = voxels.own_corner(cell);
         let s = turned(&Sggx::decode(cell.voxel.ndf));
         for x in 0..cell.edge {
             for y in 0..cell.edge {
                 for z in 0..cell.edge {
-                    // Mitsuba's x, y, z are the copy's own: u, w, −v.
-                    let [u, v, w] = [cell.corner[0] + x, cell.corner[1] + y, cell.corner[2] + z].map(|k| k as usize);
-                    let at = (n - 1 - v) * n * n + w * n + u;
+                    let [x, y, z] = [corner[0] + x, corner[1] + y, corner[2] + z].map(|k| k as usize);
+                    let at = (z * n + y) * n + x;
                     density[at] = rate * n as f32;
                     albedo[3 * at..3 * at + 3].copy_from_slice(&cell.voxel.albedo().to_array());
                     sggx[6 * at..6 * at + 6].copy_from_slice(&s);
@@ -72,8 +67,7 @@ fn vol(n: i32, channels: i32, grid: &[f32]) -> Vec<u8> {
 
 /// The scene: the texel at its own place and size, a sky and a camera that frames it.
 fn scene(voxels: &Voxels, grids: &[PathBuf]) -> Result<String> {
-    let corner = voxels.origin + voxels.to_own.transform_point3(DVec3::Y);
-    let size = voxels.to_own.matrix3.x_axis.length();
+    let (corner, size) = (voxels.origin + voxels.own_origin(), voxels.size());
     let centre = corner + size / 2.0;
     let eye = centre + DVec3::new(0.6, 0.35, 1.0).normalize() * size * 2.2;
     let names: Vec<_> = grids.iter().map(|p| p.file_name().map(|n| n.to_string_lossy().into_owned())).collect();

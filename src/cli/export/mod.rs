@@ -2,8 +2,11 @@
 
 mod mitsuba;
 mod page;
+mod ply;
 mod solid;
 mod splats;
+mod usd;
+mod vdb;
 mod voxels;
 
 use std::path::{Path, PathBuf};
@@ -25,25 +28,26 @@ const MOST_BYTES: u64 = 256 << 20;
 /// Most voxels of a mesh or of splats: their file has some gigabytes then.
 const MOST_VOXELS: usize = 1 << 24;
 
-/// Write a texel for other programs: a page for any browser (.html), a mesh of blocks or points (.glb), Gaussian splats (.ply),
-/// a scene of Mitsuba 3 (.xml)
+/// Write a texel for other programs: a page for any browser (.html), blocks, points or Gaussian splats (.glb), Gaussian splats
+/// (.ply), grids of OpenVDB (.vdb), levels of detail of OpenUSD (.usda), a scene of Mitsuba 3 (.xml)
 #[derive(clap::Args)]
 pub struct Args {
     /// The .vtex file, or a URL of one
     file: PathBuf,
-    /// The file to write: .html, .glb, .ply or .xml
+    /// The file to write: .html, .glb, .ply, .vdb, .usda or .xml
     #[arg(long, short, value_name = "FILE")]
     output: PathBuf,
     /// Name that a page shows; by default the file's
     #[arg(long)]
     title: Option<String>,
-    /// Depth that is written, all but pages: 2^DEPTH voxels along each side [default: .glb 5, .xml 7, .ply 8, or the finest]
+    /// Depth that is written, all but pages: 2^DEPTH voxels along each side [default: .glb 5, .usda and .xml
+    /// 7, .vdb and splats 8, or the finest]
     #[arg(long, value_name = "DEPTH")]
     depth: Option<u8>,
     /// What stands for a voxel in a .glb
     #[arg(long, value_enum, default_value_t = Form::Blocks)]
     form: Form,
-    /// Voxels that take a smaller share of the light are left out of a .glb
+    /// Voxels that take a smaller share of the light have no block or point
     #[arg(long, value_name = "SHARE", default_value_t = 0.1, value_parser = share)]
     least_opacity: f64,
     #[command(flatten)]
@@ -71,9 +75,12 @@ pub fn run(mut args: Args, ui: &Ui) -> Result<()> {
         "html" => to_page,
         "glb" => to_mesh,
         "ply" => to_splats,
+        "usda" => to_usd,
+        "vdb" => to_vdb,
         "xml" => to_mitsuba,
         _ => {
-            let known = ".html (a page), .glb (blocks or points), .ply (splats) or .xml (Mitsuba 3)";
+            let known =
+                ".html (a page), .glb (blocks, points or splats), .ply (splats), .vdb, .usda or .xml (Mitsuba 3)";
             return Err(Error::Options(format!("{}: give it a name that ends in {known}", args.output.display())));
         }
     };
@@ -104,7 +111,11 @@ fn own_name(path: &Path) -> String {
     path.file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default()
 }
 
-fn to_page(args: &Args, reader: &Reader) -> Result<Written> {
+/// The page of the texel at `path`, which `reader` reads.
+///
+/// # Errors
+/// `Limit` where the texel is too large for a page, or what reading it says.
+pub fn page_of(path: &Path, reader: &Reader, title: &str) -> Result<String> {
     if reader.file_bytes() > MOST_BYTES {
         return Err(Error::Limit {
             what: format!("the texel in a page ({} keeps its coarser depths)", "vtex truncate"),
@@ -112,10 +123,15 @@ fn to_page(args: &Args, reader: &Reader) -> Result<Written> {
             allowed: MOST_BYTES,
         });
     }
-    let texel = std::fs::read(&args.file).map_err(|e| Error::input(&args.file, "", e.to_string()))?;
-    let page = page::of(&texel, &args.title.clone().unwrap_or_else(|| own_name(&args.file)));
+    let texel = std::fs::read(path).map_err(|e| Error::input(path, "", e.to_string()))?;
+    Ok(page::of(&texel, title))
+}
+
+fn to_page(args: &Args, reader: &Reader) -> Result<Written> {
+    let page = page_of(&args.file, reader, &args.title.clone().unwrap_or_else(|| own_name(&args.file)))?;
     save(&args.output, page.as_bytes())?;
-    let said = format!("{} kB, of which {} kB are the texel", page.len().div_ceil(1000), texel.len().div_ceil(1000));
+    let texel = reader.file_bytes().div_ceil(1000);
+    let said = format!("{} kB, of which {texel} kB are the texel", page.len().div_ceil(1000));
     Ok(Written { bytes: page.len() as u64, said, more: Vec::new() })
 }
 
@@ -130,21 +146,27 @@ fn voxels(args: &Args, reader: &Reader, otherwise: u8) -> Result<voxels::Voxels>
 }
 
 fn to_mesh(args: &Args, reader: &Reader) -> Result<Written> {
-    let voxels = voxels(args, reader, 5)?;
-    let count = solid::write(&voxels, args.form, args.least_opacity, &own_name(&args.file), &args.output)?;
+    let voxels = voxels(args, reader, if args.form == Form::Splats { 8 } else { 5 })?;
+    let name = own_name(&args.file);
+    let said = if args.form == Form::Splats {
+        let splats = splats::of(&voxels);
+        solid::write_splats(&splats, voxels.origin, &name, &args.output)?;
+        said_of_splats(splats.len())
+    } else {
+        let count = solid::write(&voxels, args.form, args.least_opacity, &name, &args.output)?;
+        let form = if args.form == Form::Blocks { "blocks" } else { "points" };
+        format!("{count} {form}, {} along the cube; opacity and normals within a voxel are lost", voxels.resolution)
+    };
     let bytes = std::fs::metadata(&args.output).map_err(|e| Error::io(&args.output, e))?.len();
-    let form = if args.form == Form::Blocks { "blocks" } else { "points" };
-    let said =
-        format!("{count} {form}, {} along the cube; opacity and normals within a voxel are lost", voxels.resolution);
     Ok(Written { bytes, said, more: Vec::new() })
 }
 
 fn to_splats(args: &Args, reader: &Reader) -> Result<Written> {
     let voxels = voxels(args, reader, 8)?;
-    let (bytes, count) = splats::of(&voxels);
+    let splats = splats::of(&voxels);
+    let bytes = ply::of(&splats);
     save(&args.output, &bytes)?;
-    let said =
-        format!("{count} splats in the texel's own colours, without light; depths and block correlation are lost");
+    let said = said_of_splats(splats.len());
     let said = if voxels.origin == glam::DVec3::ZERO {
         said
     } else {
@@ -152,6 +174,44 @@ fn to_splats(args: &Args, reader: &Reader) -> Result<Written> {
         format!("{said}; ({x}, {y}, {z}) is subtracted from their places, since the file holds 32 bits of a number")
     };
     Ok(Written { bytes: bytes.len() as u64, said, more: Vec::new() })
+}
+
+fn said_of_splats(count: usize) -> String {
+    format!("{count} splats in the texel's own colours, without light; depths and block correlation are lost")
+}
+
+fn to_vdb(args: &Args, reader: &Reader) -> Result<Written> {
+    let voxels = voxels(args, reader, 8)?;
+    let bytes = vdb::of(&voxels)?;
+    save(&args.output, &bytes)?;
+    let lost = "normals, support boxes, block correlation and depths are lost";
+    let said = format!("density per metre and color of {} voxels, {}³; {lost}", voxels.cells.len(), voxels.resolution);
+    Ok(Written { bytes: bytes.len() as u64, said, more: Vec::new() })
+}
+
+/// Depths by which blocks are coarser than splats, and points than blocks.
+const COARSER: u8 = 2;
+
+fn to_usd(args: &Args, reader: &Reader) -> Result<Written> {
+    let finest = voxels(args, reader, 7)?;
+    let coarser = |by: u8| -> Result<voxels::Voxels> {
+        let depth = finest.resolution.ilog2() as usize;
+        voxels::of(reader, depth.saturating_sub(by.into()), MOST_VOXELS)
+    };
+    let (middle, far) = (coarser(COARSER)?, coarser(COARSER + 1)?);
+    let shown: Vec<_> = middle.cells.iter().filter(|cell| cell.opacity() >= args.least_opacity).collect();
+    let (splats, blocks) = (splats::of(&finest), solid::blocks(&middle, &shown));
+    let edge = |voxels: &voxels::Voxels| voxels.size() / f64::from(voxels.resolution);
+    let levels = usd::Levels { splats: &splats, blocks: (&blocks, edge(&middle)), points: (&far, edge(&far)) };
+    let text = usd::of(&levels, &own_name(&args.file));
+    save(&args.output, text.as_bytes())?;
+    let said = format!(
+        "{} splats, {} blocks and {} points as levels of detail; light, block correlation and other depths are lost",
+        splats.len(),
+        shown.len(),
+        far.cells.len()
+    );
+    Ok(Written { bytes: text.len() as u64, said, more: Vec::new() })
 }
 
 fn to_mitsuba(args: &Args, reader: &Reader) -> Result<Written> {

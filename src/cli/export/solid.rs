@@ -6,8 +6,10 @@ use std::path::Path;
 
 use glam::{DAffine3, DVec3};
 
+use super::splats::Splat;
 use super::voxels::Voxels;
-use crate::scene::gltf::save::{save, save_points};
+use crate::scene::gltf::save::points::{Splats, save_points, save_splats};
+use crate::scene::gltf::save::save;
 use crate::scene::{Instance, Material, Model, Part};
 use crate::volume::cells::Cell;
 use crate::{Result, Warnings};
@@ -19,17 +21,18 @@ pub enum Form {
     Blocks,
     /// A point in the middle of its matter
     Points,
+    /// A Gaussian splat, by KHR_gaussian_splatting
+    Splats,
 }
 
-/// Write the mesh. Voxels that take less than the share `least` of the light are left out. Gives the number of voxels in it.
+/// Write blocks or points. Voxels that take less than the share `least` of the light are left out. Gives the number of voxels in it.
 ///
 /// # Errors
 /// Where nothing is left, or what writing says.
 pub fn write(voxels: &Voxels, form: Form, least: f64, name: &str, output: &Path) -> Result<usize> {
     let cells: Vec<&Cell> = voxels.cells.iter().filter(|cell| cell.opacity() >= least).collect();
     if form == Form::Points {
-        let boxes = cells.iter().map(|cell| cell.support(voxels.resolution));
-        let positions: Vec<_> = boxes.map(|(low, high)| own(voxels, (low + high) / 2.0)).collect();
+        let positions: Vec<_> = cells.iter().map(|cell| voxels.own_middle(cell).as_vec3().to_array()).collect();
         let colors: Vec<_> = cells.iter().map(|cell| color(cell)).collect();
         save_points(name, voxels.origin, &positions, &colors, output)?;
         return Ok(cells.len());
@@ -46,6 +49,24 @@ pub fn write(voxels: &Voxels, form: Form, least: f64, name: &str, output: &Path)
     Ok(cells.len())
 }
 
+/// Write splats, which are around `origin`.
+///
+/// # Errors
+/// As [`write`].
+pub fn write_splats(splats: &[Splat], origin: DVec3, name: &str, output: &Path) -> Result<()> {
+    let narrow = |v: DVec3| v.as_vec3().to_array();
+    let color = |s: &Splat| s.albedo.extend(s.opacity).as_vec4().to_array();
+    let lists = Splats {
+        positions: splats.iter().map(|s| narrow(s.centre)).collect(),
+        rotations: splats.iter().map(|s| s.turn.as_quat().normalize().to_array()).collect(),
+        scales: splats.iter().map(|s| narrow(s.deviations)).collect(),
+        opacities: splats.iter().map(|s| [s.opacity as f32]).collect(),
+        harmonics: splats.iter().map(|s| s.harmonic().map(|v| v as f32)).collect(),
+        colors: splats.iter().map(color).collect(),
+    };
+    save_splats(name, origin, &lists, output)
+}
+
 fn own(voxels: &Voxels, p: DVec3) -> [f32; 3] {
     voxels.to_own.transform_point3(p).as_vec3().to_array()
 }
@@ -54,7 +75,8 @@ fn color(cell: &Cell) -> [f32; 4] {
     cell.voxel.albedo().extend(1.0).to_array()
 }
 
-fn blocks(voxels: &Voxels, cells: &[&Cell]) -> Part {
+/// The faces of blocks that no other hides: four corners each, one face after the other, and two triangles.
+pub fn blocks(voxels: &Voxels, cells: &[&Cell]) -> Part {
     let at: HashMap<[u32; 3], &Cell> =
         cells.iter().filter(|cell| cell.edge == 1).map(|cell| (cell.corner, *cell)).collect();
     let (mut positions, mut normals, mut colors) = (Vec::new(), Vec::new(), Vec::new());

@@ -1,8 +1,7 @@
 //! A texel as Gaussian splats, one for each voxel.
 //!
-//! B. Kerbl, G. Kopanas, T. Leimkühler, G. Drettakis, *3D Gaussian Splatting for Real-Time Radiance Field Rendering*, TOG 2023:
-//! the file's layout. E. Heitz, J. Dupuy, C. Crassin, C. Dachsbacher, *The SGGX Microflake Distribution*, SIGGRAPH 2015: the
-//! ellipsoid whose projected areas are a voxel's.
+//! E. Heitz, J. Dupuy, C. Crassin, C. Dachsbacher, *The SGGX Microflake Distribution*, SIGGRAPH 2015: the ellipsoid whose
+//! projected areas are a voxel's.
 //!
 //! An ellipsoid with the half axes a₁, a₂, a₃ has, along its first axis, the projected area π a₂ a₃. A voxel's areas along
 //! the axes of its SGGX matrix are s₁, s₂, s₃. So a₁ ∝ √(s₂ s₃ / s₁), and a Gaussian of those deviations casts the voxel's
@@ -22,37 +21,29 @@ const FLATTEST: f64 = 0.05;
 const MOST_OPAQUE: f64 = 0.995;
 
 /// One splat, in the copy's own space.
-struct Splat {
-    centre: DVec3,
+pub struct Splat {
+    /// Metres.
+    pub centre: DVec3,
     /// Standard deviations along its axes, metres.
-    deviations: DVec3,
-    turn: DQuat,
+    pub deviations: DVec3,
+    /// From its axes to the copy's own.
+    pub turn: DQuat,
     /// In the middle, in (0, 1).
-    opacity: f64,
-    albedo: DVec3,
+    pub opacity: f64,
+    /// Linear.
+    pub albedo: DVec3,
 }
 
-/// The file, `.ply`, and how many splats are in it.
-pub fn of(voxels: &Voxels) -> (Vec<u8>, usize) {
-    let splats: Vec<Splat> = voxels.cells.iter().filter_map(|cell| splat(voxels, cell)).collect();
-    let names = ["x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2", "opacity"];
-    let names = names.into_iter().chain(["scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"]);
-    let mut out = format!("ply\nformat binary_little_endian 1.0\nelement vertex {}\n", splats.len());
-    for name in names {
-        out += &format!("property float {name}\n");
+impl Splat {
+    /// Coefficient of degree 0 of the colour, red, green, blue: files of splats hold colours as a screen shows them.
+    pub fn harmonic(&self) -> [f64; 3] {
+        self.albedo.to_array().map(|c| (screen(c) - 0.5) / SH_0)
     }
-    out += "end_header\n";
-    let mut out = out.into_bytes();
-    for splat in &splats {
-        // Files of splats hold colours as a screen shows them.
-        let shade = splat.albedo.to_array().map(|c| (screen(c) - 0.5) / SH_0);
-        let logit = libm::log(splat.opacity / (1.0 - splat.opacity));
-        let [x, y, z, w] = splat.turn.to_array();
-        let numbers = splat.centre.to_array().into_iter().chain([0.0; 3]).chain(shade).chain([logit]);
-        let numbers = numbers.chain(splat.deviations.to_array().map(libm::log)).chain([w, x, y, z]);
-        out.extend(numbers.flat_map(|v| (v as f32).to_le_bytes()));
-    }
-    (out, splats.len())
+}
+
+/// The splats of a depth; what takes less than 1/255 of the light has none.
+pub fn of(voxels: &Voxels) -> Vec<Splat> {
+    voxels.cells.iter().filter_map(|cell| splat(voxels, cell)).collect()
 }
 
 /// Linear → sRGB, both in [0, 1].

@@ -9,12 +9,11 @@ mod yaml;
 
 use std::path::{Path, PathBuf};
 
-use clap::Parser;
 use serde_json::json;
 
 use super::frames::{self, Frames};
 use super::results::{print, shown};
-use super::{Command, Ui, Vtex, depfile, outputs, render};
+use super::{Ui, depfile, outputs, render};
 use crate::format;
 use crate::render::CropWindow;
 use crate::scene::Scene;
@@ -150,18 +149,7 @@ fn render_args(args: &Args) -> Result<Box<render::Args>> {
     if args.frames.is_some() {
         words.extend(["--frames".into(), "1".into(), "--fps".into(), args.fps.to_string()]);
     }
-    words.extend(args.render.iter().cloned());
-    // Last, so that the value of no option is taken for it.
-    let words = words.into_iter().map(Into::into).chain([args.landscape.clone().into_os_string()]);
-    match Vtex::try_parse_from(words.collect::<Vec<std::ffi::OsString>>()).map(|cli| cli.command) {
-        Ok(Command::Render(how)) => Ok(how),
-        Ok(_) => Err(Error::Options("what stands after -- is not of `vtex render`".into())),
-        Err(e) => {
-            let text = e.to_string();
-            let line = text.lines().next().unwrap_or_default().trim_start_matches("error: ").to_owned();
-            Err(Error::Options(format!("after --: {line}")))
-        }
-    }
+    super::after_dashes(words, &args.render, &args.landscape)
 }
 
 /// The options of a task, with a picture of the sky as a parameter.

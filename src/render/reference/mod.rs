@@ -86,7 +86,7 @@ pub fn reference_with(
     par::with_threads(options.threads, || {
         let start = Instant::now();
         progress.stage("prepare", 0);
-        let mut world = World::new(scene, texels, options)?;
+        let mut world = World::new(scene, super::shared(texels), options)?;
         let prepared = Instant::now();
         let tracer = Tracer { world: &world, sources, options };
         let (film, halves, counts) = films(&tracer, samples.clone(), progress);

@@ -76,7 +76,7 @@ impl Tracer<'_> {
                 let find = || {
                     let mut counts = Counts { sky_cones: PARTS as u64, ..Counts::default() };
                     let at = size * DVec3::from_array(at.map(f64::from));
-                    (Openness::at((&texel.tree, texel.finest), at, size, around, &mut counts.march), counts)
+                    (Openness::at((&*texel.tree, texel.finest), at, size, around, &mut counts.march), counts)
                 };
                 let found = self.recent_sky.openness.get(corner, &world.sky.openness, find);
                 open.add(&found, (part * weight) as f32);

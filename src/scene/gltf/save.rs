@@ -3,6 +3,7 @@
 
 mod affine;
 mod material;
+pub mod points;
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -42,36 +43,6 @@ pub fn save(model: &Model, output: &Path, warnings: &mut Warnings) -> Result<()>
     }
     add_lights(&model.lights, &mut file, &mut nodes)?;
     file.push("scenes", json!({"nodes": nodes}))?;
-    file.json["scene"] = json!(0);
-    file.save(output, &Saved::default())
-}
-
-/// Store points around `origin`, each of a linear RGBA colour that light does not change, as `.glb` or `.gltf`.
-///
-/// # Errors
-/// As [`save`].
-pub fn save_points(
-    name: &str,
-    origin: DVec3,
-    positions: &[[f32; 3]],
-    colors: &[[f32; 4]],
-    output: &Path,
-) -> Result<()> {
-    let mut file = Editor::new(output);
-    if positions.is_empty() {
-        return Err(Error::input(output, "", "nothing is drawn"));
-    }
-    let attributes = json!({"POSITION": file.add_floats(positions, true)?, "COLOR_0": file.add_floats(colors, true)?});
-    file.use_extension("KHR_materials_unlit")?;
-    let material = file.push("materials", json!({"name": name, "extensions": {"KHR_materials_unlit": {}}}))?;
-    let primitive = json!({"attributes": attributes, "material": material, "mode": 0});
-    let mesh = file.push("meshes", json!({"name": name, "primitives": [primitive]}))?;
-    let mut node = json!({"name": name, "mesh": mesh});
-    if origin != DVec3::ZERO {
-        node["translation"] = json!(origin.to_array());
-    }
-    let node = file.push("nodes", node)?;
-    file.push("scenes", json!({"nodes": [node]}))?;
     file.json["scene"] = json!(0);
     file.save(output, &Saved::default())
 }

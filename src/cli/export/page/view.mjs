@@ -58,8 +58,8 @@ export class Orbit {
   }
 }
 
-// Calls `moved` after each change.
-export function listen(canvas, orbit, moved) {
+// Calls `moved` after each change. `own`: keys that do something else.
+export function listen(canvas, orbit, moved, own = {}) {
   const fingers = new Map();
   let apart = 0;
   const step = (e) => {
@@ -102,6 +102,7 @@ export function listen(canvas, orbit, moved) {
     ArrowLeft: () => orbit.orbit(0.1, 0), ArrowRight: () => orbit.orbit(-0.1, 0), ArrowUp: () => orbit.orbit(0, 0.1),
     ArrowDown: () => orbit.orbit(0, -0.1), "+": () => orbit.zoom(0.85), "=": () => orbit.zoom(0.85), "-": () => orbit.zoom(1 / 0.85),
     0: () => orbit.reset(), a: () => orbit.pan(0.05, 0), d: () => orbit.pan(-0.05, 0), w: () => orbit.pan(0, 0.05), s: () => orbit.pan(0, -0.05),
+    ...own,
   };
   canvas.addEventListener("keydown", (e) => {
     if (!keys[e.key] || e.ctrlKey || e.metaKey || e.altKey) return;
