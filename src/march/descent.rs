@@ -14,6 +14,7 @@ use glam::{BVec3A, Vec3A};
 use crate::geom::Vec3;
 use crate::morton;
 use crate::volume::octree::{Block, Octree, VoxelAddress};
+use crate::volume::voxel::SUPPORT_ENDS;
 use crate::volume::{MAX_DEPTH, Voxel};
 
 /// A line in texel space, as the descent uses it; `s` is the distance along it from its origin, in cube edges.
@@ -143,17 +144,6 @@ struct BlockCursor<'a> {
 }
 
 static EMPTY: Block = Block::EMPTY;
-
-/// Lower and upper end of the support along an axis, in voxel edges, by its byte: see [`Voxel::support`].
-static SUPPORT: [[f32; 2]; 256] = {
-    let mut table = [[0.0; 2]; 256];
-    let mut byte = 0;
-    while byte < 256 {
-        table[byte] = [(byte & 15) as f32 / 16.0, (16 - (byte >> 4)) as f32 / 16.0];
-        byte += 1;
-    }
-    table
-};
 
 /// How a walk enters the blocks of a tree.
 struct Entry<'a> {
@@ -300,7 +290,7 @@ impl VoxelSegment<'_> {
         }
         // Mirrored, a box of sixteenths swaps the distances from the two ends.
         let mirrored = |k: u32, byte: u8| byte.rotate_left(4 * (self.line.mirrored >> k & 1));
-        let ends = [mirrored(0, x), mirrored(1, y), mirrored(2, z)].map(|byte| &SUPPORT[usize::from(byte)]);
+        let ends = [mirrored(0, x), mirrored(1, y), mirrored(2, z)].map(|byte| &SUPPORT_ENDS[usize::from(byte)]);
         let low = Vec3A::new(ends[0][0], ends[1][0], ends[2][0]);
         let high = Vec3A::new(ends[0][1], ends[1][1], ends[2][1]);
         let near = self.planes.meet(self.corner + low).max_element();

@@ -7,6 +7,7 @@ use crate::geom::Vec3;
 use crate::simd::multiversioned;
 use crate::volume::octree::Octree;
 use crate::volume::opacity::advance;
+use crate::volume::voxel::voxel_edge;
 use crate::volume::{Model, Voxel};
 
 use super::descent::{Line, VoxelSegment, VoxelVisitor, WalkEnd, walk};
@@ -74,8 +75,7 @@ impl Depths {
     /// The width at which `depth` is given up for the next coarser one.
     #[inline(always)]
     fn width_limit(&self, depth: u32) -> f32 {
-        // 2^-depth by its exponent; depths are below 17.
-        if depth == 0 { f32::INFINITY } else { self.doubled * f32::from_bits((127 - depth) << 23) }
+        if depth == 0 { f32::INFINITY } else { self.doubled * voxel_edge(depth as u8) }
     }
 }
 
@@ -125,7 +125,7 @@ pub trait Sink {
     fn voxel(&mut self, hit: &VoxelHit<'_>);
 }
 
-/// Below this transmittance a camera ray ends, and what was left goes to its last voxel.
+/// Below this transmittance a march of one texel on its own ends, and what was left goes to its last voxel.
 pub const OPAQUE_BELOW: f32 = 1.0 / 512.0;
 
 /// March a segment with the transmittance `t_in` in [0, 1] at its start; the transmittance at its end. It is 0 once it falls

@@ -46,7 +46,7 @@ enum Matter {
 
 /// Below this transmittance a cone ends, and what it has met stands for what is behind. With 1/512 a far picture took a tenth
 /// longer, at the same error.
-const OPAQUE_BELOW: f32 = 1.0 / 64.0;
+const CONE_ENDS_BELOW: f32 = 1.0 / 64.0;
 
 /// Traces cones for one thread; keeps its lists from cone to cone.
 pub struct Tracer<'w> {
@@ -156,7 +156,7 @@ impl<'w> Tracer<'w> {
         self.traverse(&mut state, end);
         self.shade_composited(&mut state);
         let mut alpha = 1.0 - state.transmittance;
-        if state.transmittance <= OPAQUE_BELOW {
+        if state.transmittance <= CONE_ENDS_BELOW {
             let rest = 1.0 / alpha;
             (state.radiance, state.faint, alpha) = (rest * state.radiance, rest * state.faint, 1.0);
         } else {
@@ -179,7 +179,7 @@ impl<'w> Tracer<'w> {
         let (world, cone) = (self.world, state.cone);
         let mut heap = std::mem::take(&mut self.heap);
         let mut sweep = Sweep::new(&world.shells, &cone.ray, end, &mut heap);
-        while state.transmittance > OPAQUE_BELOW {
+        while state.transmittance > CONE_ENDS_BELOW {
             let mut first = first_of(&self.waiting);
             while sweep.next_enter() < first.map_or(f64::INFINITY, |i| self.waiting[i].t0) {
                 if let Some(item) = sweep.step() {
@@ -323,7 +323,7 @@ impl<'w> Tracer<'w> {
         let lead = lead_of(segment.rank) / f64::from(segment.march.dir.length());
         let mut recorder = Recorder { events, transmittance: before, copy, t0: segment.hit.t0, lead };
         let (march, stats) = (&segment.march, &mut self.counts.march);
-        let after = run(&texel.tree, march, choice, before, OPAQUE_BELOW, &mut recorder, stats);
+        let after = run(&texel.tree, march, choice, before, CONE_ENDS_BELOW, &mut recorder, stats);
         if let (true, Some(last)) = (after <= 0.0, events[first..].last()) {
             state.opaque_at = state.opaque_at.min(last.t);
         }

@@ -74,6 +74,17 @@ static FIFTEENTHS: [f32; 16] = {
     table
 };
 
+/// Lower and upper end of the support along an axis, in voxel edges, by its byte: see [`Voxel::support`].
+pub static SUPPORT_ENDS: [[f32; 2]; 256] = {
+    let mut table = [[0.0; 2]; 256];
+    let mut byte = 0;
+    while byte < 256 {
+        table[byte] = [(byte & 15) as f32 / 16.0, (16 - (byte >> 4)) as f32 / 16.0];
+        byte += 1;
+    }
+    table
+};
+
 /// Edge of the voxels of a depth, in cube edges.
 #[inline(always)]
 pub fn voxel_edge(depth: u8) -> f32 {
@@ -102,10 +113,8 @@ impl Voxel {
 
     /// The support box, lower and upper corner in voxel edges, within [0, 1]^3.
     pub fn support_box(&self) -> (Vec3, Vec3) {
-        let lo = |b: u8| f32::from(b & 15) / 16.0;
-        let hi = |b: u8| f32::from(16 - (b >> 4)) / 16.0;
-        let s = self.support;
-        (Vec3::new(lo(s[0]), lo(s[1]), lo(s[2])), Vec3::new(hi(s[0]), hi(s[1]), hi(s[2])))
+        let ends = self.support.map(|byte| SUPPORT_ENDS[usize::from(byte)]);
+        (Vec3::from_array(ends.map(|e| e[0])), Vec3::from_array(ends.map(|e| e[1])))
     }
 
     /// Set the support to the smallest box of sixteenths around `lo ..= hi` (voxel edges), at least a sixteenth thick.
