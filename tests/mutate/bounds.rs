@@ -9,6 +9,7 @@ use crate::memory::{alone, peak};
 use crate::mutators::gzip;
 use crate::run::{Command, MEMORY, MOST_MEMORY, run};
 use crate::small;
+use crate::work::put;
 
 /// A black picture of a byte a pixel, 8192 pixels wide and more high: twice the memory, in some 70 kB.
 fn wide_png() -> Vec<u8> {
@@ -83,9 +84,7 @@ fn memory_is_refused_before_it_is_taken() {
     for (name, command, main, files) in all {
         let own = folder.path().join(name);
         for (file, bytes) in &files {
-            let path = own.join(file);
-            std::fs::create_dir_all(path.parent().unwrap()).unwrap();
-            std::fs::write(path, bytes).unwrap();
+            put(&own.join(file), bytes);
         }
         let (result, most) = peak(|| run(command, &own.join(main), 1));
         println!("{name:10} {:>6} MiB of {:>4}: {result:?}", most >> 20, MEMORY >> 20);

@@ -9,6 +9,7 @@ use vtex::scene::raster::Raster;
 use crate::memory::{alone, peak};
 use crate::run::{Command, run};
 use crate::small;
+use crate::work::put;
 
 /// What a file of a few bytes may take: tables of the program, and messages.
 const LITTLE: usize = 4 << 20;
@@ -141,9 +142,7 @@ fn packed_profiles_of_pictures_are_not_unpacked_without_bound() {
     for (name, command, main, files) in all {
         let own = folder.path().join(name);
         for (file, bytes) in &files {
-            let path = own.join(file);
-            std::fs::create_dir_all(path.parent().unwrap()).unwrap();
-            std::fs::write(path, bytes).unwrap();
+            put(&own.join(file), bytes);
         }
         let work = || vtex::par::with_threads(1, || run(command, &own.join(main), 1)).unwrap();
         let (result, most) = peak(work);

@@ -93,6 +93,12 @@ impl Job {
 
 static PANIC: Mutex<String> = Mutex::new(String::new());
 
+/// Write a file, in folders that are made where they are not there.
+pub fn put(path: &Path, bytes: &[u8]) {
+    std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+    std::fs::write(path, bytes).unwrap();
+}
+
 /// Write the input of this number, mutated unless it stays `whole`; the file or folder that is to be opened.
 fn lay_out(number: u64, format: &Format, folder: &Path, whole: bool) -> PathBuf {
     let mut dice = Dice::new(SEED, number);
@@ -100,8 +106,6 @@ fn lay_out(number: u64, format: &Format, folder: &Path, whole: bool) -> PathBuf 
     // The first file is the one that is opened; those beside it change less often.
     let changed = if dice.one_in(2) { 0 } else { dice.below(seed.files.len()) };
     for (i, (name, bytes)) in seed.files.iter().enumerate() {
-        let path = folder.join(name);
-        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
         let bytes = if i == changed && !whole {
             let alike: Vec<&Vec<u8>> =
                 format.seeds.iter().flat_map(|s| &s.files).filter(|f| kind(&f.0) == kind(name)).map(|f| &f.1).collect();
@@ -110,7 +114,7 @@ fn lay_out(number: u64, format: &Format, folder: &Path, whole: bool) -> PathBuf 
         } else {
             bytes
         };
-        std::fs::write(path, bytes).unwrap();
+        put(&folder.join(name), bytes);
     }
     folder.join(&seed.main)
 }

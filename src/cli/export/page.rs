@@ -14,7 +14,7 @@ const MODULES: [(&str, &str); 7] = [
     ("view", include_str!("page/view.mjs")),
     ("main", include_str!("page/main.mjs")),
 ];
-const STYLE: &str = include_str!("page/page.css");
+const STYLE: &str = concat!(include_str!("page/common.css"), include_str!("page/page.css"));
 const PAGE: &str = include_str!("page/page.html");
 
 /// The page that shows `texel`, the bytes of a .vtex file.

@@ -21,8 +21,8 @@ use crate::render::{CameraChoice, CropWindow, Options, SourceLod};
 use crate::scene::Projection;
 
 const PAGE: &str = include_str!("page/landscape.html");
-const STYLE: &str = include_str!("page/landscape.css");
-/// Its modules; what listens to mouse, keys and fingers is the texel page's.
+const STYLE: &str = concat!(include_str!("../export/page/common.css"), include_str!("page/landscape.css"));
+/// Its modules; what listens to mouse, keys and fingers is the texel page's, and so is the style of what both have.
 const MODULES: [(&str, &str); 4] = [
     ("/landscape.mjs", include_str!("page/landscape.mjs")),
     ("/camera.mjs", include_str!("page/camera.mjs")),
