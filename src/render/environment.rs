@@ -100,7 +100,7 @@ fn move_sun(lights: &mut Vec<PunctualLight>, position: &SunPosition, turbidity: 
     let own = brightest.map(|i| (i, bright(&lights[i]))).filter(|(_, bright)| *bright >= 0.0);
     // Where the sun has set its light has no colour left; the last one then.
     let seen_from = DVec3::new(towards.x, towards.y.max(0.035), towards.z);
-    let colour = ClearSky::new(seen_from, turbidity).sun;
+    let colour = ClearSky::sunlight(seen_from, turbidity);
     let wanted = own.map_or_else(|| luminance(DVec3::from_array(default_sun().intensity)), |(_, bright)| bright);
     let irradiance = colour * (wanted / luminance(colour).max(1e-30));
     let sun = PunctualLight::from_sun(&Sun { towards, irradiance, radius });

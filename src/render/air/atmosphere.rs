@@ -7,7 +7,7 @@
 
 use std::f64::consts::PI;
 
-use super::spectrum::{OZONE, SUN, Spectrum, WAVELENGTHS};
+use super::spectrum::{OZONE, SUN, Spectrum, WAVELENGTHS, decay};
 use crate::geom::{DVec2, DVec3};
 
 /// The earth's radius, and that of the atmosphere's end.
@@ -56,7 +56,8 @@ pub struct Atmosphere {
 fn density(r: f64) -> DVec3 {
     let h = (r - GROUND).max(0.0);
     let ozone = (1.0 - (h - OZONE_MIDDLE).abs() / OZONE_REACH).max(0.0);
-    DVec3::new(libm::exp(-h / MOLECULES), libm::exp(-h / HAZE), ozone)
+    let [molecules, haze] = decay([h / MOLECULES, h / HAZE]);
+    DVec3::new(molecules, haze, ozone)
 }
 
 /// Distance from radius `r` along a direction of cosine `mu` to the sphere of radius `to` around, from within.
@@ -86,19 +87,7 @@ fn steps(end: f64, count: usize) -> impl Iterator<Item = (f64, f64)> {
 impl Atmosphere {
     /// `turbidity` is brought into [`TURBIDITY`].
     pub fn new(turbidity: f64) -> Atmosphere {
-        let turbidity = turbidity.clamp(*TURBIDITY.start(), *TURBIDITY.end());
-        // E. Bucholtz 1995, as one power.
-        let rayleigh = |nm: f64| 1.24062e-6 * (nm / 1000.0).powi(-4);
-        // Ångström's exponent of continental haze.
-        let haze = |nm: f64| (turbidity - 1.0) * rayleigh(550.0) * MOLECULES / HAZE * libm::pow(nm / 550.0, -1.1);
-        let mut air = Atmosphere {
-            rayleigh: Spectrum(WAVELENGTHS.map(rayleigh)),
-            haze: Spectrum(WAVELENGTHS.map(haze)),
-            ozone: Spectrum(OZONE.map(|area| area * OZONE_COLUMN / OZONE_REACH)),
-            columns: Vec::new(),
-            further: Vec::new(),
-        };
-        air.columns = columns();
+        let mut air = Atmosphere::unscattered(turbidity);
         air.further = (0..SCATTER_HEIGHTS * SCATTER_COSINES)
             .map(|i| {
                 let (h, mu) = (i / SCATTER_COSINES, i % SCATTER_COSINES);
@@ -107,6 +96,22 @@ impl Atmosphere {
             })
             .collect();
         air
+    }
+
+    /// The same, of which the sun's own light alone is asked.
+    pub fn unscattered(turbidity: f64) -> Atmosphere {
+        let turbidity = turbidity.clamp(*TURBIDITY.start(), *TURBIDITY.end());
+        // E. Bucholtz 1995, as one power.
+        let rayleigh = |nm: f64| 1.24062e-6 * (nm / 1000.0).powi(-4);
+        // Ångström's exponent of continental haze.
+        let haze = |nm: f64| (turbidity - 1.0) * rayleigh(550.0) * MOLECULES / HAZE * libm::pow(nm / 550.0, -1.1);
+        Atmosphere {
+            rayleigh: Spectrum(WAVELENGTHS.map(rayleigh)),
+            haze: Spectrum(WAVELENGTHS.map(haze)),
+            ozone: Spectrum(OZONE.map(|area| area * OZONE_COLUMN / OZONE_REACH)),
+            columns: columns(),
+            further: Vec::new(),
+        }
     }
 
     fn extinction(&self, density: DVec3) -> Spectrum {

@@ -16,12 +16,10 @@ pub struct ClearSky {
     /// Unit, level: where the sun stands.
     towards: DVec3,
     table: Vec<DVec3>,
-    /// Irradiance of the sun on what faces it.
-    pub sun: DVec3,
 }
 
 impl ClearSky {
-    /// The sky of a sun in the unit direction `sun`. Luminances times 683 are cd / m², the sun's are lux.
+    /// The sky of a sun in the unit direction `sun`. Luminances times 683 are cd / m².
     pub fn new(sun: DVec3, turbidity: f64) -> ClearSky {
         let air = Atmosphere::new(turbidity);
         let colours = Colours::new();
@@ -50,15 +48,19 @@ impl ClearSky {
         let below = (0..half * AROUND).map(|i| radiance(i / AROUND, i % AROUND, from_above));
         let table: Vec<DVec3> = below.chain(above).map(|spectrum| colours.rgb(&spectrum)).collect();
         let towards = DVec3::new(sun.x, 0.0, sun.z).try_normalize().unwrap_or(DVec3::X);
-        ClearSky { towards, table, sun: colours.rgb(&air.sun(sin_sun)) }
+        ClearSky { towards, table }
+    }
+
+    /// Irradiance of that sun on what faces it, without the sky; luminances times 683 are lux.
+    pub fn sunlight(sun: DVec3, turbidity: f64) -> DVec3 {
+        Colours::new().rgb(&Atmosphere::unscattered(turbidity).sun(sun.y.clamp(-1.0, 1.0)))
     }
 
     /// The sky times such a factor that the sun's irradiance has the luminance `wanted`. A sun that is lower than 2 degrees
     /// counts as if it stood there: its own light ends where the sky's does not.
     pub fn scale(sun: DVec3, turbidity: f64, wanted: f64) -> f64 {
         const LEAST: f64 = 0.034_9;
-        let colours = Colours::new();
-        let found = luminance(colours.rgb(&Atmosphere::new(turbidity).sun(sun.y.max(LEAST))));
+        let found = luminance(Colours::new().rgb(&Atmosphere::unscattered(turbidity).sun(sun.y.max(LEAST))));
         wanted / found.max(1e-9)
     }
 
