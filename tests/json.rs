@@ -50,7 +50,10 @@ fn every_command_prints_json() {
         ),
         (&["stitch", "tile.png", "-o", "whole.png"], &["output", "width", "height", "tiles", "warnings"]),
         (&["farm", "land.gltf", "-o", "job.yaml"], &["input", "output", "pictures", "tiles", "bakes", "warnings"]),
-        (&["render", "land.gltf", "--frame", "--size", "16x9", "--stats"], &["bytes_read", "cones", "peak_bytes"]),
+        (
+            &["render", "land.gltf", "--frame", "--size", "16x9", "--stats"],
+            &["bytes_read", "cones", "per_pixel", "peak_bytes"],
+        ),
         (&["render", "ground.gltf", "--frame", "--size", "16x9", "--reference", "2"], &["samples", "noise_rmse"]),
         (&["render", "land.gltf", "--frame", "--size", "16x9", "--pixel", "8,4"], &[]),
         (&["stress", "--rays", "1000"], &["rays", "events", "suites"]),

@@ -68,6 +68,7 @@ mod recipe;
 mod reference;
 #[cfg(feature = "render")]
 mod render;
+mod render_stats;
 mod results;
 #[cfg(all(feature = "bake", feature = "render"))]
 mod samples;

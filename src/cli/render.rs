@@ -8,6 +8,7 @@ use serde_json::{Value, json};
 use super::depfile::{self, DepfileArgs};
 use super::download::{self, DownloadArgs, Need};
 use super::quantity::{bytes, finite, positive};
+use super::render_stats::{self, PerPixel};
 use super::results::{each, output_for, shown};
 use super::sequence::{MotionArgs, Said};
 use super::tile::{self, Picture};
@@ -16,7 +17,7 @@ use crate::error::short;
 use crate::geom::DVec3;
 use crate::progress::Progress;
 use crate::render;
-use crate::render::{Ambient, CameraChoice, CropWindow, Options, Sky, SourceLod, Stats, SunPosition, Tone};
+use crate::render::{Ambient, CameraChoice, CropWindow, Options, Sky, SourceLod, SunPosition, Tone};
 use crate::scene::files::extension;
 use crate::scene::{Scene, gltf};
 use crate::{Error, Result};
@@ -506,11 +507,12 @@ fn picture(args: &Args, landscape: &Path, output: &Path, ui: &Ui) -> Result<Valu
             output,
         };
         let (done, noise) = job.run(args.resume, ui)?;
+        let pixel = PerPixel::of(&done.stats, options.window().size, options.threads);
         if args.stats && !args.json {
-            print_stats(&done.stats)?;
+            render_stats::print_stats(&done.stats, &pixel)?;
         }
         extend(&mut told, noise);
-        extend(&mut told, described(&done.stats));
+        extend(&mut told, render_stats::described(&done.stats, &pixel));
         return Ok(told);
     }
     let mut done = render_film((&scene, &options), (args.tone(output), output), &mut said, ui)?;
@@ -519,12 +521,13 @@ fn picture(args: &Args, landscape: &Path, output: &Path, ui: &Ui) -> Result<Valu
     Picture { film: done.film, tile: args.tile(landscape, output, &options, None)? }.save(output)?;
     done.stats.times.insert(0, ("read", reading));
     done.stats.times.push(("save", saving.elapsed()));
+    let pixel = PerPixel::of(&done.stats, options.window().size, options.threads);
     if args.stats && !args.json {
-        print_stats(&done.stats)?;
+        render_stats::print_stats(&done.stats, &pixel)?;
     }
     let total: f64 = done.stats.times.iter().map(|t| t.1.as_secs_f64()).sum();
     ui.say(&format!("{}: {width}×{height} in {total:.2} s", output.display()));
-    extend(&mut told, described(&done.stats));
+    extend(&mut told, render_stats::described(&done.stats, &pixel));
     Ok(told)
 }
 
@@ -532,59 +535,4 @@ fn extend(told: &mut Value, more: Value) {
     if let (Some(told), Value::Object(more)) = (told.as_object_mut(), more) {
         told.extend(more);
     }
-}
-
-fn described(stats: &Stats) -> Value {
-    let c = &stats.counts;
-    let times: serde_json::Map<_, _> =
-        stats.times.iter().map(|(name, t)| (name.replace([' ', '-'], "_"), t.as_secs_f64().into())).collect();
-    json!({
-        "bytes_read": stats.bytes_read,
-        "bytes_in_files": stats.bytes_in_files,
-        "bricks_decoded": stats.bricks,
-        "voxels_decoded": stats.voxels,
-        "deepest_depth": stats.deepest,
-        "shell_boxes": stats.shell_boxes,
-        "patches": stats.patches,
-        "split_patches": stats.split_patches,
-        "cones": c.cones,
-        "boxes_entered": c.boxes,
-        "copies_marched": c.march.segments,
-        "cells_marched": c.march.cells,
-        "voxels_met": c.march.voxels,
-        "near_copies": c.near_copies,
-        "near_triangles": stats.near_triangles,
-        "shadow_rays": c.shadow_rays,
-        "sky_cones": c.sky_cones,
-        "seconds": times,
-        "peak_bytes": stats.peak_bytes,
-    })
-}
-
-fn print_stats(stats: &Stats) -> Result<()> {
-    let c = &stats.counts;
-    let share = 100.0 * stats.bytes_read as f64 / (stats.bytes_in_files.max(1)) as f64;
-    let row = |name: &str, value: String| outln!("{name:<16} {value}");
-    row("bytes read", format!("{} of {} in the texels' files ({share:.1} %)", stats.bytes_read, stats.bytes_in_files))?;
-    row("bricks decoded", format!("{}, {} voxels, down to depth {}", stats.bricks, stats.voxels, stats.deepest))?;
-    row("boxes entered", format!("{} of {} in the scene", c.boxes, stats.shell_boxes))?;
-    if stats.patches + stats.split_patches > 0 {
-        let split = stats.split_patches;
-        row("patches", format!("{} bilinear, and {split} collapsed or folded ones as two prisms", stats.patches))?;
-    }
-    row(
-        "cells marched",
-        format!("{} in {} copies of texels, {} voxels met", c.march.cells, c.march.segments, c.march.voxels),
-    )?;
-    let (copies, triangles) = (c.near_copies, stats.near_triangles);
-    row("near", format!("{copies} copies traced as triangles of their source, of which {triangles} were read"))?;
-    row("cones", c.cones.to_string())?;
-    row("shadow rays", c.shadow_rays.to_string())?;
-    row("sky cones", c.sky_cones.to_string())?;
-    let times: Vec<_> = stats.times.iter().map(|(name, t)| format!("{name} {:.2}", t.as_secs_f64())).collect();
-    row("seconds", times.join(", "))?;
-    if let Some(peak) = stats.peak_bytes {
-        row("peak memory", format!("{:.1} MiB", peak as f64 / f64::from(1 << 20)))?;
-    }
-    Ok(())
 }
