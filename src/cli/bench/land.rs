@@ -1,5 +1,6 @@
 //! Plain .glb files that a bench makes for itself: objects, and grounds to cover.
 
+use std::fmt::Write as _;
 use std::path::Path;
 
 use serde_json::{Value, json};
@@ -53,32 +54,64 @@ const STAND: f64 = 11.0;
 /// Squares along a side of the ground under them.
 const SQUARES: u32 = 80;
 
-/// `side`^2 tilted squares, each the base of a shell of its own, turned, leaning and as high as wide, on a height field; with a sun.
+/// Where one of the stands is, and the edges of its box: along u, along v, and up; metres.
+pub struct Stand {
+    pub foot: DVec3,
+    pub edges: [DVec3; 3],
+    /// Width of its box.
+    pub wide: f64,
+    /// Counter-clockwise seen from above, degrees.
+    pub turn: f64,
+}
+
+/// All of `side`^2 stands on a height field, row by row: each turned, leaning, and as high as wide.
+pub fn all_stands(side: u32, height: fn(f64, f64) -> f64) -> impl Iterator<Item = Stand> {
+    (0..side).flat_map(move |j| (0..side).map(move |i| stand(side, [i, j], height)))
+}
+
+fn stand(side: u32, [i, j]: [u32; 2], height: fn(f64, f64) -> f64) -> Stand {
+    // Six numbers in [0, 1).
+    let draw = |seed: u32| hash([i64::from(i), i64::from(j), 0], seed).map(|v| f64::from(v) / 4_294_967_296.0);
+    let ([a, b, c, d], [e, f, ..]) = (draw(1), draw(2));
+    let place = |k: u32, shift: f64| APART * (f64::from(k) + 0.6 * shift) - 0.5 * APART * f64::from(side);
+    let (x, z) = (place(i, a), place(j, b));
+    let (wide, turn) = (STAND * (0.8 + 0.4 * c), std::f64::consts::TAU * d);
+    let (sin, cos) = libm::sincos(turn);
+    let along = wide * DVec3::new(cos, 0.0, sin);
+    let across = wide * DVec3::new(sin, 0.0, -cos);
+    let up = wide * DVec3::new(0.1 * (e - 0.5), 1.0, 0.1 * (f - 0.5));
+    Stand { foot: DVec3::new(x, height(x, z), z), edges: [along, across, up], wide, turn: -360.0 * d }
+}
+
+/// `side`^2 tilted squares, each the base of a shell of its own, on a height field; with a sun.
 pub fn stands(path: &Path, side: u32, height: fn(f64, f64) -> f64) -> Result<()> {
-    let size = APART * f64::from(side);
     let mut mesh = Plain::default();
-    for j in 0..side {
-        for i in 0..side {
-            // Six numbers in [0, 1).
-            let draw = |seed: u32| hash([i64::from(i), i64::from(j), 0], seed).map(|v| f64::from(v) / 4_294_967_296.0);
-            let ([a, b, c, d], [e, f, ..]) = (draw(1), draw(2));
-            let place = |k: u32, shift: f64| APART * (f64::from(k) + 0.6 * shift) - 0.5 * size;
-            let (x, z) = (place(i, a), place(j, b));
-            let (wide, turn) = (STAND * (0.8 + 0.4 * c), std::f64::consts::TAU * d);
-            let (sin, cos) = libm::sincos(turn);
-            let up = wide * DVec3::new(0.1 * (e - 0.5), 1.0, 0.1 * (f - 0.5));
-            let first = mesh.positions.len() as u32;
-            for [u, v] in [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]] {
-                let (along, across) = (wide * (u - 0.5), wide * (0.5 - v));
-                let corner = DVec3::new(x + along * cos - across * sin, height(x, z), z + along * sin + across * cos);
-                mesh.positions.push(corner.as_vec3().to_array());
-                mesh.uvs.push([u as f32, v as f32]);
-                mesh.heights.push(up.as_vec3().to_array());
-            }
-            mesh.indices.extend([0, 1, 2, 0, 2, 3].map(|k| first + k));
+    for Stand { foot, edges: [along, across, up], .. } in all_stands(side, height) {
+        let first = mesh.positions.len() as u32;
+        for [u, v] in [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]] {
+            let corner = foot + (u - 0.5) * along + (v - 0.5) * across;
+            mesh.positions.push(corner.as_vec3().to_array());
+            mesh.uvs.push([u as f32, v as f32]);
+            mesh.heights.push(up.as_vec3().to_array());
         }
+        mesh.indices.extend([0, 1, 2, 0, 2, 3].map(|k| first + k));
     }
-    write(path, &[(STANDS, GROUND, &mesh), ("ground", GROUND, &field(SQUARES, size, height))])
+    write(path, &[(STANDS, GROUND, &mesh), ("ground", GROUND, &under(side, height))])
+}
+
+/// The ground of [`stands`] alone, and a table of their places for copies of an object that is `metres` wide.
+pub fn places(ground: &Path, table: &Path, side: u32, height: fn(f64, f64) -> f64, metres: f64) -> Result<()> {
+    write(ground, &[("ground", GROUND, &under(side, height))])?;
+    let mut text = String::from("x,y,z,scale,turn\n");
+    for stand in all_stands(side, height) {
+        let DVec3 { x, y, z } = stand.foot;
+        let _ = writeln!(text, "{x:.3},{y:.3},{z:.3},{:.5},{:.3}", stand.wide / metres, stand.turn);
+    }
+    format::save(table, text.as_bytes())
+}
+
+fn under(side: u32, height: fn(f64, f64) -> f64) -> Plain {
+    field(SQUARES, APART * f64::from(side), height)
 }
 
 /// A shape, in its own unit cube.

@@ -53,7 +53,7 @@ impl Bench<'_> {
         }
     }
 
-    fn sample(&self, name: &str) -> Result<PathBuf> {
+    pub fn sample(&self, name: &str) -> Result<PathBuf> {
         let path = self.folder.join(name);
         let found = samples::find(&[name])?;
         format::save(&path, found.get(name).map_or(&[][..], Vec::as_slice))?;
@@ -67,23 +67,22 @@ impl Bench<'_> {
         done.map(|()| seconds)
     }
 
-    /// The scene over a texel that is baked like that; a texel that is there is not baked again.
-    pub fn made(&self, place: &Place, source: &Path, how: Recipe) -> Result<Made> {
+    /// The texel of a source that is baked like that, and its seconds and CPU seconds; one that is there is not baked again.
+    pub fn baked(&self, source: &Path, how: Recipe) -> Result<(PathBuf, [f64; 2])> {
         let Recipe { model, resolution, refine } = how;
         let stem = source.file_stem().unwrap_or_default().to_string_lossy();
-        let own = format!("{resolution}-{model}-{refine}");
-        let texel = self.folder.join(format!("{stem}-{own}.vtex"));
+        let texel = self.folder.join(format!("{stem}-{resolution}-{model}-{refine}.vtex"));
         let times = texel.with_extension("json");
-        let (source, file) = (source.display().to_string(), texel.display().to_string());
         let known = format::read_file(&times, 1 << 20).ok().and_then(|text| serde_json::from_slice(&text).ok());
         let bake = match known.filter(|_| texel.exists()) {
             Some(bake) => bake,
             None if model == "density" => {
-                let baked = self.made(place, Path::new(&source), Recipe { model: "coverage", ..how })?;
-                density::write(Path::new(&source), &baked.texel, &texel, &Ui::new(true, false))?;
-                baked.bake
+                let (baked, bake) = self.baked(source, Recipe { model: "coverage", ..how })?;
+                density::write(source, &baked, &texel, &Ui::new(true, false))?;
+                bake
             }
             None => {
+                let (source, file) = (source.display().to_string(), texel.display().to_string());
                 let (side, levels) = (resolution.to_string(), refine.to_string());
                 let words = ["bake", &source, "-r", &side, "--model", model, "--refine", &levels, "-o", &file];
                 let bake = self.command(&words)?;
@@ -91,13 +90,27 @@ impl Bench<'_> {
                 bake
             }
         };
-        let path = self.folder.join(format!("{}-{own}.gltf", place.name));
-        let (out, ground) = (path.display().to_string(), self.folder.join(format!("{}-ground.glb", place.name)));
-        let under = ground.display().to_string();
+        Ok((texel, bake))
+    }
+
+    /// The scene over a texel that is baked like that.
+    pub fn made(&self, place: &Place, source: &Path, how: Recipe) -> Result<Made> {
+        let (texel, bake) = self.baked(source, how)?;
+        let Recipe { model, resolution, refine } = how;
+        let path = self.folder.join(format!("{}-{resolution}-{model}-{refine}.gltf", place.name));
+        self.laid(place.name, &place.layout, (&texel, source), &path)?;
+        Ok(Made { scene: gltf::read(&path, &gltf::ReadOptions::default())?, path, texel, bake })
+    }
+
+    /// Write the landscape of a layout over a texel, whose source is known.
+    pub fn laid(&self, name: &str, layout: &Layout, (texel, source): (&Path, &Path), path: &Path) -> Result<()> {
+        let (out, ground) = (path.display().to_string(), self.folder.join(format!("{name}-ground.glb")));
+        let (source, file, under) =
+            (source.display().to_string(), texel.display().to_string(), ground.display().to_string());
         let common = ["map", &under, "--bend", "--texel", &file, "--geometry", &source, "-o", &out];
-        match place.layout {
+        match *layout {
             Layout::Alone => {
-                let reader = Reader::open(&texel, &Limits::default())?;
+                let reader = Reader::open(texel, &Limits::default())?;
                 land::ground(&ground, 1, width(reader.info()), |_, _| 0.0)?;
                 self.command(&[&common[..], &STILL, &["--surface", "hidden"]].concat())?;
             }
@@ -126,21 +139,35 @@ impl Bench<'_> {
                     ])?;
                 }
             }
+            Layout::Cut { side, cells, .. } => {
+                land::ground(&ground, side, 10.0 * f64::from(cells), relief(true))?;
+                self.command(&[&common[..], &["--repeat", &cells.to_string()]].concat())?;
+            }
+            Layout::Stands { side, hilly, rigid: true, .. } => {
+                let table = self.folder.join(format!("{name}-places.csv"));
+                let metres = width(Reader::open(texel, &Limits::default())?.info());
+                land::places(&ground, &table, side, relief(hilly), metres)?;
+                let table = table.display().to_string();
+                // No shell bends them.
+                let words = common.iter().filter(|word| **word != "--bend").copied();
+                let points = ["--points", &table, "--points-up", "y", "--scale", "1,1"];
+                self.command(&words.chain(points).collect::<Vec<_>>())?;
+            }
             Layout::Stands { side, hilly, .. } => {
                 land::stands(&ground, side, relief(hilly))?;
                 let own = ["--material", land::STANDS, "--surface", "hidden"];
                 self.command(&[&common[..], &STILL, &own].concat())?;
             }
         }
-        Ok(Made { scene: gltf::read(&path, &gltf::ReadOptions::default())?, path, texel, bake })
+        Ok(())
     }
 
-    pub fn options(&self, place: &Place, made: &Made) -> Result<Options> {
+    pub fn options(&self, layout: &Layout, made: &Made) -> Result<Options> {
         let sky = Some([0.3, 0.35, 0.4].into());
         let common = Options { sky, background: Some([0.3, 0.35, 0.4]), ..Options::measuring() };
         let look =
             |eye: DVec3, target: DVec3, degrees: f64| CameraChoice::LookAt { eye, target, yfov: degrees.to_radians() };
-        Ok(match place.layout {
+        Ok(match *layout {
             Layout::Alone => {
                 let Some(texel) = made.scene.texels.first().and_then(|t| t.frames.first()) else {
                     return Err(Error::input(&made.path, "", "names no texel"));
@@ -154,7 +181,9 @@ impl Bench<'_> {
                 let degrees = 2.0 * libm::atan(0.5 * wide / eye.distance(target)).to_degrees();
                 Options { size: [self.size[0] / 3; 2], camera: look(eye, target, degrees), ..common }
             }
-            Layout::Forest { eye, target, .. } | Layout::Stands { eye, target, .. } => {
+            Layout::Forest { eye, target, .. }
+            | Layout::Stands { eye, target, .. }
+            | Layout::Cut { eye, target, .. } => {
                 let camera = look(DVec3::from_array(eye), DVec3::from_array(target), 50.0);
                 Options { size: self.size, camera, ..common }
             }
@@ -166,7 +195,7 @@ impl Bench<'_> {
 const STILL: [&str; 8] = ["--repeat", "1", "--orientations", "identity", "--scale", "1,1", "--displace", "0"];
 
 /// Heights of the ground: hills, or none.
-fn relief(hilly: bool) -> fn(f64, f64) -> f64 {
+pub fn relief(hilly: bool) -> fn(f64, f64) -> f64 {
     let hills = |x: f64, z: f64| {
         let (long, short) = (libm::sin(x / 170.0) * libm::cos(z / 210.0), libm::sin(x / 61.0 + z / 83.0));
         40.0 * long + 12.0 * short

@@ -7,6 +7,7 @@ use super::made::{Made, Recipe};
 use super::scenes::Place;
 use crate::bake::REFINE;
 use crate::cli::reference;
+use crate::cli::render_stats::PerPixel;
 use crate::progress::Quiet;
 use crate::render::metrics;
 use crate::render::metrics::flip::DEFAULT_PPD;
@@ -18,7 +19,8 @@ use crate::{Error, Result};
 #[derive(Debug, Clone, Serialize)]
 pub struct Point {
     pub scene: &'static str,
-    /// `render`, `reference`, or `bake`: then the seconds are the bake's, and the error that of the picture with one lane.
+    /// `render`, `reference`, or `bake`: then the seconds are the bake's, and the error that of the picture with one lane. With a
+    /// peer, `peer`, or `same`: then the error is that of the peer's picture against ours of the same samples.
     pub kind: &'static str,
     pub model: &'static str,
     pub resolution: u32,
@@ -43,27 +45,16 @@ pub struct Point {
     pub area: f64,
     /// FLIP between the halves of the reference.
     pub noise: f64,
+    /// CPU seconds of it that pass before the first ray; 0 where they are not told apart.
+    pub setup_cpu: f64,
+    /// What its rays met; of renders.
+    pub per_pixel: PerPixel,
 }
 
 impl Point {
-    /// Seconds that count: CPU time where it is known, as others' load does not count.
-    pub fn time(&self) -> f64 {
-        if self.cpu_seconds > 0.0 { self.cpu_seconds } else { self.seconds }
-    }
-}
-
-/// The first sample of traced baselines: none that a reference has.
-const OTHER_SAMPLES: u32 = 1 << 24;
-
-impl Bench<'_> {
-    /// All points of a scene.
-    pub fn scene(&self, place: &Place) -> Result<Vec<Point>> {
-        let source = self.source(place)?;
-        let whole = Recipe::plain(place.resolution);
-        let truth = self.made(place, &source, whole)?;
-        let options = self.options(place, &truth)?;
-        let reference = self.reference(place.name, &truth, &options)?;
-        let blank = Point {
+    /// A picture of one lane as it is made where nothing else is asked for, not made yet; voxels alone.
+    pub fn blank(place: &Place) -> Point {
+        Point {
             scene: place.name,
             kind: "render",
             model: "coverage",
@@ -81,8 +72,30 @@ impl Bench<'_> {
             rmse: 0.0,
             bias: 0.0,
             area: 0.0,
-            noise: reference.noise(DEFAULT_PPD)?.all.flip,
-        };
+            noise: 0.0,
+            setup_cpu: 0.0,
+            per_pixel: PerPixel::default(),
+        }
+    }
+
+    /// Seconds that count: CPU time where it is known, as others' load does not count.
+    pub fn time(&self) -> f64 {
+        if self.cpu_seconds > 0.0 { self.cpu_seconds } else { self.seconds }
+    }
+}
+
+/// The first sample of traced baselines: none that a reference has.
+const OTHER_SAMPLES: u32 = 1 << 24;
+
+impl Bench<'_> {
+    /// All points of a scene.
+    pub fn scene(&self, place: &Place) -> Result<Vec<Point>> {
+        let source = self.source(place)?;
+        let whole = Recipe::plain(place.resolution);
+        let truth = self.made(place, &source, whole)?;
+        let options = self.options(&place.layout, &truth)?;
+        let reference = self.reference(place.name, &truth, &options)?;
+        let blank = Point { noise: reference.noise(DEFAULT_PPD)?.all.flip, ..Point::blank(place) };
         let mut points = Vec::new();
         for way in self.ways(&blank) {
             points.push(shown(&truth, &options, &reference, way)?);
@@ -190,15 +203,25 @@ impl Bench<'_> {
 }
 
 /// A picture made that way, timed and compared.
-fn shown(made: &Made, options: &Options, reference: &Reference, way: Point) -> Result<Point> {
+pub fn shown(made: &Made, options: &Options, reference: &Reference, way: Point) -> Result<Point> {
     let source_lod = if way.near { SourceLod::Geometry } else { SourceLod::Voxels };
     let (lanes, depth_bias, shadow_bias) = (way.lanes, way.depth_bias, way.shadow_bias);
     let options = Options { lanes, depth_bias, shadow_bias, source_lod, ..options.clone() };
     let (seconds, done) = timed(|| render(&made.scene, &options, &Quiet));
-    compared(way, &done?.film, reference, seconds)
+    let done = done?;
+    // The stages' times are by the clock.
+    let share = |name: &str| done.stats.times.iter().find(|t| t.0 == name).map_or(0.0, |t| t.1.as_secs_f64());
+    let (before, after) = (share("prepare"), share("trace"));
+    let setup_cpu = seconds[1] * before / (before + after).max(1e-9);
+    let mut per_pixel = PerPixel::of(&done.stats, options.size, options.threads);
+    if seconds[1] > 0.0 {
+        // By the processor's time where it is known, as others' load does not count.
+        per_pixel.microseconds = 1e6 * (seconds[1] - setup_cpu) / f64::from(options.size[0] * options.size[1]);
+    }
+    compared(Point { setup_cpu, per_pixel, ..way }, &done.film, reference, seconds)
 }
 
-fn compared(point: Point, film: &Film, reference: &Reference, [seconds, cpu_seconds]: [f64; 2]) -> Result<Point> {
+pub fn compared(point: Point, film: &Film, reference: &Reference, [seconds, cpu_seconds]: [f64; 2]) -> Result<Point> {
     let options = metrics::Options { ppd: DEFAULT_PPD, background: None };
     let found = metrics::compare(&film.image(), &reference.film.image(), &options)?;
     Ok(Point {

@@ -12,7 +12,9 @@ use crate::{Result, format};
 
 /// `bench.csv`, `bench.md`, `bench.svg` and `bench.png` in `folder`.
 pub fn write(folder: &Path, points: &[Point], texels: &[Texel]) -> Result<()> {
-    for (name, text) in [("bench.csv", csv(points)), ("bench.md", summary::markdown(points, texels))] {
+    let has_peer = points.iter().any(|p| p.kind == "peer");
+    let tables = if has_peer { summary::beside_peer(points) } else { summary::markdown(points, texels) };
+    for (name, text) in [("bench.csv", csv(points)), ("bench.md", tables)] {
         let path = folder.join(name);
         format::save(path, text.as_bytes())?;
     }
@@ -22,11 +24,11 @@ pub fn write(folder: &Path, points: &[Point], texels: &[Texel]) -> Result<()> {
 
 fn csv(points: &[Point]) -> String {
     let mut out = String::from(
-        "scene,kind,model,resolution,refine,light,lanes,depth_bias,shadow_bias,near,samples,seconds,cpu_seconds,flip,rmse,bias,area,reference_noise\n",
+        "scene,kind,model,resolution,refine,light,lanes,depth_bias,shadow_bias,near,samples,seconds,cpu_seconds,flip,rmse,bias,area,reference_noise,setup_cpu,boxes,copies,cells,voxels,shadow_rays,microseconds\n",
     );
     for p in points {
         out += &format!(
-            "{},{},{},{},{},{},{},{},{},{},{},{:.3},{:.2},{:.5},{:.6},{:.5},{:.5},{:.5}\n",
+            "{},{},{},{},{},{},{},{},{},{},{},{:.3},{:.2},{:.5},{:.6},{:.5},{:.5},{:.5},{:.2},{:.2},{:.2},{:.1},{:.2},{:.3},{:.2}\n",
             p.scene,
             p.kind,
             p.model,
@@ -44,7 +46,14 @@ fn csv(points: &[Point]) -> String {
             p.rmse,
             p.bias,
             p.area,
-            p.noise
+            p.noise,
+            p.setup_cpu,
+            p.per_pixel.boxes,
+            p.per_pixel.copies,
+            p.per_pixel.cells,
+            p.per_pixel.voxels,
+            p.per_pixel.shadow_rays,
+            p.per_pixel.microseconds
         );
     }
     out
@@ -68,7 +77,7 @@ fn charts(points: &[Point]) -> Vec<Chart> {
             };
             let plain = |p: &Point| p.depth_bias == 0.0 && p.shadow_bias == 0.0 && p.refine == REFINE && !p.near;
             let whole = points.iter().filter(|p| p.scene == scene).map(|p| p.resolution).max().unwrap_or(0);
-            Chart {
+            let mut chart = Chart {
                 title: scene.into(),
                 x: axis("CPU seconds"),
                 y: axis("FLIP"),
@@ -84,12 +93,18 @@ fn charts(points: &[Point]) -> Vec<Chart> {
                     series("model of 1996", false, &|p| render(p, "neyret")),
                     series("averaged SGGX", false, &|p| render(p, "density")),
                     series("triangles, 1 to 64 rays", true, &|p| p.scene == scene && p.kind == "reference"),
+                    series("another tracer", true, &|p| p.scene == scene && p.kind == "peer"),
                 ],
                 aims: vec![0.03, 0.035],
-            }
+            };
+            chart.series.retain(|series| !series.points.is_empty());
+            chart
         })
         .collect();
     let bakes = |scene: &&str| series(scene, true, &|p| p.scene == *scene && p.kind == "bake" && p.model == "coverage");
+    if !points.iter().any(|p| p.kind == "bake") {
+        return charts;
+    }
     charts.push(Chart {
         title: "bakes: resolutions".into(),
         x: axis("CPU seconds of the bake"),
@@ -176,6 +191,8 @@ pub mod tests {
             bias: 0.0,
             area: 1.0,
             noise: 0.005,
+            setup_cpu: 0.0,
+            per_pixel: Default::default(),
         }
     }
 

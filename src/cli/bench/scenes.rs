@@ -16,8 +16,10 @@ pub enum Layout {
     Alone,
     /// `side`^2 cells of ten metres with a share of trees, seen from `eye` towards `target`.
     Forest { side: u32, hilly: bool, presence: f64, eye: [f64; 3], target: [f64; 3], hedge: bool },
-    /// `side`^2 trees that stand close, each in a shell of its own.
-    Stands { side: u32, hilly: bool, eye: [f64; 3], target: [f64; 3] },
+    /// `side`^2 trees that stand close, each in a shell of its own or a rigid copy.
+    Stands { side: u32, rigid: bool, hilly: bool, eye: [f64; 3], target: [f64; 3] },
+    /// `cells`^2 trees in one shell over hills of `side`^2 squares, whatever their number.
+    Cut { side: u32, cells: u32, eye: [f64; 3], target: [f64; 3] },
 }
 
 pub struct Place {
@@ -42,7 +44,22 @@ const fn stands(name: &'static str, about: &'static str, resolution: u32, layout
     Place { name, about, matter: TREE, layout, resolution, quick: false, on_request: true }
 }
 
-pub const SCENES: [Place; 18] = [
+const FAR: Layout =
+    Layout::Stands { side: 158, rigid: false, hilly: true, eye: [0.0, 200.0, 760.0], target: [0.0, 0.0, -60.0] };
+const NEAR: Layout =
+    Layout::Stands { side: 23, rigid: false, hilly: false, eye: [0.0, 9.0, -5.0], target: [0.0, 3.0, -40.0] };
+const MILLION: Layout =
+    Layout::Stands { side: 1000, rigid: false, hilly: true, eye: [0.0, 200.0, 3000.0], target: [0.0, 0.0, 0.0] };
+
+/// The same with rigid copies.
+const fn rigid(layout: Layout) -> Layout {
+    match layout {
+        Layout::Stands { side, hilly, eye, target, .. } => Layout::Stands { side, rigid: true, hilly, eye, target },
+        other => other,
+    }
+}
+
+pub const SCENES: [Place; 21] = [
     alone("tree", "one tree, pixel = voxel", TREE, 128, true),
     alone("tree-half", "one tree, pixel = 1/2 voxel", TREE, 64, false),
     alone("tree-quarter", "one tree, pixel = 1/4 voxel", TREE, 32, false),
@@ -109,22 +126,10 @@ pub const SCENES: [Place; 18] = [
         quick: false,
         on_request: false,
     },
-    stands(
-        "own-far",
-        "25 000 trees from afar, each a shell of its own, boxes overlapping",
-        256,
-        Layout::Stands { side: 158, hilly: true, eye: [0.0, 200.0, 760.0], target: [0.0, 0.0, -60.0] },
-    ),
-    stands(
-        "own-near",
-        "529 trees from near, each a shell of its own",
-        512,
-        Layout::Stands { side: 23, hilly: false, eye: [0.0, 9.0, -5.0], target: [0.0, 3.0, -40.0] },
-    ),
-    stands(
-        "own-million",
-        "1 000 000 trees to the horizon, each a shell of its own",
-        256,
-        Layout::Stands { side: 1000, hilly: true, eye: [0.0, 200.0, 3000.0], target: [0.0, 0.0, 0.0] },
-    ),
+    stands("own-far", "25 000 trees from afar, each a shell of its own, boxes overlapping", 256, FAR),
+    stands("own-near", "529 trees from near, each a shell of its own", 512, NEAR),
+    stands("own-million", "1 000 000 trees to the horizon, each a shell of its own", 256, MILLION),
+    stands("copies-far", "25 000 rigid copies from afar, as own-far", 256, rigid(FAR)),
+    stands("copies-near", "529 rigid copies from near, as own-near", 512, rigid(NEAR)),
+    stands("copies-million", "1 000 000 rigid copies to the horizon, as own-million", 256, rigid(MILLION)),
 ];

@@ -4,6 +4,34 @@ use super::points::Point;
 use super::texels::Texel;
 use crate::bake::REFINE;
 
+/// Pictures of lanes beside those of a peer, and the peer's time for the same error over ours; in Markdown.
+pub fn beside_peer(points: &[Point]) -> String {
+    let mut out = String::from(
+        "| FLIP in CPU seconds | 1 lane | 2 lanes | 4 lanes | peer, samples a pixel | peer's time at the FLIP of 1, 2, 4 lanes, over ours | peer's build | noise of the reference |\n|---|---|---|---|---|---|---|---|\n",
+    );
+    let mut scenes: Vec<&str> = points.iter().filter(|p| p.kind == "peer").map(|p| p.scene).collect();
+    scenes.dedup();
+    for scene in scenes {
+        let of = Of { points, scene };
+        let lanes = [1, 2, 4].map(|n| of.render("coverage", move |p| p.lanes == n && p.near));
+        let ratios = lanes.map(|p| {
+            let time = p.and_then(|p| Some(of.traced("peer", p.flip)? / p.time().max(0.005)));
+            time.map_or("–".into(), |t| format!("{t:.2}"))
+        });
+        let peers: Vec<&Point> = of.all().filter(|p| p.kind == "peer").collect();
+        let samples: Vec<String> =
+            peers.iter().map(|p| format!("{}: {:.4} in {:.2}", p.samples, p.flip, p.time())).collect();
+        out += &format!(
+            "| {scene} | {} | {} | {:.2} | {:.4} |\n",
+            lanes.map(shown).join(" | "),
+            [samples.join("; "), ratios.join(", ")].join(" | "),
+            peers.last().map_or(0.0, |p| p.setup_cpu),
+            peers.last().map_or(0.0, |p| p.noise),
+        );
+    }
+    out
+}
+
 /// A table of pictures, of causes of error, and of texels; in Markdown.
 pub fn markdown(points: &[Point], texels: &[Texel]) -> String {
     let mut scenes: Vec<&str> = points.iter().map(|p| p.scene).collect();
@@ -75,20 +103,20 @@ impl<'a> Of<'a> {
 
     /// CPU seconds in which rays against triangles come as near, by the two counts of rays about it, or the last two
     /// (errors are powers of the time).
-    fn rays(&self, flip: f64) -> Option<f64> {
-        let known: Vec<(f64, f64)> = self
-            .all()
-            .filter(|p| p.kind == "reference")
-            .map(|p| (p.time().max(0.005).ln(), p.flip.max(1e-6).ln()))
-            .collect();
+    fn traced(&self, kind: &str, flip: f64) -> Option<f64> {
+        let known: Vec<(f64, f64)> =
+            self.all().filter(|p| p.kind == kind).map(|p| (p.time().max(0.005).ln(), p.flip.max(1e-6).ln())).collect();
         let pair = known.windows(2).find(|w| w[1].1 <= flip.ln()).or(known.windows(2).last())?;
         let slope = (pair[1].0 - pair[0].0) / (pair[1].1 - pair[0].1);
         Some((pair[0].0 + (flip.ln() - pair[0].1) * slope).exp()).filter(|t| t.is_finite())
     }
 }
 
+fn shown(p: Option<&Point>) -> String {
+    p.map_or("–".into(), |p| format!("{:.4} in {:.2}", p.flip, p.time()))
+}
+
 fn row(of: &Of) -> String {
-    let shown = |p: Option<&Point>| p.map_or("–".into(), |p| format!("{:.4} in {:.2}", p.flip, p.time()));
     let lanes = |n: u32, near: bool| of.render("coverage", move |p| p.light == "all" && p.lanes == n && p.near == near);
     let (one, four) = (lanes(1, false), lanes(4, false));
     let worse = |model: &str| of.render(model, |p| p.lanes == 1 && !p.near);
@@ -96,7 +124,7 @@ fn row(of: &Of) -> String {
         .zip(worse("neyret"))
         .map_or("–".into(), |(a, b)| format!("{:.1} ({:.1})", b.flip / a.flip.max(1e-9), b.rmse / a.rmse.max(1e-9)));
     let rays = |p: Option<&Point>| {
-        p.and_then(|p| Some((p, of.rays(p.flip)?)))
+        p.and_then(|p| Some((p, of.traced("reference", p.flip)?)))
             .map_or("–".into(), |(p, t)| format!("{t:.2} ({:.1}×)", t / p.time().max(0.005)))
     };
     format!(
@@ -125,9 +153,9 @@ mod tests {
         let points = [ray(1, 1.0, 0.1), ray(4, 4.0, 0.05), ray(16, 16.0, 0.025), point("render", 0.5)];
         let of = Of { points: &points, scene: "tree" };
         // Error is the inverse square root of time.
-        assert!((of.rays(0.05).unwrap() - 4.0).abs() < 1e-9);
-        assert!((of.rays(0.1 / 3.0).unwrap() - 9.0).abs() < 1e-9);
-        assert!((of.rays(0.0125).unwrap() - 64.0).abs() < 1e-9, "beyond the last as well");
+        assert!((of.traced("reference", 0.05).unwrap() - 4.0).abs() < 1e-9);
+        assert!((of.traced("reference", 0.1 / 3.0).unwrap() - 9.0).abs() < 1e-9);
+        assert!((of.traced("reference", 0.0125).unwrap() - 64.0).abs() < 1e-9, "beyond the last as well");
         let text = markdown(&points, &[]);
         assert!(text.contains("| tree | 0.0300 in 0.50 |"), "{text}");
         assert_eq!(text.lines().count(), 3);

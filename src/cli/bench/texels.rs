@@ -52,7 +52,7 @@ impl Bench<'_> {
 
     /// Voxels alone, so that nothing but their depth changes.
     fn steps(&self, place: &Place, made: &Made) -> Result<Vec<f64>> {
-        let options = self.options(place, made)?;
+        let options = self.options(&place.layout, made)?;
         let least = if matches!(place.layout, Layout::Alone) { 16 } else { 45 };
         let mut bright: Vec<f64> = Vec::new();
         for k in 0..ZOOM {

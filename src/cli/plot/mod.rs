@@ -119,6 +119,7 @@ impl Chart {
             |of: fn(&(f64, f64)) -> f64| self.series.iter().flat_map(|s| &s.points).map(of).collect::<Vec<_>>();
         let aims: Vec<f64> = self.aims.clone();
         let (x, y) = (range(self.x.scale, &values(|p| p.0)), range(self.y.scale, &[values(|p| p.1), aims].concat()));
+        let legend = self.emptiest(x, y);
         let font = |size: u32| ("sans-serif", size * scale);
         let mut builder = ChartBuilder::on(area);
         let mut chart = builder
@@ -163,13 +164,41 @@ impl Chart {
         }
         chart
             .configure_series_labels()
-            .position(SeriesLabelPosition::UpperRight)
+            .position(legend)
             .legend_area_size(18 * scale)
             .margin(8 * scale)
             .background_style(WHITE.mix(0.85))
             .border_style(BLACK.mix(0.3))
             .label_font(font(14))
             .draw()
+    }
+
+    /// The corner with the fewest points, where axes go over `x` and `y`.
+    fn emptiest(&self, x: (f64, f64), y: (f64, f64)) -> SeriesLabelPosition {
+        let corners = [
+            ([1.0, 1.0], SeriesLabelPosition::UpperRight),
+            ([0.0, 1.0], SeriesLabelPosition::UpperLeft),
+            ([1.0, 0.0], SeriesLabelPosition::LowerRight),
+            ([0.0, 0.0], SeriesLabelPosition::LowerLeft),
+        ];
+        let points = || self.series.iter().flat_map(|series| &series.points);
+        // Some two fifths of the chart, as shares of its width and height.
+        let near = |[right, top]: [f64; 2]| {
+            let within = |p: &&(f64, f64)| {
+                let (across, up) = (share(self.x.scale, p.0, x), share(self.y.scale, p.1, y));
+                (across - right).abs() < 0.35 && (up - top).abs() < 0.4
+            };
+            points().filter(within).count()
+        };
+        corners.into_iter().min_by_key(|corner| near(corner.0)).map_or(SeriesLabelPosition::UpperRight, |c| c.1)
+    }
+}
+
+/// Where a value is between the ends of an axis, from 0 to 1.
+fn share(scale: Scale, value: f64, (from, to): (f64, f64)) -> f64 {
+    match scale {
+        Scale::Linear => (value - from) / (to - from),
+        Scale::Log => libm::log(value / from) / libm::log(to / from),
     }
 }
 
@@ -238,6 +267,19 @@ fn short(v: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_legend_is_where_no_points_are() {
+        let corner = |points: &[(f64, f64)]| {
+            let series = vec![Series { name: "one".into(), points: points.to_vec(), line: true }];
+            let axis = |scale| Axis { label: String::new(), scale };
+            let (x, y) = (axis(Scale::Log), axis(Scale::Linear));
+            Chart { title: String::new(), x, y, series, aims: Vec::new() }.emptiest((1.0, 1e6), (0.0, 10.0))
+        };
+        assert!(matches!(corner(&[]), SeriesLabelPosition::UpperRight));
+        assert!(matches!(corner(&[(1.0, 1.0), (9e5, 9.0)]), SeriesLabelPosition::UpperLeft));
+        assert!(matches!(corner(&[(1.0, 9.0), (9e5, 9.0)]), SeriesLabelPosition::LowerRight));
+    }
 
     fn chart(x: Scale, y: Scale) -> Chart {
         let series =
