@@ -171,15 +171,13 @@ fn chart(by: &str, about: &str, costs: &[Cost]) -> Chart {
     }
 }
 
-/// The exponents of what grows, by the larger half of what is varied; of what takes no less than [`TOLD`] there.
+/// The exponents of what grows, by the larger half of what is varied, and there by what takes no less than [`TOLD`].
 fn fits<'a>(by: &'a str, costs: &[Cost]) -> Vec<(&'a str, &'static str, f64)> {
     let own: Vec<&Cost> = costs.iter().filter(|c| c.by == by).collect();
     let larger = &own[own.len() / 2..];
     let fit = |(name, of): Stage| {
-        if larger.iter().any(|c| of(c) < TOLD) {
-            return None;
-        }
-        let points: Vec<(f64, f64)> = larger.iter().map(|c| (c.n.ln(), of(c).ln())).collect();
+        let told = larger.iter().filter(|c| of(c) >= TOLD);
+        let points: Vec<(f64, f64)> = told.map(|c| (c.n.ln(), of(c).ln())).collect();
         slope(&points).map(|exponent| (by, name, exponent))
     };
     STAGES.into_iter().filter_map(fit).collect()
