@@ -54,11 +54,17 @@ pub fn images(dir: &Path, files: &[PathBuf], warnings: &mut Warnings) -> Result<
         return Err(Error::input(dir, "", what));
     }
     let Some((_, slices)) = kinds.into_iter().next() else {
-        return Err(Error::input(
-            dir,
-            "",
-            "holds no slices (.png, .tif, .jpg, .exr or DICOM): name one file of it, if it is a volume",
-        ));
+        let folders: Vec<String> = std::fs::read_dir(dir)
+            .map_err(|e| Error::io(dir, e))?
+            .filter_map(|e| Some(e.ok()?.path()))
+            .filter(|f| f.is_dir())
+            .map(|f| name(&f))
+            .collect();
+        let best = match folders.into_iter().min_by(|a, b| natural(a, b)) {
+            Some(first) => format!("name one file of it, if it is a volume, or a folder in it, as {first}"),
+            None => "name one file of it, if it is a volume".into(),
+        };
+        return Err(Error::input(dir, "", format!("holds no slices (.png, .tif, .jpg, .exr or DICOM): {best}")));
     };
     warnings.add_many("files of the folder are no images and are left out", others);
     Ok(slices)

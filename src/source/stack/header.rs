@@ -13,6 +13,11 @@ pub fn numbers(text: &str) -> Option<Vec<f64>> {
     text.split_whitespace().map(|w| w.parse().ok().filter(|v: &f64| v.is_finite())).collect()
 }
 
+/// Whether a text begins with a mark of UTF-16, which headers before numbers cannot be in.
+pub fn is_utf16(head: &[u8]) -> bool {
+    head.starts_with(b"\xff\xfe") || head.starts_with(b"\xfe\xff")
+}
+
 /// Metres in a unit of length by its name; `None` where it is not known.
 pub fn metres(unit: &str) -> Option<f64> {
     let name = unit.trim().trim_matches('"').replace(['\u{b5}', '\u{3bc}'], "u").replace("\\u00B5", "u").to_lowercase();

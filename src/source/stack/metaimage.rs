@@ -8,7 +8,7 @@ use super::bytes::map_file;
 use super::choice::{Choice, Outer};
 use super::coding::{Coding, Kind};
 use super::data::{Data, Packing};
-use super::header::{file_list, numbers, size};
+use super::header::{file_list, is_utf16, numbers, size};
 use super::{Channels, Stack};
 
 use crate::geom::{DAffine3, DMat3, DVec3};
@@ -45,6 +45,9 @@ impl<'a> Fields<'a> {
     fn read(path: &'a Path) -> Result<Fields<'a>> {
         let map = map_file(path)?;
         let head = &map[..map.len().min(MAX_HEADER)];
+        if is_utf16(head) {
+            return Err(Error::input(path, "", "not a MetaImage header: is UTF-16: save it as UTF-8"));
+        }
         // Editors put a byte-order mark before a text.
         let end = if head.starts_with(b"\xef\xbb\xbf") { 3 } else { 0 };
         let mut fields = Fields { path, list: Vec::new(), end };

@@ -8,7 +8,7 @@ use super::bytes::map_file;
 use super::choice::{Choice, Outer, StoredVolume};
 use super::coding::{Coding, Kind};
 use super::data::{Data, Packing};
-use super::header::{file_list, metres, numbers, size};
+use super::header::{file_list, is_utf16, metres, numbers, size};
 use super::{Channels, Stack};
 
 use crate::geom::{DAffine3, DMat3, DVec3};
@@ -169,7 +169,8 @@ pub fn read(choice: &Choice, in_memory: u64) -> Result<Stack> {
     // Editors put a byte-order mark before a text.
     let begin = if map.starts_with(b"\xef\xbb\xbf") { 3 } else { 0 };
     if !map[begin..].starts_with(b"NRRD000") {
-        return Err(Error::input(path, "", "not a NRRD file: it does not begin with NRRD000"));
+        let what = if is_utf16(&map) { "is UTF-16: save it as UTF-8" } else { "it does not begin with NRRD000" };
+        return Err(Error::input(path, "", format!("not a NRRD file: {what}")));
     }
     let head = &map[..map.len().min(MAX_HEADER)];
     let mut fields = Fields { path, list: Vec::new() };

@@ -1,6 +1,6 @@
-//! Attributes by which slices of one series belong to different stacks: echo, time, phase, diffusion weighting and others.
+//! Attributes by which slices of one series belong to different stacks: segment, echo, time, phase, diffusion weighting and others.
 //!
-//! Based on: NEMA PS3.3, sections C.7.6.16 (multi-frame functional groups), C.8.3 and C.8.13 (MR images).
+//! Based on: NEMA PS3.3, sections C.7.6.16 (multi-frame functional groups), C.8.3 and C.8.13 (MR images), C.8.20 (segmentations).
 
 use super::dataset::{Dataset, File, Tag};
 
@@ -36,7 +36,8 @@ fn b_value(file: &File, data: &Dataset, tag: Tag) -> Option<String> {
 }
 
 /// From what decides most to what decides least.
-pub const ATTRIBUTES: [Attribute; 13] = [
+pub const ATTRIBUTES: [Attribute; 14] = [
+    Attribute { name: "segment", constant: true, places: &[(0x0062_000a, 0x0062_000b)], read: whole },
     Attribute { name: "stack", constant: true, places: &[(0x0020_9111, 0x0020_9056)], read: text },
     Attribute { name: "echo", constant: true, places: &[(0, 0x0018_0086)], read: text },
     Attribute { name: "echo time", constant: true, places: &[(0, 0x0018_0081)], read: text },

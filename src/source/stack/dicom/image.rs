@@ -49,6 +49,8 @@ pub struct Frame {
     /// Distance of columns, and of rows.
     pub spacing: Option<[f64; 2]>,
     pub rescale: (f64, f64),
+    /// Whether its slope is said to be 0, for which 1 is taken, as GDCM does.
+    pub has_no_slope: bool,
     /// By which frames of a series belong to different stacks.
     pub attributes: Vec<Option<String>>,
 }
@@ -157,11 +159,14 @@ impl Frame {
         let axes = find(0x0020_9116, 0x0020_0037, 6).or_else(|| find(DETECTOR, 0x0020_0037, 6));
         // A dose is scaled by its own attribute.
         let slope = one(0x0028_1053).or_else(|| find(0, 0x3004_000e, 1).map(|l| l[0]));
+        let has_no_slope = slope == Some(0.0);
+        let slope = slope.filter(|_| !has_no_slope);
         Frame {
             position: position.map(|l| vector(&l)),
             axes: axes.map(|l| [vector(&l), vector(&l[3..])]),
             spacing: spacing.map(|l| [l[1], l[0]]),
             rescale: (slope.unwrap_or(1.0), one(0x0028_1052).unwrap_or(0.0)),
+            has_no_slope,
             attributes: attributes::attributes(file, places),
         }
     }

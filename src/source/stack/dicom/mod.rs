@@ -38,11 +38,13 @@ pub fn is_dicom(path: &Path) -> bool {
 pub fn read(choice: &Choice, files: &[PathBuf], in_memory: u64) -> Result<Stack> {
     let path = choice.path;
     let mut warnings = Warnings::default();
-    choice.frame(1, &mut warnings)?;
     let (images, mut slices) = choose(choice, files, &mut warnings)?;
     let (first, first_frame) = (&images[slices[0].0], slices[0].1);
     if let Some(what) = slices.iter().find_map(|s| pixels::unsupported(&images[s.0].layout, &images[s.0].syntax)) {
         return Err(Error::unsupported(path, what));
+    }
+    if slices.iter().any(|s| images[s.0].frames[s.1].has_no_slope) {
+        warnings.add("its Rescale Slope is 0, by which all values were one: 1 is taken");
     }
     let affine = arrange(path, &images, &mut slices, &mut warnings)?;
     let rescale = first.frames[first_frame].rescale;
@@ -133,6 +135,8 @@ fn choose(choice: &Choice, files: &[PathBuf], warnings: &mut Warnings) -> Result
     let mut groups = volumes::stacks(&images);
     let number = &images[0].number;
     let taken = match series {
+        // Whatever tells its stacks apart, they are its frames, too.
+        None | Some((_, Ok(0))) if choice.names_frame() => choice.frame(groups.len(), warnings)?,
         None | Some((_, Ok(0))) => {
             let taken = volumes::largest(&groups);
             if groups.len() > 1 {
@@ -146,7 +150,10 @@ fn choose(choice: &Choice, files: &[PathBuf], warnings: &mut Warnings) -> Result
             }
             taken
         }
-        Some((_, Ok(n))) if n <= groups.len() => n - 1,
+        Some((_, Ok(n))) if n <= groups.len() => {
+            choice.frame(1, warnings)?;
+            n - 1
+        }
         Some((_, Ok(_) | Err(_))) => {
             let wanted = choice.series.unwrap_or_default();
             let what = format!("option `series` = {wanted} is not there; its stacks are: {}", volumes::listed(&groups));

@@ -92,7 +92,13 @@ fn a_series_of_several_stacks_gives_one_whole() {
     let number = |n: usize| n.to_string();
     let double = |v: f64| v.to_le_bytes().to_vec();
     type Elements = Box<dyn Fn(usize) -> Vec<Element>>;
-    let cases: [(&str, Elements); 8] = [
+    let segment = |n: usize| {
+        let mut item = Vec::new();
+        put(&mut item, &us(0x62, 0x0b, &[n as u16 + 1]));
+        [vec![0xfe, 0xff, 0x00, 0xe0], (item.len() as u32).to_le_bytes().to_vec(), item].concat()
+    };
+    let cases: [(&str, Elements); 9] = [
+        ("segment 1", Box::new(move |n| vec![(0x62, 0x0a, *b"SQ", segment(n))])),
         ("echo 1", Box::new(move |n| vec![text(0x18, 0x86, b"IS", &number(n + 1))])),
         ("echo time 30", Box::new(move |n| vec![text(0x18, 0x81, b"DS", &number(30 * (n + 1)))])),
         ("time 1", Box::new(move |n| vec![text(0x20, 0x100, b"IS", &number(n + 1))])),
@@ -117,6 +123,10 @@ fn a_series_of_several_stacks_gives_one_whole() {
         let third = series(&dir, "7:3").unwrap();
         assert_eq!((slices(&third), third.warnings.is_empty()), (vec![200.0, 201.0, 202.0, 203.0], true), "{label}");
         assert_eq!(slices(&series(&dir, "1.2.7:2").unwrap()), [100.0, 101.0, 102.0, 103.0], "{label}");
+        let frame = |n| read(dir.0.path(), &StackOptions { frame: Some(n), ..StackOptions::default() }, 1 << 20);
+        assert_eq!(slices(&frame(2).unwrap()), [100.0, 101.0, 102.0, 103.0], "{label}");
+        let wrong = frame(4).err().unwrap().to_string();
+        assert!(wrong.contains("there are 1 to 3"), "{wrong}");
         let wrong = series(&dir, "7:4").err().unwrap().to_string();
         assert!(wrong.contains(label) && wrong.contains("4 slices"), "{wrong}");
     }
@@ -157,6 +167,10 @@ fn stored_numbers_mean_what_tables_and_padding_say() {
     let stack = one(&dir, &own, &stored);
     assert_eq!(values(&stack)[..3], [15.0, 17.0, 19.0]);
     assert!(stack.samples.is_missing([1, 1, 0]) && !stack.samples.is_missing([0, 1, 0]));
+    // A slope of 0 is none.
+    let flat = one(&dir, &[text(0x28, 0x1053, b"DS", "0"), text(0x28, 0x1052, b"DS", "-5")], &stored);
+    assert_eq!(values(&flat)[..3], [5.0, 6.0, 7.0]);
+    assert!(flat.warnings.as_reasons().contains("Slope is 0"), "{}", flat.warnings.as_reasons());
     let range = one(&dir, &[us(0x28, 0x120, &[63000]), us(0x28, 0x121, &[65535])], &stored);
     assert!(range.samples.is_missing([1, 1, 0]) && !range.samples.is_missing([0, 1, 0]));
     // Otsu parts what is left: without padding it would part -2000 from the rest.
