@@ -19,6 +19,7 @@ mod demo;
 mod depfile;
 #[cfg(feature = "http")]
 mod download;
+mod emission;
 mod error;
 mod expand;
 mod export;

@@ -90,6 +90,7 @@ impl Tracer<'_> {
         let albedo = weight * surface.albedo;
         let before = (state.radiance, state.faint);
         let distance = (surface.point - state.cone.ray.origin).dot(state.cone.ray.dir);
+        state.radiance += weight * surface.emission;
         if surface.unlit {
             state.radiance += albedo;
             state.fade(before, world.surround.air(state.cone.ray.dir, distance), weight);

@@ -103,6 +103,8 @@ pub struct Surface {
     pub ambient: Vec3,
     /// Highlights, where the material says something of them.
     pub gloss: Option<Gloss>,
+    /// Light that it gives off, linear.
+    pub emission: Vec3,
     pub unlit: bool,
 }
 
@@ -508,6 +510,7 @@ impl Mesh {
             transmission,
             ambient: Vec3::from_array(ambient.map(|v| v as f32)),
             gloss: material.finish.has_gloss().then(|| material.finish.gloss()),
+            emission: self.emitted(part, material, triangle, contact, width / cosine),
             unlit: material.unlit,
         }
     }

@@ -45,6 +45,8 @@ impl SourceMesh {
         }
         let read = gltf::ReadOptions {
             contained: true,
+            // Voxels have none, and triangles near the camera look as they do.
+            emission: false,
             time: pose.map(|p| p.time),
             animations: pose.map_or_else(Vec::new, |p| p.animations.clone()),
             ..Default::default()

@@ -3,6 +3,7 @@
 pub mod alpha;
 pub mod copies;
 pub mod cycle;
+pub mod emission;
 #[cfg(feature = "bake")]
 pub(crate) mod far;
 pub(crate) mod files;
@@ -27,6 +28,7 @@ pub mod transmission;
 pub(crate) mod triangulate;
 pub mod wind;
 
+pub use emission::Emission;
 pub use model::{Alpha, Camera, Instance, Light, LightKind, Material, Model, Part, Projection};
 pub use texture::{Texture, TextureRef, Wrap};
 pub use transmission::Transmission;
@@ -73,6 +75,8 @@ pub struct ReadOptions {
     pub patches: bool,
     /// Whether images are decoded; without them a texture is left out, the factor colour stays.
     pub textures: bool,
+    /// Whether the light that surfaces give off is read, for which texels have no place.
+    pub emission: bool,
 }
 
 impl Default for ReadOptions {
@@ -90,6 +94,7 @@ impl Default for ReadOptions {
             contained: false,
             patches: false,
             textures: true,
+            emission: true,
         }
     }
 }

@@ -3,6 +3,7 @@
 
 use std::sync::Arc;
 
+use super::emission::Emission;
 use super::texture::TextureRef;
 use super::transmission::Transmission;
 use crate::Warnings;
@@ -117,6 +118,8 @@ pub struct Material {
     pub unlit: bool,
     /// Light from around, and highlights: of a texel's source, where the landscape says something of them.
     pub finish: Finish,
+    /// Light that it gives off by itself; `None`: none.
+    pub emission: Option<Box<Emission>>,
     /// Light that comes through; `None`: none does.
     pub transmission: Option<Box<Transmission>>,
     /// The `VTEX_volumetric_texture` extension, where the material carries it.
@@ -135,6 +138,7 @@ impl Default for Material {
             double_sided: false,
             unlit: false,
             finish: Finish::PLAIN,
+            emission: None,
             transmission: None,
             shell: None,
             wind: None,

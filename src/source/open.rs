@@ -32,7 +32,10 @@ const MAX_TEXT: u64 = 1 << 30;
 pub fn open(path: &Path, options: &OpenOptions) -> Result<Box<dyn Source>> {
     let extension = extension(path);
     let mut model = match file_kind(path) {
-        FileKind::Mesh => scene::read_model(path, &options.read)?,
+        FileKind::Mesh => {
+            let read = scene::ReadOptions { emission: false, ..options.read.clone() };
+            scene::read_model(path, &read)?
+        }
         FileKind::LSystem => return lsystem::open(Some(path), &options.lsystem, &options.read, &options.mesh),
         FileKind::Texel => return Ok(Box::new(TexelSource::open(path, options.read.max_bytes)?)),
         FileKind::Recipe => return recipe::open(path, options, open_settled),

@@ -1,4 +1,4 @@
-//! What a triangle's material sends back and what it lets through, over the width of a cone.
+//! What a triangle's material sends back, lets through and gives off, over the width of a cone.
 
 use glam::DVec4;
 
@@ -21,6 +21,21 @@ impl Mesh {
         let (reflected, transmitted) =
             transmission.split(base, &|reference| self.averaged(part, reference, triangle, at, width));
         (Vec3::from_array(reflected), Vec3::from_array(transmitted))
+    }
+
+    /// Light that a material gives off at a contact, over `width` of the surface.
+    pub(super) fn emitted(
+        &self,
+        part: &Part,
+        material: &Material,
+        triangle: &Triangle,
+        at: &Contact,
+        width: f64,
+    ) -> Vec3 {
+        let Some(emission) = &material.emission else { return Vec3::ZERO };
+        let texture = emission.texture.as_ref();
+        let [r, g, b, _] = texture.map_or([1.0; 4], |reference| self.averaged(part, reference, triangle, at, width));
+        Vec3::from_array(emission.color) * Vec3::new(r, g, b)
     }
 
     /// A texture's linear RGBA at a contact, over `width` of the surface; white where it cannot be laid on.

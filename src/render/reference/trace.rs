@@ -188,7 +188,7 @@ impl<'a> Tracer<'a> {
             copy: met.copy.as_ref().map(|copy| (copy.texel, copy.cell)),
             affine: None,
         };
-        let mut light = Vec3::ZERO;
+        let mut light = seen.emission;
         for incident in self.world.lights.iter().filter_map(|light| light.incident(seen.lifted)) {
             let cosine = seen.normal.dot(incident.dir) as f32;
             let (share, origin) =

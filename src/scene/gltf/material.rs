@@ -10,7 +10,7 @@ use gltf::json::validation::Checked;
 use serde_json::Value;
 
 use super::document::{Document, index};
-use super::{ReadOptions, extension, transmission};
+use super::{ReadOptions, emission, extension, transmission};
 use crate::scene::alpha::AlphaSums;
 use crate::scene::image::Refused;
 use crate::scene::model::{Alpha, Material, Part};
@@ -99,7 +99,7 @@ fn material(
         document.charge(AlphaSums::bytes(&t.texture), &at)?;
     }
     let emissive = json.emissive_factor.0.iter().any(|v| *v > 0.0);
-    if emissive && texture.is_none() && base_color[..3] == [0.0; 3] {
+    if emissive && !images.options.emission && texture.is_none() && base_color[..3] == [0.0; 3] {
         warnings.add(format!("material {name} only emits light, which is not taken: it is black"));
     }
     let shell = extensions.and_then(|e| e.others.get(extension::NAME)).filter(|json| !extension::places_copies(json));
@@ -114,6 +114,14 @@ fn material(
         // Its alpha is what counts, or where a colour was cut out of its picture.
         if images.options.textures { images.reference(info, false, &at, warnings) } else { Ok(None) }
     })?;
+    let emission = if unlit || !images.options.emission {
+        None
+    } else {
+        emission::read(document, json, &at, |info| {
+            // Its alpha says nothing.
+            if images.options.textures { images.reference(info, true, &at, warnings) } else { Ok(None) }
+        })?
+    };
     Ok(Material {
         name,
         base_color: base_color.map(|c| if c.is_finite() { c.max(0.0) } else { 0.0 }),
@@ -122,6 +130,7 @@ fn material(
         double_sided: json.double_sided,
         unlit,
         finish: Finish::PLAIN,
+        emission: emission.map(Box::new),
         transmission: transmission.filter(|_| !unlit).map(Box::new),
         shell: shell.map(Arc::new),
         wind: wind.flatten(),

@@ -6,6 +6,7 @@ mod attributes;
 mod clip;
 mod copies;
 mod document;
+mod emission;
 mod extension;
 mod filters;
 mod light;

@@ -1,5 +1,5 @@
-//! A model → a glTF file that says no more than glTF 2.0, KHR_lights_punctual, KHR_materials_unlit, KHR_texture_transform and
-//! EXT_mesh_gpu_instancing can.
+//! A model → a glTF file that says no more than glTF 2.0, KHR_lights_punctual, KHR_materials_unlit,
+//! KHR_materials_emissive_strength, KHR_texture_transform and EXT_mesh_gpu_instancing can.
 
 mod affine;
 mod material;

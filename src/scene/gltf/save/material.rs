@@ -48,6 +48,17 @@ impl<'a> Materials<'a> {
             file.use_extension("KHR_materials_unlit")?;
             said["extensions"] = json!({"KHR_materials_unlit": {}});
         }
+        if let Some(emission) = &own.emission {
+            let strength = emission.color.iter().copied().fold(1.0, f32::max);
+            said["emissiveFactor"] = json!(emission.color.map(|c| c / strength));
+            if strength > 1.0 {
+                file.use_extension("KHR_materials_emissive_strength")?;
+                said["extensions"] = json!({"KHR_materials_emissive_strength": {"emissiveStrength": strength}});
+            }
+            if let Some(texture) = emission.texture.as_ref().filter(|_| textured) {
+                said["emissiveTexture"] = self.reference(texture, file)?;
+            }
+        }
         if let Some(texture) = own.texture.as_ref().filter(|_| textured) {
             said["pbrMetallicRoughness"]["baseColorTexture"] = self.reference(texture, file)?;
         }
