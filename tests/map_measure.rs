@@ -13,11 +13,15 @@ use vtex::volume::{Depth, Info, Volume, Voxel};
 
 /// A texel of one voxel, `size` metres wide and filled to the top, that goes on from cell to cell.
 fn turf(path: &Path, size: f64) {
+    texel(path, size, true);
+}
+
+fn texel(path: &Path, size: f64, cyclic: bool) {
     let half = size / 2.0;
     let info = Info {
         bounds: Aabb::new(DVec3::new(-half, 0.0, -half), DVec3::new(half, size, half)),
         facet_size: 0.01,
-        cyclic: [true, true, false],
+        cyclic: [cyclic, cyclic, false],
         ..Info::default()
     };
     let depths = vec![Depth { masks: vec![0], voxels: vec![Voxel::default()], mixes: Vec::new() }];
@@ -212,4 +216,28 @@ fn a_ground_that_faces_down_is_noticed() {
     let (said, scene) = mapped(folder.path(), &["--height-along", "normals"]);
     assert!(said.contains("warning: the ground faces down"), "{said}");
     assert_eq!(scene.model.parts[0].heights, Some(vec![[0.0, -10.0, 0.0]; 4]));
+}
+
+#[test]
+fn what_a_shell_cuts_or_stretches_is_a_warning() {
+    let folder = tempfile::tempdir().unwrap();
+    let texels = folder.path().join("turf.vtex");
+    file(&folder.path().join("in.gltf"), &[SQUARE], &[], json!([{"mesh": 0}]), json!([{"name": "soil"}]));
+    let said = |more: &[&str]| mapped(folder.path(), more).0;
+    turf(&texels, 1.0);
+    // What is cyclic shows no copies that could be cut.
+    assert!(!said(&["--repeat", "9.5"]).contains("warning"));
+    let wide = said(&["--repeat", "10,5"]);
+    assert!(wide.contains("warning: soil: copies are stretched to 10.000 × 20.000 m"), "{wide}");
+    texel(&texels, 1.0, false);
+    for (more, cut) in [
+        (&["--repeat", "10", "--displace", "0"][..], false),
+        (&["--repeat", "9.5", "--displace", "0"], true),
+        (&["--repeat", "10", "--displace", "0.1"], true),
+    ] {
+        let text = said(&[&["--bend"], more].concat());
+        assert_eq!(text.contains("warning: soil: copies that stand where it"), cut, "{more:?}: {text}");
+    }
+    // Rigid copies are whole.
+    assert!(!said(&["--density", "100"]).contains("cut"));
 }

@@ -1,5 +1,6 @@
 //! Covers a plain glTF mesh with texels: rigid copies of isolated objects, shells of what is continuous.
 
+mod borders;
 mod copies;
 mod heightfield;
 mod made;
@@ -164,6 +165,7 @@ fn map_mesh(input: &Path, options: &MapOptions, output: &Path) -> Result<Mapped>
         } else {
             extensions[extension::NAME] = shell;
         }
+        borders::say(options, &plan, &members, &name, &mut warnings);
         mapped.covered.extend(covered(&name, &plan, options, &members));
         for (k, &i) in of_material[&index].iter().enumerate().filter(|_| fresh) {
             let mesh = homes.get(i).copied().unwrap_or(members[k].0.mesh);

@@ -1,0 +1,88 @@
+//! What a shell does to copies that is not said by its numbers: they are cut where it ends or its coordinates do, and stretched
+//! where these are.
+
+use std::collections::HashMap;
+
+use super::options::MapOptions;
+use super::plan::{Plan, SurfacePlan};
+use super::surface::{Coordinates, Surface};
+use crate::Warnings;
+use crate::error::length;
+use crate::geom::DVec3;
+
+/// Copies that are so much longer than wide are called stretched: a texel is a cube.
+const STRETCHED: f64 = 1.25;
+/// How far an edge may lie from the border of cells, in cells.
+const ON_BORDER: f64 = 0.01;
+/// Of larger meshes it is taken for granted that they end somewhere.
+const MOST_TRIANGLES: usize = 1 << 20;
+
+/// Say what happens to copies on the faces of the material `name`.
+pub fn say(
+    options: &MapOptions,
+    plan: &Plan,
+    members: &[(&Surface, &SurfacePlan)],
+    name: &str,
+    warnings: &mut Warnings,
+) {
+    for (_, planned) in members {
+        let [width, depth] = planned.cell;
+        if planned.coordinates != Coordinates::Own && width.max(depth) > STRETCHED * width.min(depth) {
+            let (width, depth) = (length(width), length(depth));
+            warnings.add(format!("{name}: copies are stretched to {width} × {depth} m; option `cells` sets them"));
+        }
+    }
+    // What goes on from cell to cell has no copies that one could see cut.
+    if options.texels.iter().all(|(_, info)| info.cyclic[0] && info.cyclic[1]) || !cuts(options, plan, members) {
+        return;
+    }
+    warnings.add(format!(
+        "{name}: copies that stand where it or its texture coordinates end are cut there; rigid ones, without option `bend`, \
+         are whole"
+    ));
+}
+
+/// An edge by the places of its ends, the lower first.
+type Edge = [[u32; 3]; 2];
+
+/// Whether some copy is cut: an edge of one face alone, or where coordinates jump, that is no border of cells or that copies are
+/// displaced over.
+fn cuts(options: &MapOptions, plan: &Plan, members: &[(&Surface, &SurfacePlan)]) -> bool {
+    if members.iter().map(|(s, _)| s.geometry.triangles.len()).sum::<usize>() > MOST_TRIANGLES {
+        return true;
+    }
+    let displaced = options.displace[..2].iter().any(|d| *d > 0.0);
+    // Coordinates of the ends in cells, by the face that was seen first; whether another has gone on from it.
+    let mut open: HashMap<Edge, ([[f64; 2]; 2], bool)> = HashMap::new();
+    let mut cut = false;
+    for (surface, planned) in members {
+        let origin = if matches!(planned.coordinates, Coordinates::Planar(_)) { plan.origin } else { [0.0; 2] };
+        for face in surface.faces(surface.world(), planned.coordinates) {
+            let cells = face.chart.map(|c| [0, 1].map(|k| (c[k] - origin[k]) * planned.scale[k]));
+            for (a, b) in [(0, 1), (1, 2), (2, 0)] {
+                let mut ends = [(place(face.corners[a]), cells[a]), (place(face.corners[b]), cells[b])];
+                ends.sort_by_key(|end| end.0);
+                let at = ends.map(|end| end.1);
+                match open.get_mut(&ends.map(|end| end.0)) {
+                    None => drop(open.insert(ends.map(|end| end.0), (at, false))),
+                    Some((first, met)) => {
+                        *met = true;
+                        let jumps = (0..4).any(|i| (first[i / 2][i % 2] - at[i / 2][i % 2]).abs() > ON_BORDER);
+                        cut |= jumps && (displaced || !is_border(at) || !is_border(*first));
+                    }
+                }
+            }
+        }
+    }
+    cut || open.values().any(|(at, met)| !met && (displaced || !is_border(*at)))
+}
+
+/// A place, to be compared.
+fn place(p: DVec3) -> [u32; 3] {
+    p.as_vec3().to_array().map(|v| (v + 0.0).to_bits())
+}
+
+/// Whether an edge runs along the border of cells.
+fn is_border([a, b]: [[f64; 2]; 2]) -> bool {
+    (0..2).any(|k| (a[k] - a[k].round()).abs() < ON_BORDER && (a[k] - b[k]).abs() < ON_BORDER)
+}
