@@ -24,24 +24,37 @@ pub fn shares_at(
     let mut counts = Counts::default();
     let choice = DepthChoice { bias, lod_dither: 0.5, finest: u8::MAX };
     let quality = ShadowQuality { choice, stop_below: FAINT, source_geometry: false, left_out };
-    let mut share = |part: &Part| {
-        let towards = |dir: DVec3| ShadowCone {
-            ray: Ray { origin: x, dir },
-            end: f64::INFINITY,
-            start: None,
-            width,
-            growth: part.growth,
-        };
-        let rays = part.rays.iter().map(|&dir| towards(dir).mesh_transmittance(world));
-        let through = rays.sum::<f32>() / part.rays.len() as f32;
-        counts.sky_cones += 1;
-        towards(part.axis).transmittance(world, through, quality, &mut counts)
+    let towards = |part: &Part, dir: DVec3| ShadowCone {
+        ray: Ray { origin: x, dir },
+        end: f64::INFINITY,
+        start: None,
+        width,
+        growth: part.growth,
     };
+    let list = &world.surround.parts.list;
+    let through = past_meshes(list, |part, dir| towards(part, dir).mesh_transmittance(world));
     let mut shares = [0.0; PARTS];
-    for (value, part) in shares.iter_mut().zip(&world.surround.parts.list) {
-        *value = share(part);
+    for ((value, part), through) in shares.iter_mut().zip(list).zip(through) {
+        counts.sky_cones += 1;
+        *value = towards(part, part.axis).transmittance(world, through, quality, &mut counts);
     }
     (SmallShares::new(shares), counts)
+}
+
+/// The share of each part that comes past the meshes, where `open` tells it of a ray. Few rays tell which parts are open and which
+/// are hidden; more are cast where the edge between these runs.
+fn past_meshes(list: &[Part], open: impl Fn(&Part, DVec3) -> f32) -> [f32; PARTS] {
+    let mean = |part: &Part, rays: &[DVec3]| rays.iter().map(|&dir| open(part, dir)).sum::<f32>() / rays.len() as f32;
+    let mut few = [0.0; PARTS];
+    few.iter_mut().zip(list).for_each(|(value, part)| *value = mean(part, &part.rays));
+    let mut all = few;
+    for (k, (value, part)) in all.iter_mut().zip(list).enumerate() {
+        let is_cut = few[k] > 0.0 && few[k] < 1.0 || part.beside.iter().any(|&n| few[n] != few[k]);
+        if is_cut {
+            *value = mean(part, &part.more);
+        }
+    }
+    all
 }
 
 /// A corner that lies a little below the ground sees nothing, and yet is one of those around what stands on it: the place
@@ -59,5 +72,50 @@ pub fn out_of_the_ground(world: &World<'_>, x: DVec3, size: f64) -> DVec3 {
     match meets(DVec3::Y) {
         Some(t) if meets(DVec3::NEG_Y).is_none() => x + (t + 0.05 * size) * DVec3::Y,
         _ => x,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::render::surround::Parts;
+
+    /// What a wall of the height `h`, from −`w`/2 to `w`/2 along z, hides of the cosine-weighted sky at a distance `d` from its
+    /// middle: form factors of a point and an upright rectangle (J. Howell, *A Catalog of Radiation Heat Transfer Configuration
+    /// Factors*, B-3).
+    fn hidden(d: f64, w: f64, h: f64) -> f64 {
+        let slant = d.hypot(h);
+        (libm::atan(0.5 * w / d) - d / slant * libm::atan(0.5 * w / slant)) / std::f64::consts::PI
+    }
+
+    #[test]
+    fn a_finite_wall_hides_its_solid_angle() {
+        let list = Parts::new(|_| DVec3::ONE).list;
+        assert!(list.iter().all(|part| part.axis.y < 0.0 || part.beside.len() > 1));
+        let (mut most, mut sum, mut count) = (0.0f64, 0.0, 0.0);
+        for (w, h) in [(4.0, 2.0), (1.0, 3.0), (20.0, 3.0), (2.0, 0.5), (6.0, 6.0)] {
+            for n in 0..40 {
+                let d = 0.1 * 1.1f64.powi(n);
+                // The wall stands in the direction of x, turned about the vertical.
+                let (sin, cos) = libm::sincos(0.7 * f64::from(n));
+                let open = |_: &Part, dir: DVec3| {
+                    let (x, z) = (dir.x * cos + dir.z * sin, dir.z * cos - dir.x * sin);
+                    let t = d / x;
+                    f32::from(dir.y > 0.0 && !(x > 0.0 && (t * z).abs() < 0.5 * w && t * dir.y < h))
+                };
+                let shares = past_meshes(&list, open);
+                // The part's own cosine stands for all of it.
+                let all: f64 = list.iter().map(|p| p.axis.y.max(0.0) * p.growth * p.growth).sum();
+                let seen = list.iter().zip(shares).map(|(p, s)| f64::from(s) * p.axis.y.max(0.0) * p.growth * p.growth);
+                let error = seen.sum::<f64>() / all - (1.0 - hidden(d, w, h));
+                most = most.max(error.abs());
+                sum += error;
+                count += 1.0;
+            }
+        }
+        // A part is some 1/14 of what the ground sees, and an edge through it is right to half a fifth of it, .007. The top and the
+        // sides of a wall run through a dozen parts, whose errors cancel in part; these add up to three times as much as one in the
+        // mean square, and six times at the most. (One or two rays for each part had .11 at the most, .046 in the mean square.)
+        assert!(most < 0.042 && (sum / count).abs() < 0.005, "{most} {}", sum / count);
     }
 }

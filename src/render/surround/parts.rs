@@ -14,6 +14,10 @@ pub struct Part {
     pub growth: f64,
     /// Rays to look for meshes by, spread over it; unit.
     pub rays: Vec<DVec3>,
+    /// Rays for a part that a mesh hides in part: a lattice, which an edge parts at any of its places, however it runs.
+    pub more: Vec<DVec3>,
+    /// The parts beside it that are on its side of the horizon, where the edge of what hides it goes on.
+    pub beside: Vec<usize>,
     /// The light that comes from it.
     pub light: Harmonics,
 }
@@ -21,6 +25,13 @@ pub struct Part {
 /// Rings: sine of the elevation from and to, parts, rays a part. Most are where land and trees hide the sky.
 const RINGS: [(f64, f64, usize, usize); 6] =
     [(-1.0, -0.5, 3, 1), (-0.5, 0.0, 5, 1), (0.0, 0.2, 7, 2), (0.2, 0.45, 7, 2), (0.45, 0.75, 6, 1), (0.75, 1.0, 4, 1)];
+
+/// Rays of a part that is hidden in part, and the step of their lattice: each fifth of either side has one of them.
+const MORE: usize = 5;
+const STEP: usize = 2;
+/// Least cosine between the middles of parts that are beside one another, of those above the horizon; below it, parts are larger and
+/// few, and mostly ground.
+const BESIDE: f64 = 0.68;
 
 /// Number of parts.
 pub const PARTS: usize = 32;
@@ -80,8 +91,15 @@ fn parts(radiance: impl Fn(DVec3) -> DVec3) -> Vec<Part> {
             let spread = (0..N * N).map(|i| at(((i / N) as f64 + 0.5) / N as f64, ((i % N) as f64 + 0.5) / N as f64));
             let light = spread.map(|dir| Harmonics::from_direction(dir, radiance(dir) * (size / (N * N) as f64))).sum();
             let rays = (0..rays).map(|i| at(0.5, (i as f64 + 0.5) / rays as f64)).collect();
-            all.push(Part { axis: at(0.5, 0.5), growth: size.sqrt(), rays, light });
+            let more = (0..MORE).map(|i| [i, STEP * i % MORE].map(|n| (n as f64 + 0.5) / MORE as f64));
+            let more = more.map(|[up, around]| at(up, around)).collect();
+            all.push(Part { axis: at(0.5, 0.5), growth: size.sqrt(), rays, more, beside: Vec::new(), light });
         }
+    }
+    let axes: Vec<DVec3> = all.iter().map(|part| part.axis).collect();
+    for (part, axis) in all.iter_mut().zip(&axes) {
+        let is_beside = |other: &DVec3| other != axis && other.dot(*axis) > BESIDE && (other.y > 0.0) == (axis.y > 0.0);
+        part.beside = (0..axes.len()).filter(|&n| is_beside(&axes[n])).collect();
     }
     all
 }
