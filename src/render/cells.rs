@@ -6,7 +6,7 @@
 use super::jitter::stretch;
 pub use super::layer::{TexelChoice, TexelLayer, row};
 use super::placement::PlacedCopy;
-use super::shell::{Foot, ShellSegment};
+use super::shell::{Foot, MOST_CELLS, ShellSegment};
 use crate::geom::{Aabb, DMat3, DVec3, Ray, Vec3};
 use crate::scene::shell::CellWrap;
 
@@ -72,9 +72,6 @@ fn span_in_unit_cube(ray: &Ray, end: f64) -> Option<(f64, f64)> {
     }
     (near < far).then_some((near, far))
 }
-
-/// At most so many cells along one straight segment are looked into.
-const MAX_CELLS_PER_SEGMENT: u32 = 1 << 16;
 
 impl TexelLayer {
     /// A shell's segment in the layer's own texel coordinates, cut into chords where noise bends it, in order, until `each`
@@ -153,7 +150,7 @@ impl TexelLayer {
             let [low, high] = self.around(cell);
             come_near(low, high, &mut waiting);
         }
-        for _ in 0..MAX_CELLS_PER_SEGMENT {
+        for _ in 0..MOST_CELLS {
             let axis = (0..3).fold(0, |best, k| if next[k] < next[best] { k } else { best });
             let end = next[axis].min(t1);
             if overlapping {
@@ -372,6 +369,6 @@ mod tests {
             n += 1;
             true
         });
-        assert_eq!(n, MAX_CELLS_PER_SEGMENT);
+        assert_eq!(n, MOST_CELLS);
     }
 }

@@ -9,6 +9,9 @@ use crate::scene::Part;
 use crate::scene::shell::ShellMaterial;
 use crate::scene::wind::Moment;
 
+/// From here on numbers of single precision have no fractions, and tell no place in a cell.
+const WHOLE: f64 = 16_777_216.0;
+
 /// Wind that bends height vectors, in the renderer's space: (world − eye) / unit.
 pub struct Bend {
     pub wind: Moment,
@@ -65,7 +68,10 @@ pub fn boxes(
             None => flat += 1,
         }
     }
-    warnings.add_many(format!("{}: a shell's face has no volume and is left out", part.name), flat);
+    warnings.add_many(
+        format!("{}: a shell's face has no volume, or texture coordinates beyond ±2²⁴, and is left out", part.name),
+        flat,
+    );
     warnings.add_many(format!("{}: a shell's box is folded: its height vectors cross", part.name), folded);
     curved
 }
@@ -185,7 +191,7 @@ impl<'a> Corners<'a> {
         Some(Corners { part, material, uvs, place, heights, from, to, stretch, rounding })
     }
 
-    /// Vertex `v`; `None` where there is none, or it is not finite.
+    /// Vertex `v`; `None` where there is none, it is not finite, or its texture coordinates have no fractions.
     fn get(&self, v: u32) -> Option<Corner> {
         let (part, i) = (self.part, v as usize);
         let p = placed(&self.place, part.positions.get(i)?);
@@ -209,7 +215,8 @@ impl<'a> Corners<'a> {
         if self.stretch != 1.0 {
             (corner.h, corner.dw) = (self.stretch * corner.h, self.stretch * dw);
         }
-        (corner.p.is_finite() && corner.h.is_finite()).then_some(corner)
+        let known = corner.p.is_finite() && corner.h.is_finite() && q.abs().max_element() < WHOLE;
+        known.then_some(corner)
     }
 
     /// The corners of a face; `None` where one is missing.

@@ -485,3 +485,19 @@ fn a_wall_hides_its_form_factor() {
 }
 
 mod patches;
+
+/// Texture coordinates as a damaged file has them: a ray would run through more cells than it ever comes to the end of.
+#[test]
+fn cells_without_number_end() {
+    let tree = || vec![Some(texel(2, grey(0.25), |_| true))];
+    for (far, left_out) in [(3e38, true), (f32::NAN, true), (1e7, false)] {
+        let mut part = square(50.0, 50.0, 0);
+        part.uvs[0][0] = [far; 2];
+        // Leaning, so that the box is twisted and its rays are cut in pieces.
+        part.heights = Some(vec![[0.4, 0.7, -0.1], [0.0, 0.9, 0.3], [-0.2, 0.7, 0.0], [0.0, 0.5, 0.0]]);
+        let scene = dark(scene(vec![part], vec![shell(0.7, true)], vec![DAffine3::IDENTITY]));
+        let options = looking(DVec3::new(0.3, 4.0, 0.2), DVec3::new(0.5, 0.0, 0.1), 4);
+        let warnings = render_with(&scene, tree(), &options, &Quiet).unwrap().warnings.as_reasons();
+        assert_eq!(warnings.contains("beyond ±2²⁴"), left_out, "{far}: {warnings}");
+    }
+}

@@ -2,6 +2,9 @@
 
 use crate::geom::{DMat3, DVec3};
 
+/// At most so many cells along one piece of a ray are looked into; one that runs through more is not cut any further.
+pub const MOST_CELLS: u32 = 1 << 16;
+
 /// A corner of a face: base position, height vector, texel coordinate at the base, and how much w grows to the top.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Corner {
