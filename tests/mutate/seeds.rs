@@ -26,6 +26,8 @@ pub struct Format {
 
 /// Larger inputs are left out: their mutants would take too long.
 const MOST_BYTES: usize = 96 << 10;
+/// The same of kinds that are packed well: what they are unpacked to is filtered and contoured, for a second each.
+const MOST_PACKED: usize = 1 << 10;
 
 /// How a file is mutated, by its name.
 pub fn kind(name: &str) -> Kind {
@@ -135,6 +137,10 @@ fn sort_in(file: &Path, all: &mut [Format]) {
         return;
     }
     let Some(seed) = with_dependencies(file, &name) else { return };
+    let packs = names.iter().any(|n| ["NRRD", "JPEG"].contains(n));
+    if packs && seed.files.iter().map(|f| f.1.len()).sum::<usize>() > MOST_PACKED {
+        return;
+    }
     for format in all.iter_mut().filter(|f| names.contains(&f.name)) {
         let mut seed = seed.clone();
         if format.command == Command::Map {
