@@ -87,9 +87,13 @@ impl TexelLayer {
         let (q0, q1) = (segment.q0 * scale + offset, segment.q1 * scale + offset);
         let to_texel = DMat3::from_diagonal(scale) * segment.to_texel;
         let placed = ShellSegment { q0, q1, to_texel, feet, ..*segment };
+        // Of so many cells nothing is seen that noise could bend.
+        let many = (q1 - q0).abs().max_element() > f64::from(MOST_CELLS);
         match &self.jitter {
-            None => each(&placed),
-            Some(jitter) => jitter.for_each_chord(&placed, stretch(self.layer.continuous.as_ref()), tolerance, each),
+            Some(jitter) if !many => {
+                jitter.for_each_chord(&placed, stretch(self.layer.continuous.as_ref()), tolerance, each)
+            }
+            _ => each(&placed),
         }
     }
 

@@ -215,7 +215,9 @@ impl<'a> Corners<'a> {
         if self.stretch != 1.0 {
             (corner.h, corner.dw) = (self.stretch * corner.h, self.stretch * dw);
         }
-        let known = corner.p.is_finite() && corner.h.is_finite() && q.abs().max_element() < WHOLE;
+        let scales = self.material.layers.iter().map(|layer| DVec3::from_array(layer.scale).abs());
+        let cells = q.abs() * scales.fold(DVec3::ONE, DVec3::max);
+        let known = corner.p.is_finite() && corner.h.is_finite() && cells.cmplt(DVec3::splat(WHOLE)).all();
         known.then_some(corner)
     }
 

@@ -80,15 +80,21 @@ pub fn read(path: &Path) -> Result<Image> {
     }
 }
 
-/// The size that a header claims, against [`MAX_READ`] and the length of the file: deflate, the densest coding there
-/// is in both formats, gives at most 1032 bytes per byte, and a byte at most 8 pixels.
+/// Bytes that deflate, the densest coding there is in PNG and EXR, gives per byte at the most.
+const MOST_DEFLATED: u64 = 1032;
+
+fn too_short(path: &Path, width: u64, height: u64) -> Error {
+    Error::input(path, "", format!("the file is too short for {width}×{height} pixels"))
+}
+
+/// The size that a header claims, against [`MAX_READ`] and the length of the file; a byte is at most 8 pixels.
 fn check_size(path: &Path, width: u64, height: u64, file_bytes: u64) -> Result<()> {
     let pixels = width.saturating_mul(height);
     if pixels == 0 {
         return Err(Error::input(path, "", "the picture has no pixels"));
     }
-    if pixels / (8 * 1032) > file_bytes {
-        return Err(Error::input(path, "", format!("the file is too short for {width}×{height} pixels")));
+    if pixels / (8 * MOST_DEFLATED) > file_bytes {
+        return Err(too_short(path, width, height));
     }
     if pixels > MAX_READ {
         return Err(Error::Limit { what: format!("{}: pixels", path.display()), needed: pixels, allowed: MAX_READ });
@@ -103,6 +109,12 @@ fn read_png(path: &Path) -> Result<Image> {
     let decoder = decoder(&bytes, ImageFormat::Png).map_err(broken)?;
     let (width, height) = decoder.dimensions();
     check_size(path, width.into(), height.into(), bytes.len() as u64)?;
+    // The decoder takes memory for all of it before it finds that there is less.
+    let bits = u64::from(decoder.original_color_type().bits_per_pixel());
+    let packed = (u64::from(width) * u64::from(height)).saturating_mul(bits) / 8;
+    if packed / MOST_DEFLATED > bytes.len() as u64 {
+        return Err(too_short(path, width.into(), height.into()));
+    }
     let decoded = DynamicImage::from_decoder(decoder).map_err(broken)?;
     let premultiply = |[r, g, b, a]: [f32; 4]| [r * a, g * a, b * a, a];
     let deep = matches!(
@@ -301,6 +313,23 @@ mod tests {
         let back: Vec<[u8; 3]> = image.rgba.iter().map(|p| [srgb8(p[0]), srgb8(p[1]), srgb8(p[2])]).collect();
         assert_eq!(back, rgb);
         assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn png_that_claims_more_than_it_can_hold_is_refused() {
+        let mut bytes = Cursor::new(Vec::new());
+        image::RgbaImage::new(4, 4).write_to(&mut bytes, image::ImageFormat::Png).unwrap();
+        let mut bytes = bytes.into_inner();
+        // 33 kB are 34 MB at the most, and these pixels 138 MB.
+        bytes[16..24].copy_from_slice(&[33792u32.to_be_bytes(), 1024u32.to_be_bytes()].concat());
+        let sum = crc32fast::hash(&bytes[12..29]);
+        bytes[29..33].copy_from_slice(&sum.to_be_bytes());
+        bytes.resize(32_871, 0);
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("a.png");
+        std::fs::write(&path, bytes).unwrap();
+        let said = read(&path).unwrap_err().to_string();
+        assert!(said.contains("too short for 33792×1024"), "{said}");
     }
 
     #[test]
