@@ -187,6 +187,7 @@ class Texel:
         need(len(materials) == mixed[0].q + 1 if mixed else len(materials) <= 1, "meta-json", "materials")
         names = [m["name"] for m in materials]
         need(all(names) and len(set(names)) == len(names), "meta-json", "names of materials")
+        need(all(len(m["albedo"]) == 3 for m in materials), "meta-json", "materials")
         need(all(0 <= v <= 1 for m in materials for v in m["albedo"] + [m["share"]]), "meta-json", "materials")
         self.meta = meta
 

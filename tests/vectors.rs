@@ -4,8 +4,10 @@ use std::path::{Path, PathBuf};
 
 use vtex::Error;
 use vtex::format::{Limits, Reader, verify};
-use vtex::geom::Vec3;
-use vtex::render::{DepthChoice, MarchSegment, MarchStats, transmittance};
+use vtex::geom::{Mat3, Vec3};
+use vtex::march::shade::Shader;
+use vtex::render::{DepthChoice, MarchSegment, MarchStats, Sink, VoxelHit, transmittance};
+use vtex::volume::brightness::BrightnessFactors;
 use vtex::volume::{Octree, Volume, Voxel};
 
 fn vectors(kind: &str) -> Vec<PathBuf> {
@@ -37,7 +39,7 @@ fn every_bad_vector_breaks_the_rule_of_its_name() {
 #[test]
 fn every_good_vector_holds_what_its_text_says() {
     let files = vectors("ok-");
-    assert!(files.len() >= 18, "{}", files.len());
+    assert!(files.len() >= 24, "{}", files.len());
     for path in files {
         verify(&path).unwrap_or_else(|e| panic!("{e}"));
         let reader = Reader::open(&path, &Limits::default()).unwrap();
@@ -74,6 +76,75 @@ fn rays_lose_what_the_text_says() {
         }
     }
     assert!(rays > 150, "{rays}");
+}
+
+/// R6 to R8: what is seen of a voxel is lit as the vectors say. Eight normals stand for all: of ten thousand random lobes the worst
+/// was .071 off, and weights of one side leave fewer of them.
+#[test]
+fn voxels_are_lit_as_the_text_says() {
+    const CUBATURE: f32 = 0.1;
+    let text = include_str!("../format-spec/vectors/shading-1.txt");
+    let (mut seen, mut lamps, mut squares) = (0, 0, 0.0);
+    for line in text.lines() {
+        let (given, wanted) = line.split_once(" → ").unwrap();
+        let (kind, given) = given.split_once(' ').unwrap();
+        let numbers = |text: &str| text.split(' ').map(|n| n.parse::<f32>().unwrap()).collect::<Vec<_>>();
+        let (n, wanted) = (numbers(given), numbers(wanted));
+        let at = |i: usize| Vec3::new(n[i], n[i + 1], n[i + 2]);
+        if kind == "lamp" {
+            let found = BrightnessFactors::new([0, 1, 2].map(|i| n[i].into())).lit(n[3]);
+            // Factors are kept to a step of 1/256.
+            assert!((found - wanted[0]).abs() < 3e-3, "{line}: {found}");
+            lamps += 1;
+            continue;
+        }
+        let voxel = Voxel {
+            ndf: [0, 1, 2, 3, 4, 5].map(|i| if i < 3 { n[i] as u8 } else { (n[i] + 128.0) as u8 }),
+            correlation: (n[6] as u8) << 4,
+            mean_normal: [n[7] as u8, n[8] as u8],
+            ..Voxel::default()
+        };
+        let jacobian = Mat3::from_cols(at(9), at(12), at(15)).transpose();
+        let cofactors = jacobian.inverse().transpose() * jacobian.determinant();
+        let (view, light) = (at(18).normalize(), at(21).normalize());
+        for (light, wanted) in [light, -light].into_iter().zip(&wanted) {
+            let mut groups = Vec::new();
+            let lights = [light];
+            let mut shader = Shader::new(view, &lights, Some(cofactors), Vec3::ONE, &[], &mut groups);
+            shader.voxel(&VoxelHit { t: 0.0, weight: 1.0, depth: 0, voxel: &voxel, rank: 0, position: Vec3::ZERO });
+            shader.finish();
+            let found: f32 = groups.iter().map(|g| g.energy.x).sum();
+            assert!((found - wanted).abs() < CUBATURE, "{line}: {found} for {wanted}");
+            squares += (found - wanted).powi(2);
+            seen += 1;
+        }
+    }
+    assert!(seen > 90 && lamps > 10, "{seen} {lamps}");
+    // The root of the mean square of random lobes is .014, of one-sided ones more.
+    assert!((squares / seen as f32).sqrt() < 0.03, "{}", (squares / seen as f32).sqrt());
+}
+
+/// The table of `rules.md` names every vector that there is.
+#[test]
+fn the_table_of_rules_is_whole() {
+    let rules = include_str!("../format-spec/rules.md");
+    let mut count = std::collections::BTreeMap::new();
+    for path in vectors("bad-") {
+        let (code, _) = path.file_stem().unwrap().to_str().unwrap()[4..].rsplit_once('-').unwrap();
+        *count.entry(code.to_owned()).or_insert(0) += 1;
+    }
+    for (code, count) in count {
+        let row = rules.lines().find(|line| line.starts_with(&format!("| `{code}` |"))).unwrap();
+        let cell = row.split('|').nth(3).unwrap().trim();
+        let wanted = if count == 1 { "1".to_owned() } else { format!("1 … {count}") };
+        assert_eq!(cell, wanted, "{code}");
+    }
+    for path in vectors("ok-") {
+        let name = &path.file_stem().unwrap().to_str().unwrap()[3..];
+        let group = name.rsplit_once('-').map_or(name, |(group, _)| group);
+        let is_named = rules.contains(&format!("`{name}`")) || rules.contains(&format!("`{group}-…`"));
+        assert!(is_named || name.starts_with("filter-"), "{name}");
+    }
 }
 
 /// What `format-spec/vtex-1.md` calls the text of a texel.

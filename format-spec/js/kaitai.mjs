@@ -22,7 +22,8 @@ const reads = (name) => {
     return false;
   }
 };
-const vectors = readdirSync(join(folder, "vectors")).filter((name) => name.endsWith(".vtex")).sort();
+const vectors = readdirSync(join(folder, "vectors")).filter((name) => name.endsWith(".vtex"));
+vectors.sort((a, b) => a.localeCompare(b, "en", { numeric: true }));
 const refused = {};
 let wrong = 0;
 for (const name of vectors) {

@@ -228,8 +228,8 @@ def shares(codes, q, materials, albedo):
 
 # What a ray loses: section 10.
 
-def sigma(v, w):
-    a, b, c = (m / 127 for m in v["corr"])
+def positive(a, b, c):
+    """Correlations of a matrix that is positive."""
     if 1 + 2 * a * b * c - a * a - b * b - c * c < 0:
         low, high = 0.0, 1.0
         for _ in range(200):
@@ -237,6 +237,11 @@ def sigma(v, w):
             inside = 1 + 2 * a * b * c * f ** 3 - (a * a + b * b + c * c) * f * f >= 0
             low, high = (f, high) if inside else (low, f)
         a, b, c = a * low, b * low, c * low
+    return a, b, c
+
+
+def sigma(v, w):
+    a, b, c = positive(*(m / 127 for m in v["corr"]))
     x, y, z = (r / 255 * u for r, u in zip(v["root"], w))
     return math.sqrt(max(0.0, x * x + y * y + z * z + 2 * (a * x * y + b * x * z + c * y * z)))
 
@@ -282,6 +287,103 @@ def transmittance(texel, values, origin, direction, depth):
         phi = 1.0 if k == 0 else -math.expm1(-k) / k
         inside = max(0.0, inside * math.exp(-k) - c * tau * phi)
     return total * inside
+
+
+def factor(v):
+    """A with S = A transposed A, and the correlations made positive."""
+    a, b, c = positive(*(m / 127 for m in v["corr"]))
+    root = [r / 255 for r in v["root"]]
+    s = [[root[i] * root[j] * r for j, r in enumerate(row)] for i, row in enumerate(((1, a, b), (a, 1, c), (b, c, 1)))]
+    out = [[0.0] * 3 for _ in range(3)]
+    for i in range(3):
+        for j in range(i + 1):
+            rest = s[i][j] - sum(out[i][k] * out[j][k] for k in range(j))
+            if i == j:
+                out[i][i] = math.sqrt(max(rest, 0.0))
+            elif out[j][j] > 1e-7:
+                out[i][j] = rest / out[j][j]
+    return out
+
+
+def times(matrix, vector):
+    return [sum(m * x for m, x in zip(row, vector)) for row in matrix]
+
+
+def unit(vector):
+    size = math.sqrt(sum(x * x for x in vector))
+    return [x / size for x in vector]
+
+
+def cofactors(j):
+    pairs = ((1, 2), (2, 0), (0, 1))
+    return [[j[a][c] * j[b][d] - j[a][d] * j[b][c] for c, d in pairs] for a, b in pairs]
+
+
+def octahedral(codes):
+    x, y = (c / 127.5 - 1 for c in codes)
+    z = 1 - abs(x) - abs(y)
+    if z < 0:
+        x, y = x - math.copysign(-z, x), y - math.copysign(-z, y)
+    return unit((x, y, z))
+
+
+def seen(v, jacobian, view, light):
+    """Of what is seen along `view`: E[max(0, m.l)] and E[max(0, -m.l)], by R6 and R8. Facets are those of an ellipsoid, which is seen
+    as a disk: equal areas of the disk are equal shares of what is seen."""
+    cof = cofactors(jacobian)
+    half = factor(v)
+    half = [[sum(cof[i][k] * half[k][j] for k in range(3)) for j in range(3)] for i in range(3)]
+    axis = unit(times([list(c) for c in zip(*half)], view))
+    side = unit(min(([axis[1], -axis[0], 0.0], [0.0, axis[2], -axis[1]]), key=lambda s: -sum(x * x for x in s)))
+    up = [axis[(k + 1) % 3] * side[(k + 2) % 3] - axis[(k + 2) % 3] * side[(k + 1) % 3] for k in range(3)]
+    mean = unit(times(cof, octahedral(v["mean"])))
+    normals, n = [], 80
+    for i in range(n):
+        r = math.sqrt((i + 0.5) / n)
+        h = math.sqrt(1 - r * r)
+        for j in range(2 * n):
+            x, y = r * math.cos(math.pi * (j + 0.5) / n), r * math.sin(math.pi * (j + 0.5) / n)
+            normals.append(unit(times(half, [h * a + x * s + y * u for a, s, u in zip(axis, side, up)])))
+    dot = lambda a, b: sum(p * q for p, q in zip(a, b))
+    share = v["side"] / 15
+    weights = [1.0] * len(normals)
+    if share > 0:
+        k = share / max(0.05, sum(dot(m, mean) ** 2 for m in normals) / len(normals))
+        weights = [max(0.0, 1 + k * dot(m, mean)) for m in normals]
+        if sum(weights) < 1e-3 * len(normals) / 8:
+            weights = [1.0] * len(normals)
+    result = []
+    for sign in (1, -1):
+        mean_of = sum(w * max(0.0, sign * dot(m, light)) for w, m in zip(weights, normals)) / sum(weights)
+        result.append(mean_of + share ** 4 * (max(0.0, sign * dot(mean, light)) - mean_of))
+    return result
+
+
+def shading(dice):
+    """The text of shading-1.txt: section 11.1."""
+    lines = []
+    plain = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]
+    for n in range(48):
+        root = [255, *(dice.randrange(90, 256) for _ in range(2))]
+        k = dice.randrange(3)
+        v = dict(root=root[-k:] + root[:-k], corr=[dice.randrange(-70, 71) for _ in range(3)], side=0, mean=[128, 128])
+        if n % 3 == 1:
+            v.update(side=dice.randrange(1, 16), mean=[dice.randrange(256) for _ in range(2)])
+        if n % 8 == 7:
+            # A sheet: one normal.
+            v.update(root=[0, 0, 255], corr=[0, 0, 0], side=dice.choice((0, 15)), mean=[128, 128])
+        jacobian = plain
+        if n % 4 == 2:
+            jacobian = [[round(plain[i][j] + dice.uniform(-0.6, 0.6), 3) for j in range(3)] for i in range(3)]
+        view, light = ([round(x, 4) for x in unit([dice.gauss(0, 1) for _ in range(3)])] for _ in range(2))
+        front, back = seen(v, jacobian, unit(view), unit(light))
+        numbers = [*v["root"], *v["corr"], v["side"], *v["mean"], *(x for row in jacobian for x in row), *view, *light]
+        lines.append(f"seen {' '.join(map(str, numbers))} → {front:.4f} {back:.4f}")
+    for _ in range(12):
+        b, s, f = (round(dice.uniform(0.25, 4), 3) for _ in range(3))
+        x = round(dice.uniform(-1, 1), 3)
+        lines.append(f"lamp {b} {s} {f} {x} → {s + (f - s) * x if x > 0 else s + (b - s) * -x:.6f}")
+    return "\n".join(lines) + "\n"
 
 
 def text(texel, rays=()):
@@ -379,6 +481,20 @@ def good(dice):
     news = [b"NEWS", 2, 1, 9, 0, 0, 0.5, bytes(8), bytes(8)]
     tail = [b"MORE", 2, 255, 255, b"", b"anything at all", 15, 0, 0, 0, bytes(6)]
     yield "newer", grown(dice, {"RATE": 128}, 3, 0.5, extra=[news], tail=[tail], minor=3, compat=5, topo=10), rays
+    for q in (3, 255):
+        yield f"supp-{q}", grown(dice, {"RATE": 40, "SUPP": q}, 3, 0.4), rays
+    four = colours(dice, 4)
+    yield "materials-4", grown(dice, dict(RATE=128, ALBD=63, MATL=3), 3, 0.4, meta=dict(Texel({}, []).meta, materials=four)), ()
+    many = [{"albedo": [(n + 0.5) / 255, 0.5, (n + 0.25) / 255], "name": f"m{n}", "share": 0.004} for n in range(255)]
+    yield "materials-255", grown(dice, dict(RATE=128, ALBD=63, MATL=254), 2, 0.5, meta=dict(Texel({}, []).meta, materials=many)), ()
+    chain = [{(0, 0, 0): {"RATE": [9]}}]
+    for d in range(1, 17):
+        chain.append({tuple(2 * c + dice.randrange(2) for c in p): {"RATE": [9 + d]} for p in chain[-1]})
+    yield "deepest", Texel({"RATE": 128}, chain), ()
+    top = {n: [1] * len(MOST[n](1 if n not in ("RATE", "NDFD", "NDFC", "SUPP") else 2)) for n in ("CORR", "SIDE", "MEAN", "ALBD")}
+    top.update(RATE=[2], NDFD=[0, 1, 2], NDFC=[0, 1, 2], SUPP=[1, 2, 3])
+    least = dict(RATE=2, NDFD=2, NDFC=2, CORR=1, SUPP=3, SIDE=1, MEAN=1, ALBD=1)
+    yield "least-codes", Texel(least, [{(0, 0, 0): top}, {(0, 0, 0): top, (1, 1, 1): dict(top, RATE=[1])}]), rays
 
 
 def bad(dice):
@@ -491,6 +607,127 @@ def bad(dice):
     yield "digest", with_(("depth", 2, 4), lambda d: bytes([d[0] ^ 1]) + d[1:])
 
 
+def worse(dice):
+    """More of them, of a small texel: each other way in which a rule is broken."""
+    small = grown(dice, FULL, 3, 0.4)
+    kinds = [s[0] for s in File(small).sections]
+    topo, last = kinds.index(b"TOPO"), len(kinds) - 1
+
+    def with_(key, value, texel=small):
+        value = value if callable(value) else (lambda v, to=value: to)
+        return File(texel).bytes(lambda name, old: value(old) if name == key else old)
+
+    def paged(i, stored, texel=small, decoded=None):
+        """A section of one page, with these bytes for the page."""
+        file = File(texel)
+        head = struct.pack("<QII", len(file.sections[i][4]), len(stored), zlib.crc32(stored))
+        file.sections[i][4], file.sections[i][5] = head + file.sections[i][4][16:], stored
+        return file.bytes()
+
+    for key, value in (("depths", 0), ("streams", 0), ("sections", 0), ("page", 0), ("topo", 9), ("cyclic", 128), ("up", 255)):
+        yield "range", with_(key, value)
+    yield "reserved", with_(("stream", 1, 8), b"\0\0\0\0\1\0\0\0")
+    yield "reserved", with_(("section", 2, 1), 4)
+    for bounds in ((-math.inf, 0, -1, 1, 2, 1), (-1, 0, -1, 1, 2, math.inf), (-1, 0, 2, 1, 2, 1)):
+        yield "float", with_("bounds", bounds)
+    yield "float", with_("metres", -1.0)
+    yield "float", with_("metres", math.nan)
+    yield "counts", with_(("depth", 1, 1), lambda v: small_count(small, 1) + 1)
+    yield "counts", with_(("depth", 2, 0), lambda v: internal_count(small, 1) - 1)
+    yield "counts", with_(("depth", 1, 0), lambda v: 9)
+    for stream, change in ((0, (1, 0)), (0, (1, 9)), (0, (3, 1)), (0, (3, 256)), (3, (3, 16)), (4, (3, 16)), (5, (3, 16)), (2, (3, 22 + 233)),
+                           (1, (6, -1.0)), (1, (6, math.inf))):
+        yield "stream", with_(("stream", stream, change[0]), change[1])
+    yield "stream", with_(("stream", 3, 7), bytes([16, 0, 0, 0, 0, 0, 0, 0]), grown(dice, FULL, 2, 0.5, constant={"CORR": [9]}))
+    yield "stream", with_(("stream", 1, 7), bytes([3, 0, 0, 0, 0, 0, 0, 0]), grown(dice, FULL, 2, 0.5, constant={"NDFD": [1, 2, 3]}))
+    gone = File(small)
+    del gone.sections[last]
+    yield "section-order", gone.bytes()
+    twice = File(grown(dice, {"RATE": 128}, 2, 0.5))
+    twice.sections.append([b"TOPO", 0, 1, 255, b"", b"", 0, 0, 0, 0, bytes(6)])
+    yield "section-order", twice.bytes()
+    yield "section-size", with_(("section", 0, 7), 1)
+    yield "section-size", with_(("section", 0, 6), lambda v: v + 1)
+    yield "section-size", with_(("section", topo, 6), lambda v: v + 1)
+    yield "section-codec", with_(("section", 0, 9), 1)
+    yield "section-codec", with_(("section", 0, 10), 1)
+    yield "section-codec", with_(("section", topo, 9), 9)
+    plain = Texel({}, []).meta
+    two = [{"albedo": [0.1, 0.2, 0.3], "name": "a", "share": 0.5}, {"albedo": [0.3, 0.2, 0.1], "name": "b", "share": 0.5}]
+
+    def materials(**changed):
+        return dict(plain, materials=[two[0], dict(two[1], **changed)])
+
+    mixed = dict(RATE=128, MATL=1)
+    for meta in (materials(name="a"), materials(name=""), materials(share=1.5), materials(albedo=[0, 0, 2]), materials(albedo=[0, 0]),
+                 dict(plain, materials=two[:1])):
+        yield "meta-json", File(grown(dice, mixed, 2, 0.5, meta=meta)).bytes()
+    for meta in (dict(plain, facet_size=-1), dict(plain, facet_size="1"), dict(plain, content={"max": [0, 1, 1], "min": [1, 0, 0]}),
+                 dict(plain, content={"max": [1, 1], "min": [0, 0]}), {k: v for k, v in plain.items() if k != "model"}):
+        yield "meta-json", File(grown(dice, {"RATE": 128}, 2, 0.5, meta=meta)).bytes()
+    rate = grown(dice, {"RATE": 128}, 2, 0.5)
+    for old, new in ((b'"model"', b'"mod\xff"'), (b"0.25", b"0.250"), (b"0.25", b"2.5e-1"), (b"}", b"} "), (b'"model":"coverage"', b'"model":"coverage","model":"coverage"'),
+                     (b'"facet_size":0.25', b'"facet_size":0.25,"a":1'), (b'"coverage"', b'"\\u0063overage"')):
+        file = File(rate)
+        file.meta = file.meta[::-1].replace(old[::-1], new[::-1], 1)[::-1]
+        file.sections[0][5], file.sections[0][6] = file.meta, len(file.meta)
+        yield "meta-json", file.bytes()
+    yield "padding", with_("padding", lambda out: out[:-1] + b"\1", padded_head(dice))
+    wrong = File(grown(dice, {"RATE": 128}, 2, 0.5, tail=[[b"MORE", 2, 255, 255, b"", b"anything", 8, 0, 0, 0, bytes(6)]]))
+    at = len(wrong.sections) - 1
+    yield "page-crc", wrong.bytes(lambda name, old: old ^ 1 if name == ("section", at, 8) else old)
+    file = File(small)
+    file.sections[last][5] += b"\0"
+    yield "index-place", file.bytes()
+    # A page of many equal codes, which a frame makes shorter.
+    even = Texel({"RATE": 128}, [{(0, 0, 0): {"RATE": [7]}}, {(x, y, z): {"RATE": [7]} for x in (0, 1) for y in (0, 1) for z in (0, 1)}, {
+        (x, y, z): {"RATE": [7]} for x in range(4) for y in range(4) for z in range(4)}], filter=1)
+    page = len(File(even).sections) - 1
+    raw = bytes([7]) * 64
+    frame = zstandard.ZstdCompressor(level=9, write_content_size=True).compress(raw)
+    sizeless = zstandard.ZstdCompressor(level=9, write_content_size=False).compress(raw)
+    other = zstandard.ZstdCompressor(level=9, write_content_size=True).compress(raw[:63])
+    skip = struct.pack("<II", 0x184D2A50, 4) + b"skip"
+    for stored in (frame + b"\0", frame[:-1], sizeless, other, raw + b"\7", skip + frame, b""):
+        yield "page-frame", paged(page, stored, even)
+    uncoded = File(even)
+    uncoded.sections[page][8] = 0
+    yield "page-frame", uncoded.bytes(lambda name, old: 0 if name == ("section", page, 9) else old)
+    for codes in ({"NDFD": [3, 0, 0]}, {"ALBD": [0, 0, 64]}, {"SUPP": [64, 0, 0]}):
+        texel = Texel(FULL, [{(0, 0, 0): dict({n: [1] * len(MOST[n](q)) for n, q in FULL.items()}, **codes)}], filter=0)
+        yield "page-value", File(texel).bytes()
+    wide = dict(plain, materials=[{"albedo": [(n + 1) / 9, 0, 0], "name": f"m{n}", "share": 0.1} for n in range(6)])
+    for codes in ([6, 0, 0, 0, 0, 0, 0], [0, 1, 2, 3, 30, 30, 4], [0, 0, 0, 0, 64, 0, 0]):
+        yield "page-value", File(Texel({"RATE": 9, "MATL": 5}, [{(0, 0, 0): {"RATE": [3], "MATL": codes}}], filter=0, meta=wide)).bytes()
+    three = dict(plain, materials=wide["materials"][:3])
+    yield "page-value", File(Texel({"RATE": 9, "MATL": 2}, [{(0, 0, 0): {"RATE": [3], "MATL": [32, 32]}}], filter=0, meta=three)).bytes()
+    yield "topology", with_(("depth", 1, 1), lambda v: v - 1, crowd(dice))
+
+
+def small_count(texel, d):
+    return len(texel.voxels[d])
+
+
+def internal_count(texel, d):
+    return sum(texel.mask(d, p) != 0 for p in texel.voxels[d])
+
+
+def padded_head(dice):
+    """A texel whose META does not end at a multiple of 8."""
+    texel = grown(dice, {"RATE": 128}, 2, 0.5)
+    while len(json.dumps(texel.meta, sort_keys=True, separators=(",", ":"))) % 8 == 0:
+        texel.meta = dict(texel.meta, x=texel.meta.get("x", "") + "x")
+    return texel
+
+
+def crowd(dice):
+    """A texel of which one internal node less could have as many children."""
+    while True:
+        texel = grown(dice, {"RATE": 128}, 3, 0.4)
+        if internal_count(texel, 1) > 1 and len(texel.voxels[2]) <= 8 * (internal_count(texel, 1) - 1):
+            return texel
+
+
 def s_saved(section):
     return section[6] - len(section[5])
 
@@ -509,10 +746,11 @@ def main(folder):
     for name, texel, rays in good(dice):
         (folder / f"ok-{name}.vtex").write_bytes(File(texel).bytes())
         (folder / f"ok-{name}.txt").write_text(text(texel, rays))
-    seen = {}
-    for code, data in bad(random.Random(1995)):
-        seen[code] = seen.get(code, 0) + 1
-        (folder / f"bad-{code}-{seen[code]}.vtex").write_bytes(data)
+    (folder / "shading-1.txt").write_text(shading(random.Random(2015)))
+    number = {}
+    for code, data in [*bad(random.Random(1995)), *worse(random.Random(1994))]:
+        number[code] = number.get(code, 0) + 1
+        (folder / f"bad-{code}-{number[code]}.vtex").write_bytes(data)
 
 
 if __name__ == "__main__":
