@@ -5,8 +5,9 @@
 
 Each command replaces an output, and afterwards the output must be the old file or the new one, to the byte. After SIGKILL at most one
 temporary file (`.vtex-*.part`) may be left; after an error none, and the error is one line and exit code 1. Before a file takes its
-name, all of it must have been brought to the disk (fsync), so that a machine that loses its power keeps one or the other. At last a disk
-of a few pages, where this may be mounted (as root). Prints a table; exits with 1 where something is wrong.
+name, all of it must have been brought to the disk (fsync), so that a machine that loses its power keeps one or the other; and behind the
+last name its folder, so that what was said to be done stays done. At last a disk of a few pages, where this may be mounted (as root).
+Prints a table; exits with 1 where something is wrong.
 """
 import os, re, shutil, subprocess, sys, tempfile
 from pathlib import Path
@@ -57,9 +58,9 @@ def calls(log):
 
 
 def in_order(found):
-    """Whether every file that takes its name was synced after it was written."""
+    """Whether every file that takes its name was synced after it was written, and something behind the last name: the folder."""
     written, dirty = set(), set()
-    named = 0
+    named, synced = 0, False
     for name, rest in found:
         fd = re.match(r"(\d+)", rest)
         fd = fd.group(1) if fd else None
@@ -67,14 +68,17 @@ def in_order(found):
             dirty.add(fd), written.add(fd)
         elif name in ("fsync", "fdatasync"):
             dirty.discard(fd)
+            synced = True
         elif name == "linkat":
             source = re.search(r"/proc/self/fd/(\d+)", rest).group(1)
-            named += 1
+            named, synced = named + 1, False
             if source in dirty or source not in written:
                 return False
-        elif name.startswith("rename") and dirty:
-            return False
-    return named > 0
+        elif name.startswith("rename"):
+            synced = False
+            if dirty:
+                return False
+    return named > 0 and synced
 
 
 def check(command, what, folder, old, new, output, before, killed, done):
@@ -110,7 +114,7 @@ def trial(command, folder):
         sys.exit(f"{command}: the two outputs are the same")
     ordered = in_order(found)
     if not ordered:
-        faults.append(f"{command}: a file takes its name before it is on the disk")
+        faults.append(f"{command}: a file takes its name before it is on the disk, or the folder is not brought there")
     (folder / output).write_bytes(old)
     table = {"kills": 0, "old": 0, "new": 0, "left": 0, "errors": 0}
     for call in CALLS:
@@ -163,7 +167,7 @@ def main():
         run("bake fern.glb -r 32 -o fern.vtex -q".split(), folder, code=0)
         run("map terrain.glb --texel fern.vtex -o land.glb -q".split(), folder, code=0)
         columns = ["kills", "old", "new", "left", "errors"]
-        print(f"{'command':10}" + "".join(f"{c:>8}" for c in columns) + "   fsync before the name")
+        print(f"{'command':10}" + "".join(f"{c:>8}" for c in columns) + "   fsync before the name and behind")
         for command in COMMANDS:
             table, ordered = trial(command, folder)
             print(f"{command:10}" + "".join(f"{table[c]:8}" for c in columns) + f"   {'yes' if ordered else 'NO'}", flush=True)

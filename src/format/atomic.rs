@@ -8,6 +8,8 @@
 //! - An output that is there keeps its permissions, and its owner where the system allows that. Other hard links to it keep
 //!   the old content.
 //! - A symbolic link is followed: what it points to is replaced, the link stays. A link that points to nothing is refused.
+//! - Bytes are on the disk before the file takes its name, and its folder's entry before the work counts as done, where the
+//!   system can say so: a machine that loses its power has the old file or the new one, and after a success the new one.
 //! - A device, a FIFO, and a name of an open file (`/dev/stdout`, `/dev/fd/1`) get all bytes at the end. A folder is refused.
 
 use std::fs::{self, File, OpenOptions};
@@ -85,7 +87,10 @@ impl PartFile {
         .map_err(|e| Error::io(&self.path, e))
     }
 
-    /// Flush to the disk and take the name.
+    /// Flush to the disk, take the name, and bring the folder to the disk.
+    ///
+    /// # Errors
+    /// `Io`. Where the folder alone cannot be brought to the disk, the file has its name.
     pub fn finish(mut self) -> Result<()> {
         let done = match std::mem::replace(&mut self.sink, Sink::Finished) {
             Sink::Replacing { file, part, target } => {
@@ -100,7 +105,7 @@ impl PartFile {
                 if let (Err(_), Some(part)) = (&done, &part) {
                     let _ = fs::remove_file(part);
                 }
-                done
+                done.and_then(|()| sync_folder(&folder(&target)))
             }
             // Appended: a redirected standard output may hold something already.
             Sink::Stream(bytes) => {
@@ -158,6 +163,14 @@ impl Drop for PartFile {
 
 fn folder(path: &Path) -> PathBuf {
     path.parent().filter(|f| !f.as_os_str().is_empty()).unwrap_or(Path::new(".")).to_path_buf()
+}
+
+/// Bring a folder's entries to the disk. Not every system opens a folder, and not every file system can do this.
+fn sync_folder(folder: &Path) -> io::Result<()> {
+    match File::open(folder).map(|f| f.sync_all()) {
+        Ok(Err(e)) if !matches!(e.kind(), ErrorKind::InvalidInput | ErrorKind::Unsupported) => Err(e),
+        _ => Ok(()),
+    }
 }
 
 /// Whether the name stands for a file that is open already: its entry in a folder must not be replaced.
