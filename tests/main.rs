@@ -44,6 +44,7 @@ mod near;
 mod outputs;
 mod patches;
 mod phong;
+mod properties;
 mod readable;
 mod reference;
 mod render;
