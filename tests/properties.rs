@@ -27,7 +27,9 @@ fn matter(volume: &Volume) -> BTreeMap<(usize, u64), Voxel> {
     for (d, depth) in volume.depths.iter().enumerate() {
         codes.truncate(depth.voxels.len());
         all.extend(codes.iter().zip(&depth.voxels).filter(|(_, v)| v.rate > 0).map(|(c, v)| ((d, *c), *v)));
-        let children = |(code, mask): (&u64, &u8)| (0..8).filter(|c| mask >> c & 1 == 1).map(move |c| code * 8 + c).collect::<Vec<_>>();
+        let children = |(code, mask): (&u64, &u8)| {
+            (0..8).filter(|c| mask >> c & 1 == 1).map(move |c| code * 8 + c).collect::<Vec<_>>()
+        };
         codes = codes.iter().zip(&depth.masks).flat_map(children).collect();
     }
     all
