@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Bakes the selected objects to a texel, strands of hair too, and puts a stand-in for it into the scene."""
 
+import contextlib
 import os
 import shutil
 import tempfile
@@ -74,7 +75,7 @@ def write_source(context, objects, folder, frames):
     """The objects as files in `folder`. Gives the file to bake and, where all of it is a mesh, its .glb."""
     mesh, rows = has_faces(context, objects), strands(context, objects)
     if not mesh and not rows:
-        raise RuntimeError("nothing to bake: select meshes, instances or hair curves")
+        raise RuntimeError("nothing to bake: select meshes, instances or hair curves, or name a collection that has some")
     glb = os.path.join(folder, "source.glb")
     if mesh:
         bpy.ops.export_scene.gltf(**known(
@@ -93,8 +94,28 @@ def write_source(context, objects, folder, frames):
     return recipe, None
 
 
+@contextlib.contextmanager
+def chosen(context, name):
+    """The selected objects, or those of a collection, which are selected meanwhile."""
+    before = set(context.selected_objects)
+    if not name:
+        yield before
+        return
+    collection = bpy.data.collections.get(name)
+    if collection is None:
+        raise RuntimeError(f"there is no collection {name!r}")
+    objects = {o for o in collection.all_objects if o.name in context.view_layer.objects}
+    try:
+        for thing in context.view_layer.objects:
+            thing.select_set(thing in objects)
+        yield objects
+    finally:
+        for thing in context.view_layer.objects:
+            thing.select_set(thing in before)
+
+
 class VTEX_OT_bake(bpy.types.Operator, program.Waiting):
-    """Bake the selected objects to a .vtex file and put a stand-in for it into the scene"""
+    """Bake the selected objects, or a collection, to a .vtex file and put a stand-in for it into the scene"""
 
     bl_idname = "vtex.bake"
     bl_label = "Bake Texel"
@@ -105,14 +126,15 @@ class VTEX_OT_bake(bpy.types.Operator, program.Waiting):
     resolution: EnumProperty(name="Resolution", default="256", items=[(str(2**k), str(2**k), "") for k in range(4, 12)])
     frames: IntProperty(name="Frames", default=0, min=0, description="Frames of the animation; 0: it stands still")
     cyclic: BoolProperty(name="Cyclic", default=False, description="Opposite sides match: grass, fur")
+    collection: StringProperty(name="Collection", default="", description="Bake all objects of this one, in place of those selected")
     stand_in: BoolProperty(name="Stand-in", default=True, description="Add a coarse mesh that stands for one copy")
 
     @classmethod
     def poll(cls, context):
-        return context.mode == "OBJECT" and bool(context.selected_objects)
+        return context.mode == "OBJECT"
 
     def invoke(self, context, event):
-        self.filepath = bpy.path.clean_name(context.selected_objects[0].name) + ".vtex"
+        self.filepath = bpy.path.clean_name(next((o.name for o in context.selected_objects), "texel")) + ".vtex"
         context.window_manager.fileselect_add(self)
         return {"RUNNING_MODAL"}
 
@@ -121,7 +143,8 @@ class VTEX_OT_bake(bpy.types.Operator, program.Waiting):
         self.folder = tempfile.mkdtemp(prefix="vtex-")
         try:
             program.path()
-            source, self.glb = write_source(context, set(context.selected_objects), self.folder, self.frames > 0)
+            with chosen(context, self.collection) as objects:
+                source, self.glb = write_source(context, objects, self.folder, self.frames > 0)
         except RuntimeError as error:
             self.report({"ERROR"}, str(error))
             shutil.rmtree(self.folder, ignore_errors=True)

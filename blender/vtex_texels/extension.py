@@ -30,6 +30,13 @@ def merged(base, over):
     return out
 
 
+def each_texel(value, f):
+    """`value`, with f of each member that is called `texel` in its place."""
+    if isinstance(value, dict):
+        return {k: f(v) if k == "texel" else each_texel(v, f) for k, v in value.items()}
+    return [each_texel(v, f) for v in value] if isinstance(value, list) else value
+
+
 def discrete(p):
     out = {}
     unless(out, "seed", p.seed, 0)
@@ -52,12 +59,20 @@ def continuous(p):
     return out
 
 
-def to_json(p, texel):
-    """The material's extension; `texel` is the index among the file's texels."""
-    rest = json.loads(p.rest) if p.rest else {}
+def kept(p):
+    """What an imported file said and the properties cannot: `material`, `copies`, `layer`, `layers`, and `texel`, the table of
+    the file that `p` names. Other texels are tables in place of indices."""
+    return json.loads(p.rest) if p.rest else {}
+
+
+def to_json(p, texel, index):
+    """The material's extension. `texel` is the index of its texel among the file's, or None where it has none but in variants;
+    `index(table)` that of another texel."""
+    rest = each_texel({k: v for k, v in kept(p).items() if k != "texel"}, index)
+    named = {} if texel is None else {"texel": texel}
     if p.role == "copies":
-        return merged(rest.get("material", {}), {"copies": merged(rest.get("copies", {}), {"texel": texel})})
-    layer = {"texel": texel}
+        return merged(rest.get("material", {}), {"copies": merged(rest.get("copies", {}), named)})
+    layer = named
     unless(layer, "wrap", [p.wrap_u, p.wrap_v, p.wrap_w], ["repeat", "repeat", "empty"])
     unless(layer, "scale", numbers(p.scale), [1.0] * 3)
     unless(layer, "offset", numbers(p.offset), [0.0] * 3)
@@ -80,13 +95,15 @@ def without(table, *keys):
     return {k: v for k, v in table.items() if k not in keys}
 
 
-def from_json(p, extension):
-    """Set the properties from a material's extension. Gives the index of its texel; what has no property is kept in `rest`."""
+def from_json(p, extension, tables):
+    """Set the properties from a material's extension; `tables` are the file's texels. Gives the table of its own, or None; what
+    has no property is kept in `rest`."""
     rest = {}
+    table_of = lambda index: tables[index] if isinstance(index, int) and 0 <= index < len(tables) else None
     if "copies" in extension:
         p.role = "copies"
         rest = {"material": without(extension, "copies"), "copies": without(extension["copies"], "texel")}
-        texel = extension["copies"].get("texel", 0)
+        texel = table_of(extension["copies"].get("texel"))
     else:
         p.role = "shell"
         layers = extension.get("layers") or [{}]
@@ -113,15 +130,17 @@ def from_json(p, extension):
         p.lengthen = c.get("heightScale", 0.0)
         own = {"discrete": ("seed", "orientations", "mirror", "scale", "displace", "presence"),
                "continuous": ("seed", "frequency", "octaves", "uvwAmplitude", "heightTilt", "heightScale")}
-        kept = {kind: without(jitter[kind], *keys) for kind, keys in own.items() if without(jitter.get(kind, {}), *keys)}
+        more = {kind: without(jitter[kind], *keys) for kind, keys in own.items() if without(jitter.get(kind, {}), *keys)}
         # Seeds that Blender's signed integers cannot hold, or that differ, stay as they were.
         for kind, table in (("discrete", d), ("continuous", c)):
             if table.get("seed", p.seed) != p.seed:
-                kept.setdefault(kind, {})["seed"] = table["seed"]
+                more.setdefault(kind, {})["seed"] = table["seed"]
         rest = {"material": without(extension, "layers", "thickness", "texCoord", "surface"),
-                "layer": without(layer, "texel", "wrap", "scale", "offset", "jitter") | ({"jitter": kept} if kept else {}),
+                "layer": without(layer, "texel", "wrap", "scale", "offset", "jitter") | ({"jitter": more} if more else {}),
                 "layers": layers[1:]}
-        texel = layer.get("texel", 0)
-    rest = {k: v for k, v in rest.items() if v}
+        texel = table_of(layer.get("texel"))
+    rest = each_texel({k: v for k, v in rest.items() if v}, table_of)
+    if texel is not None:
+        rest["texel"] = texel
     p.rest = json.dumps(rest, sort_keys=True) if rest else ""
     return texel

@@ -17,7 +17,7 @@ def filled(path):
     """An absolute path, or an error that names the property."""
     full = bpy.path.abspath(path)
     if not os.path.isfile(full):
-        raise RuntimeError(f"texel {path!r} is not there: set the file in the material's Texel panel")
+        raise RuntimeError(f"{path!r} is not there: set the file in the material's Texel panel")
     return os.path.realpath(full)
 
 
@@ -54,6 +54,20 @@ def content_id(path):
     if len(head) < 128 or head[:12] != bytes.fromhex("ab565445582031bb0d0a1a0a"):
         raise RuntimeError(f"{path!r} is no .vtex file")
     return head[112:128].hex()
+
+
+def moved(table, folder):
+    """A table whose `file` became `uri`, as seen from `folder`; the content ids of texels are those that their files have now."""
+    if isinstance(table, list):
+        return [moved(v, folder) for v in table]
+    if not isinstance(table, dict):
+        return table
+    out = {k: moved(v, folder) for k, v in table.items() if k != "file"}
+    if "file" in table:
+        out["uri"] = beside(filled(table["file"]), folder)
+    if "contentId" in table:
+        out["contentId"] = content_id(table["file"])
+    return out
 
 
 def world_sky(scene):
@@ -113,12 +127,23 @@ class glTF2ExportUserExtension:
             self.rewired.restore()
 
     def texel(self, properties, folder):
-        """Index of a material's texel among those of the file."""
+        """Index of a material's texel among those of the file; None where it has none but in variants."""
+        rest = extension.kept(properties)
+        if not properties.texel and "variants" in rest.get("copies", {}):
+            return None
         path = filled(properties.texel)
-        found = {"name": os.path.splitext(os.path.basename(path))[0],
-                 "frames": [{"uri": beside(path, folder), "contentId": content_id(path)}]}
+        table = rest.get("texel")
+        if table is None or os.path.realpath(table["frames"][0].get("file", "")) != path:
+            # A new texel, or another one than the file had that this was imported from.
+            table = {"name": os.path.splitext(os.path.basename(path))[0], "frames": [{"file": path, "contentId": ""}]}
+        table = extension.without(table, "geometry")
         if properties.geometry:
-            found["geometry"] = {"uri": beside(filled(properties.geometry), folder)}
+            table["geometry"] = {"file": filled(properties.geometry)}
+        return self.index(table, folder)
+
+    def index(self, table, folder):
+        """Index of a texel among those of the file."""
+        found = moved(table, folder)
         if found not in self.texels:
             self.texels.append(found)
         return self.texels.index(found)
@@ -131,7 +156,8 @@ class glTF2ExportUserExtension:
         if properties.role == "none":
             return
         folder = os.path.dirname(export_settings["gltf_filepath"]) or "."
-        self.add(material, extension.NAME, extension.to_json(properties, self.texel(properties, folder)))
+        self.add(material, extension.NAME, 
+                 extension.to_json(properties, self.texel(properties, folder), lambda table: self.index(table, folder)))
 
     def add(self, to, name, table):
         if to.extensions is None:
@@ -147,10 +173,11 @@ class glTF2ExportUserExtension:
     def gather_gltf_extensions_hook(self, gltf, export_settings):
         if not self.texels:
             return
-        table = {"texels": self.texels}
         scene = bpy.context.scene
-        kept = scene.get("vtex_environment")
-        environment = kept.to_dict() if kept is not None else world_sky(scene)
+        folder = os.path.dirname(export_settings["gltf_filepath"]) or "."
+        own = lambda name: moved(scene[name].to_dict(), folder) if name in scene else None
+        table = {**(own("vtex_root") or {}), "texels": self.texels}
+        environment = own("vtex_environment") or world_sky(scene)
         if environment:
             table["environment"] = environment
         self.add(gltf, extension.NAME, table)

@@ -58,7 +58,8 @@ class Running:
     def cancel(self):
         """vtex leaves nothing half-written behind when it is interrupted."""
         if self.process.poll() is None:
-            self.process.send_signal(signal.CTRL_BREAK_EVENT if os.name == "nt" else signal.SIGINT)
+            # Not SIGINT, which is ignored by all that a shell's background job starts.
+            self.process.send_signal(signal.CTRL_BREAK_EVENT if os.name == "nt" else signal.SIGTERM)
         self.process.wait()
 
 

@@ -68,12 +68,22 @@ def group(name):
     return tree
 
 
-def set_input(modifier, label, value):
-    for item in modifier.node_group.interface.items_tree:
-        if item.item_type == "SOCKET" and item.in_out == "INPUT" and item.name == label:
-            modifier[item.identifier] = value
-            return item.identifier
-    raise KeyError(label)
+def set_input(modifier, label, value=None, attribute=None):
+    """Set an input of the modifier's node group to a value, or to an attribute by its name."""
+    tree = modifier.node_group.interface.items_tree
+    key = next(i.identifier for i in tree if i.item_type == "SOCKET" and i.in_out == "INPUT" and i.name == label)
+    properties = getattr(modifier, "properties", None)
+    if properties is not None:
+        # Blender 5.3 has properties where 4.2 has items of the modifier.
+        socket = getattr(properties.inputs, key)
+        if attribute is None:
+            socket.value = value
+        else:
+            socket.type, socket.attribute_name = "ATTRIBUTE", attribute
+    elif attribute is None:
+        modifier[key] = value
+    else:
+        modifier[f"{key}_use_attribute"], modifier[f"{key}_attribute_name"] = True, attribute
 
 
 class VTEX_OT_scatter(bpy.types.Operator):
@@ -102,9 +112,7 @@ class VTEX_OT_scatter(bpy.types.Operator):
             set_input(modifier, label, value)
         weights = ground.vertex_groups.active
         if weights is not None:
-            key = set_input(modifier, "Weights", 1.0)
-            modifier[f"{key}_use_attribute"] = True
-            modifier[f"{key}_attribute_name"] = weights.name
+            set_input(modifier, "Weights", attribute=weights.name)
         ground.update_tag()
         return {"FINISHED"}
 
