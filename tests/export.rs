@@ -101,7 +101,8 @@ fn splats_lie_flat_on_a_ball_and_cover_it() {
     let floats: Vec<f32> = data.chunks(4).map(|b| f32::from_le_bytes(b.try_into().unwrap())).collect();
     let (mut facing, mut surface) = (0.0, 0);
     for s in floats.chunks(17) {
-        let centre = glam::Vec3::new(s[0] - 3.0, s[1] - 2.0, s[2] - 1.0);
+        // Half a turn about z: these files have +Y down.
+        let centre = glam::Vec3::new(s[0] + 3.0, s[1] + 2.0, s[2] - 1.0);
         assert!(centre.length() < 1.06, "{centre}");
         let q = glam::Quat::from_xyzw(s[14], s[15], s[16], s[13]);
         assert!((q.length() - 1.0).abs() < 1e-5);
@@ -146,7 +147,7 @@ fn what_is_far_from_0_keeps_its_detail() {
 }
 
 #[test]
-fn splats_of_glb_and_ply_are_the_same() {
+fn splats_of_glb_and_ply_are_the_same_but_for_half_a_turn_about_z() {
     let dir = tempfile::tempdir().unwrap();
     ball(dir.path());
     for arguments in [vec!["-o", "ball.ply"], vec!["-o", "ball.glb", "--form", "splats"]] {
@@ -175,12 +176,15 @@ fn splats_of_glb_and_ply_are_the_same() {
     let harmonics = own("SH_DEGREE_0_COEF_0");
     assert_eq!(rows.len() / 17, opacities.len());
     for (i, row) in rows.chunks(17).enumerate() {
-        assert_eq!(row[..3], centres[3 * i..3 * i + 3]);
+        let up = [-row[0], -row[1], row[2]];
+        assert_eq!(up, centres[3 * i..3 * i + 3]);
         assert_eq!(row[6..9], harmonics[3 * i..3 * i + 3]);
         // The extension has opacities and deviations as they are, and the real part of a turn last.
         assert!((1.0 / (1.0 + (-row[9]).exp()) - opacities[i]).abs() < 1e-6);
         (0..3).for_each(|k| assert!((row[10 + k].exp() / scales[3 * i + k] - 1.0).abs() < 1e-5));
-        let same = (0..4).all(|k| (row[13 + (k + 1) % 4] - turns[4 * i + k]).abs() < 1e-6);
+        let turn = glam::Quat::from_xyzw(row[14], row[15], row[16], row[13]);
+        let up = glam::Quat::from_xyzw(0.0, 0.0, -1.0, 0.0) * turn;
+        let same = up.to_array().iter().zip(&turns[4 * i..]).all(|(a, b)| (a - b).abs() < 1e-6);
         assert!(same, "{row:?} {:?}", &turns[4 * i..4 * i + 4]);
     }
 }

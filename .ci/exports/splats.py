@@ -31,12 +31,13 @@ def read_ply(path):
 
 
 def of_ply(path):
-    """Centres, quaternions (x, y, z, w), deviations, opacities, and the colours that a screen shows."""
+    """Centres, quaternions (x, y, z, w), deviations, opacities, and the colours that a screen shows, turned to +Y up."""
     c = read_ply(path)
     stack = lambda *names: np.stack([c[name] for name in names], 1)
-    turn = stack("rot_1", "rot_2", "rot_3", "rot_0")
+    # Half a turn about z, back: (0, 0, -1, 0) times the quaternion.
+    turn = stack("rot_2", "rot_1", "rot_0", "rot_3") * [1, -1, -1, 1]
     return (
-        stack("x", "y", "z"),
+        stack("x", "y", "z") * [-1, -1, 1],
         turn / np.linalg.norm(turn, axis=1, keepdims=True),
         np.exp(stack("scale_0", "scale_1", "scale_2")),
         1 / (1 + np.exp(-c["opacity"])),
@@ -191,10 +192,11 @@ def main(vtex, texel, folder, depth="7"):
         assert np.allclose(a, b, rtol=2e-5, atol=2e-6), f"{what} of .ply and .glb differ by {abs(a - b).max()}"
     centre = (splats[0].min(0) + splats[0].max(0)) / 2
     size = np.linalg.norm(splats[0].max(0) - splats[0].min(0))
-    land, rows = scene(texel, folder), []
+    land, rows, eyes = scene(texel, folder), [], []
     for view in range(8):
         turn, up = np.radians(45 * view), np.radians([5, 25, 50][view % 3])
         eye = centre + 1.25 * size * np.array([np.cos(turn) * np.cos(up), np.sin(up), np.sin(turn) * np.cos(up)])
+        eyes.append(eye.tolist())
         point = lambda p: ",".join(f"{x:.6f}" for x in p)
         own = {}
         for name, shade in (("black", "0,0,0"), ("white", "1,1,1")):
@@ -213,6 +215,7 @@ def main(vtex, texel, folder, depth="7"):
         rows.append(row)
         print(f"view {view}: cover {row[0]:.4f}; of the splats {row[1]:.3f} of it, FLIP {row[3]:.4f}, PSNR {row[4]:.1f} dB; "
               f"at least a pixel wide {row[5]:.3f}, FLIP {row[7]:.4f}, PSNR {row[8]:.1f} dB", flush=True)
+    (folder / "views.json").write_text(json.dumps({"side": SIDE, "fov": FOV, "centre": centre.tolist(), "eyes": eyes}))
     mean = np.mean(rows, 0)
     print(f"{len(splats[0])} splats, mean of 8 views at {SIDE}²: cover {mean[1]:.3f} of ours (|Δ| {mean[2]:.3f} where matter is), "
           f"FLIP {mean[3]:.4f}, PSNR {mean[4]:.1f} dB; at least a pixel wide {mean[5]:.3f} (|Δ| {mean[6]:.3f}), FLIP {mean[7]:.4f}, "

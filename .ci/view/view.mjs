@@ -8,7 +8,7 @@ import { pathToFileURL } from "node:url";
 import { chromium } from "playwright-core";
 
 const [vtex, texel, landscape, folder, executablePath] = process.argv.slice(2).map((path) => resolve(path));
-const SLOW = 600_000; // milliseconds, for programs that were not optimised
+const SLOW = 1000 * Number(process.env.PATIENCE ?? 600); // milliseconds, for programs that were not optimised
 // Wide enough for the panel to stand at the side.
 const [width, height] = (process.env.SIZE ?? "640x300").split("x").map(Number);
 const PHONE = { hasTouch: true, isMobile: true, viewport: { width: 240, height: 400 } };

@@ -6,8 +6,10 @@ use crate::scene::{Camera, Projection};
 /// Eye and projection of a picture. Rays are relative to `eye` and in the caller's unit of length.
 #[derive(Debug, Clone)]
 pub struct View {
-    /// World space, metres.
+    /// Origin of the rays' space: the eye, but for a view that was [moved](View::moved). World space, metres.
     pub eye: DVec3,
+    /// From there to where rays begin, metres.
+    shift: DVec3,
     right: DVec3,
     up: DVec3,
     forward: DVec3,
@@ -56,6 +58,7 @@ impl View {
         };
         (valid && eye.is_finite()).then_some(View {
             eye,
+            shift: DVec3::ZERO,
             right,
             up: right.cross(forward),
             forward,
@@ -75,6 +78,16 @@ impl View {
         Self::towards(eye, -from, DVec3::Y, size, Projection::Perspective { yfov: YFOV })
     }
 
+    /// The same view, whose rays are relative to `origin`.
+    pub fn moved(self, origin: DVec3) -> View {
+        View { shift: self.place() - origin, eye: origin, ..self }
+    }
+
+    /// Where the camera stands, world space, metres.
+    pub fn place(&self) -> DVec3 {
+        self.eye + self.shift
+    }
+
     /// Unit direction through the picture's middle.
     pub fn ahead(&self) -> DVec3 {
         self.forward
@@ -90,9 +103,11 @@ impl View {
         let across = self.across(x, y);
         match self.projection {
             Projection::Perspective { .. } => {
-                Ray { origin: DVec3::ZERO, dir: (self.forward + self.half * across).normalize() }
+                Ray { origin: self.shift / unit, dir: (self.forward + self.half * across).normalize() }
             }
-            Projection::Orthographic { .. } => Ray { origin: self.half / unit * across, dir: self.forward },
+            Projection::Orthographic { .. } => {
+                Ray { origin: self.half / unit * across + self.shift / unit, dir: self.forward }
+            }
         }
     }
 

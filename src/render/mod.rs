@@ -134,7 +134,7 @@ pub fn render_with(
             stats.bricks += opened.pages;
             stats.voxels += opened.voxels;
             stats.deepest = stats.deepest.max(opened.deepest);
-            if let Some(source) = texel.source {
+            if let Some(source) = texel.source.and_then(Arc::into_inner) {
                 stats.near_triangles += source.finish(&mut world.warnings);
             }
             if let Some(failure) = Arc::into_inner(texel.tree).and_then(Octree::into_failure) {

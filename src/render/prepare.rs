@@ -26,7 +26,7 @@ use super::source_mesh::SourceMesh;
 use super::surround::Surround;
 use crate::geom::{Aabb, DAffine3, DVec3, Ray, Vec3};
 use crate::march::shade::Look;
-use crate::scene::shell::{Layer, ShellMaterial, Variant};
+use crate::scene::shell::{Layer, ShellMaterial, TexelRef, Variant};
 use crate::scene::{Camera, Part, Projection, Scene};
 use crate::volume::voxel::voxel_edge;
 use crate::volume::{Info, Octree};
@@ -38,7 +38,7 @@ pub struct Texel {
     /// Deepest depth to be used.
     pub finest: u8,
     /// The mesh that it was baked from, if that is to be seen where a pixel is smaller than the finest voxel.
-    pub source: Option<LazySource>,
+    pub source: Option<Arc<LazySource>>,
 }
 
 impl Texel {
@@ -91,6 +91,15 @@ pub struct World<'a> {
     pub notes: Vec<String>,
 }
 
+/// The meshes that the scene's texels were baked from, to be read when they are first seen.
+pub fn sources(scene: &Scene) -> Vec<Option<Arc<LazySource>>> {
+    let source = |said: &TexelRef| {
+        let path = said.geometry.clone()?;
+        Some(Arc::new(LazySource::new(path, said.palette.clone(), said.pose.clone())))
+    };
+    scene.texels.iter().map(source).collect()
+}
+
 /// Which texels any shell or copy of the scene uses.
 pub fn used_texels(scene: &Scene) -> Vec<bool> {
     let mut used = vec![false; scene.texels.len()];
@@ -140,15 +149,10 @@ impl<'a> World<'a> {
             1.0
         };
         let copies = Copies::new(scene, &phongs, info, |world| relative(world, view.eye, unit))?;
-        let texels: Vec<Option<Texel>> = texels
-            .into_iter()
-            .zip(&scene.texels)
-            .map(|(tree, said)| {
-                let path = said.geometry.clone().filter(|_| options.source_lod == SourceLod::Geometry);
-                let source = path.map(|path| LazySource::new(path, said.palette.clone(), said.pose.clone()));
-                Some(Texel { tree: tree?, finest: said.max_depth.unwrap_or(u8::MAX), source })
-            })
-            .collect();
+        let texel = |(tree, said): (Option<_>, &TexelRef)| {
+            Some(Texel { tree: tree?, finest: said.max_depth.unwrap_or(u8::MAX), source: None })
+        };
+        let texels: Vec<Option<Texel>> = texels.into_iter().zip(&scene.texels).map(texel).collect();
         for (texel, said) in texels.iter().zip(&scene.texels) {
             let info = texel.as_ref().map(|t| t.tree.info());
             for name in info.into_iter().flat_map(|info| said.palette.unknown(info)) {
@@ -158,7 +162,7 @@ impl<'a> World<'a> {
         let (lights, surround) = environment(scene, options, view.eye, unit, &mut notes)?;
         let content = |texel: &Option<Texel>| texel.as_ref().map_or(Aabb::EMPTY, |t| t.tree.info().content);
         let contents = texels.iter().map(content);
-        let around = Aabb::new((bounds.min - view.eye) / unit, (bounds.max - view.eye) / unit);
+        let sky = sky(&bounds, view.eye, unit);
         let mut world = World {
             scene,
             unit,
@@ -175,7 +179,7 @@ impl<'a> World<'a> {
             view,
             texels,
             surround,
-            sky: SkyLight::new(&around),
+            sky,
             warnings: Warnings::default(),
             notes: Vec::new(),
         };
@@ -184,7 +188,18 @@ impl<'a> World<'a> {
             warnings.add("nothing to see: the scene has no triangle that could be drawn");
         }
         (world.warnings, world.notes) = (warnings, notes);
+        if options.source_lod == SourceLod::Geometry {
+            world.show_sources(&sources(scene));
+        }
         Ok(world)
+    }
+
+    /// From now on, texels are seen near by as the meshes `sources`, or as voxels where there is none.
+    pub fn show_sources(&mut self, sources: &[Option<Arc<LazySource>>]) {
+        for (texel, source) in self.texels.iter_mut().zip(sources) {
+            texel.iter_mut().for_each(|texel| texel.source.clone_from(source));
+        }
+        self.sky = sky(&self.bounds, self.view.eye, self.unit);
     }
 
     /// Bring instances into the renderer's space, as triangles and boxes.
@@ -314,6 +329,11 @@ fn check_memory(scene: &Scene, allowed: u64) -> Result<()> {
     }
     let what = "the scene's triangles, placed as often as it shows them (allow more memory), in bytes,".into();
     Err(Error::Limit { what, needed, allowed })
+}
+
+/// What is to be found of light from all around, in the space around `eye`.
+fn sky(bounds: &Aabb, eye: DVec3, unit: f64) -> SkyLight {
+    SkyLight::new(&Aabb::new((bounds.min - eye) / unit, (bounds.max - eye) / unit))
 }
 
 pub fn finite(b: &Aabb) -> bool {

@@ -3,9 +3,10 @@
 
 use std::sync::Arc;
 
-use super::options::{CropWindow, Options};
+use super::options::{CropWindow, Options, SourceLod};
 use super::pixel::Tracer;
-use super::prepare::World;
+use super::prepare::{self, World};
+use super::source_lod::LazySource;
 use super::trace::{Trace, TraceEvent};
 use super::{Film, Opened, check, film, pixel_of, shared};
 use crate::geom::{Aabb, DVec3};
@@ -14,10 +15,11 @@ use crate::scene::{Projection, Scene};
 use crate::volume::Octree;
 use crate::{Error, Result, Warnings, par};
 
-/// A scene whose texels are open. What is decoded of them stays in memory.
+/// A scene whose texels are open. What is decoded of them stays in memory, and so do their sources' triangles.
 pub struct Session<'a> {
     scene: &'a Scene,
     trees: Vec<Option<Arc<Octree>>>,
+    sources: Vec<Option<Arc<LazySource>>>,
 }
 
 impl<'a> Session<'a> {
@@ -26,7 +28,7 @@ impl<'a> Session<'a> {
     /// # Errors
     /// As [`super::render`].
     pub fn new(scene: &'a Scene) -> Result<Session<'a>> {
-        Ok(Session { scene, trees: shared(Opened::new(scene)?.trees()?) })
+        Ok(Session { scene, trees: shared(Opened::new(scene)?.trees()?), sources: prepare::sources(scene) })
     }
 
     /// Make everything ready for pictures by `options`; its `crop` has no effect.
@@ -36,8 +38,13 @@ impl<'a> Session<'a> {
     pub fn prepare(&self, options: Options) -> Result<Prepared<'a>> {
         let options = Options { crop: None, ..options };
         check(&options)?;
-        let world = par::with_threads(options.threads, || World::new(self.scene, self.trees.clone(), &options))??;
-        Ok(Prepared { world, options })
+        // The session's own sources come in place of some that would be read anew.
+        let plain = Options { source_lod: SourceLod::Voxels, ..options.clone() };
+        let world = par::with_threads(options.threads, || World::new(self.scene, self.trees.clone(), &plain))??;
+        let mut prepared = Prepared { world, options: plain, sources: self.sources.clone() };
+        prepared.show_sources(options.source_lod);
+        prepared.options = options;
+        Ok(prepared)
     }
 }
 
@@ -52,17 +59,51 @@ pub struct Viewpoint {
     pub projection: Projection,
 }
 
-/// A scene as seen by one camera in a picture of one size.
+/// A scene as seen by one camera in a picture of one size; both can be changed.
 pub struct Prepared<'a> {
     world: World<'a>,
     options: Options,
+    sources: Vec<Option<Arc<LazySource>>>,
 }
 
 impl Prepared<'_> {
     /// The camera.
     pub fn viewpoint(&self) -> Viewpoint {
         let view = &self.world.view;
-        Viewpoint { eye: view.eye, ahead: view.ahead(), projection: view.projection() }
+        Viewpoint { eye: view.place(), ahead: view.ahead(), projection: view.projection() }
+    }
+
+    /// Turn to another picture: from now on the camera, `size`, `lanes` and `source_lod` are those of `options`, whose other
+    /// members have to be as before. It takes no time. Where the camera stands elsewhere than when all was prepared, pictures may
+    /// differ by roundings from those of a scene that is prepared for it, the more so the further away that is.
+    ///
+    /// # Errors
+    /// `Options` where there is no such camera or picture.
+    pub fn look(&mut self, options: Options) -> Result<()> {
+        let options = Options { crop: None, ..options };
+        check(&options)?;
+        let view = prepare::view(self.world.scene, &self.world.bounds, &options, &mut Vec::new())?;
+        self.world.view = view.moved(self.world.view.eye);
+        self.show_sources(options.source_lod);
+        self.options = options;
+        Ok(())
+    }
+
+    /// How far the camera of `options` stands from where all was prepared for, in units about as long as from there to the scene's
+    /// farthest corner. At 0 pictures are those of a scene that is prepared for that camera.
+    ///
+    /// # Errors
+    /// `Options` where there is no such camera.
+    pub fn distance(&self, options: &Options) -> Result<f64> {
+        let view = prepare::view(self.world.scene, &self.world.bounds, options, &mut Vec::new())?;
+        Ok((view.eye - self.world.view.eye).length() / self.world.unit)
+    }
+
+    fn show_sources(&mut self, lod: SourceLod) {
+        if lod != self.options.source_lod && self.sources.iter().any(Option::is_some) {
+            let none = vec![None; self.sources.len()];
+            self.world.show_sources(if lod == SourceLod::Geometry { &self.sources } else { &none });
+        }
     }
 
     /// The box of all that may be seen, world space, metres; may be empty.
@@ -73,11 +114,6 @@ impl Prepared<'_> {
     /// What was mended or left out.
     pub fn warnings(&self) -> &Warnings {
         &self.world.warnings
-    }
-
-    /// From now on, so many cones a pixel: 1, 2, 4, 8 or 16.
-    pub fn set_lanes(&mut self, lanes: u32) {
-        self.options.lanes = lanes;
     }
 
     /// The pixels of `window`, as [`super::render`] makes them.
@@ -98,7 +134,9 @@ impl Prepared<'_> {
         if x >= self.options.size[0] || y >= self.options.size[1] {
             return None;
         }
-        let mut tracer = Tracer::new(&self.world, &self.options);
+        // Other lanes go beside the pixel's middle.
+        let options = Options { lanes: 1, ..self.options.clone() };
+        let mut tracer = Tracer::new(&self.world, &options);
         tracer.trace = Some(Trace::new());
         pixel_of(&mut tracer, x, y);
         let metres = nearest(&tracer.trace.take().unwrap_or_default())?;
@@ -158,5 +196,37 @@ mod tests {
         assert_eq!(prepared.point(40, 0), None);
         assert_eq!(prepared.viewpoint().eye, DVec3::new(0.0, 4.0, 0.1));
         assert_eq!(prepared.bounds().max, DVec3::splat(1.0));
+    }
+
+    #[test]
+    fn a_prepared_scene_turns_to_other_pictures() {
+        let scene = square();
+        let look = |eye: DVec3, target: DVec3, size| {
+            let camera = CameraChoice::LookAt { eye, target, yfov: 1.0 };
+            Options { size, camera, lanes: 4, ..Options::default() }
+        };
+        let whole = |size: [u32; 2]| CropWindow { at: [0, 0], size };
+        let eye = DVec3::new(0.0, 4.0, 0.1);
+        let session = Session::new(&scene).unwrap();
+        let mut prepared = session.prepare(look(eye, DVec3::Y, [40, 30])).unwrap();
+        // From the same place: the same, bit for bit.
+        let other = look(eye, DVec3::new(0.5, 1.0, 0.2), [33, 20]);
+        assert_eq!(prepared.distance(&other).unwrap(), 0.0);
+        prepared.look(other.clone()).unwrap();
+        let made = render(&scene, &other, &Quiet).unwrap().film;
+        assert!(prepared.film(whole([33, 20])).unwrap().pixels == made.pixels);
+        // From another: but for roundings.
+        let moved = look(DVec3::new(0.7, 2.5, -0.4), DVec3::new(0.2, 1.0, 0.0), [40, 30]);
+        assert!(prepared.distance(&moved).unwrap() > 0.1);
+        prepared.look(moved.clone()).unwrap();
+        assert!((prepared.viewpoint().eye - DVec3::new(0.7, 2.5, -0.4)).length() < 1e-15);
+        let made = render(&scene, &moved, &Quiet).unwrap().film;
+        let film = prepared.film(whole([40, 30])).unwrap();
+        let apart = film.pixels.iter().flatten().zip(made.pixels.iter().flatten()).map(|(a, b)| (a - b).abs());
+        assert!(apart.fold(0.0, f32::max) < 1e-4);
+        let point = prepared.point(20, 15).unwrap();
+        assert!((point - DVec3::new(0.2, 1.0, 0.0)).length() < 0.2 && (point.y - 1.0).abs() < 1e-9, "{point}");
+        assert!(prepared.look(Options { size: [0, 1], ..moved.clone() }).is_err());
+        assert!(prepared.look(look(eye, eye, [40, 30])).is_err());
     }
 }

@@ -49,6 +49,10 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Box<dyn Source>> {
         FileKind::Other if ["bgeo", "geo", "pdb"].contains(&extension.as_str()) => {
             return Err(Error::unsupported(path, "a Partio or Houdini file (export its points as .csv)"));
         }
+        // Grammars of other programs have extensions of all kinds.
+        FileKind::Other if options.lsystem.dialect.is_some() => {
+            return lsystem::open(Some(path), &options.lsystem, &options.read, &options.mesh);
+        }
         FileKind::Other => {
             return Err(Error::input(path, "", format!("its extension is not known; what can be baked: {KNOWN}")));
         }
@@ -90,10 +94,11 @@ pub fn dependencies(path: &Path) -> Vec<PathBuf> {
         }
     };
     let text = || files::read(path, MAX_TEXT).map(|b| text::decode(&b).into_owned()).unwrap_or_default();
+    let may_be_grammar = matches!(file_kind(path), FileKind::LSystem | FileKind::Other);
     match extension(path).as_str() {
         "gltf" | "glb" => gltf::named_files(path).into_iter().for_each(&mut add),
         "obj" => crate::scene::obj::named_files(path).into_iter().for_each(&mut add),
-        "lsys" | "ls" | "l" | "lpy" | "ini" => {
+        _ if may_be_grammar => {
             // Surfaces are meshes; a grammar that names itself is an error when it is opened.
             for file in lsystem::beside(path, &text()) {
                 match extension(&file).as_str() {
@@ -120,5 +125,20 @@ mod tests {
     fn unknown_extensions_are_told_the_known() {
         let error = open(Path::new("a.xyz"), &OpenOptions::default()).err().unwrap();
         assert!(error.to_string().contains(".gltf"), "{error}");
+    }
+
+    #[test]
+    fn a_dialect_makes_any_file_a_grammar() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("tree.txt");
+        std::fs::write(folder.path().join("leaf.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
+        let text =
+            "premise = FJ\ngenerations = 1\nangle = 30\nstep size = 1\nthickness = .1\nleaf J = leaf.obj\nF=FF\n";
+        std::fs::write(&path, text).unwrap();
+        let mut options = OpenOptions::default();
+        assert!(open(&path, &options).err().unwrap().to_string().contains("extension is not known"));
+        options.lsystem.dialect = Some(lsystem::Dialect::Houdini);
+        assert!(open(&path, &options).is_ok());
+        assert_eq!(dependencies(&path), [path, folder.path().join("leaf.obj")]);
     }
 }

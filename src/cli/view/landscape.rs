@@ -6,7 +6,7 @@
 //! and is as long as the number of 32 bits in place of the tile's width and height.
 
 use std::io;
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use serde_json::{Value, json};
 
@@ -38,6 +38,9 @@ const MOST_PIXELS: u32 = 4096;
 const COARSEST: u32 = 64;
 /// Cones a pixel of the last picture.
 const LANES: u32 = 4;
+/// How far the camera may go, in units about as long as the scene, before even coarse pictures want it prepared anew: at one unit,
+/// 32 bits place things to a ten-millionth of it.
+const NEAR_ENOUGH: f64 = 1.0;
 /// Pixels a side of what is sent at once.
 const TILE: u32 = 128;
 /// Vertical field of view that takes the place of parallel rays, degrees.
@@ -53,9 +56,12 @@ pub struct Landscape<'a> {
     look: &'a Look,
     /// What the page is told of it.
     about: Value,
-    /// Who renders: one at a time, so that several pages share the processor.
-    turn: Mutex<()>,
+    /// Who renders: one at a time, so that several pages share the processor. It holds what was prepared last.
+    turn: Mutex<Option<Place<'a>>>,
 }
+
+/// The scene, prepared for a place of the camera.
+type Place<'a> = Arc<Mutex<Prepared<'a>>>;
 
 /// A camera that a page asks for.
 struct Camera {
@@ -99,7 +105,7 @@ impl<'a> Landscape<'a> {
         let about = json!({
             "name": name, "command": command, "camera": camera, "radius": radius, "lanes": look.options.lanes.max(LANES),
         });
-        Ok(Landscape { session, look, about, turn: Mutex::new(()) })
+        Ok(Landscape { session, look, about, turn: Mutex::new(Some(Arc::new(Mutex::new(first)))) })
     }
 
     /// Answer a request of a page.
@@ -121,8 +127,7 @@ impl<'a> Landscape<'a> {
             },
             "/point" => match (camera_of(request), pixel_of(request)) {
                 (Ok(camera), Ok([x, y])) => {
-                    let _turn = self.turn();
-                    let found = self.session.prepare(self.options(&camera, 1)).map(|p| p.point(x, y));
+                    let found = self.point(&camera, [x, y]);
                     json_answer(client, &json!(found.ok().flatten().map(|p| p.to_array())))
                 }
                 (Err(what), _) | (_, Err(what)) => bad(client, &what),
@@ -131,8 +136,33 @@ impl<'a> Landscape<'a> {
         }
     }
 
-    fn turn(&self) -> std::sync::MutexGuard<'_, ()> {
-        self.turn.lock().unwrap_or_else(PoisonError::into_inner)
+    fn turn(&self) -> MutexGuard<'_, Option<Place<'a>>> {
+        held(&self.turn)
+    }
+
+    /// The scene as it is prepared for `camera`, exactly, or near enough where pixels are `step` wide.
+    fn place(&self, kept: &mut Option<Place<'a>>, camera: &Camera, step: u32) -> Result<Place<'a>> {
+        let options = self.options(camera, step);
+        if let Some(place) = kept {
+            let distance = held(place).distance(&options)?;
+            if distance == 0.0 || step > 1 && distance < NEAR_ENOUGH {
+                return Ok(place.clone());
+            }
+        }
+        // What was prepared before is let go first, so that memory need not hold both.
+        *kept = None;
+        let place = Arc::new(Mutex::new(self.session.prepare(options)?));
+        *kept = Some(place.clone());
+        Ok(place)
+    }
+
+    fn point(&self, camera: &Camera, [x, y]: [u32; 2]) -> Result<Option<DVec3>> {
+        let mut turn = self.turn();
+        // Any pixel is wide enough for a place to turn around.
+        let place = self.place(&mut turn, camera, COARSEST)?;
+        let mut prepared = held(&place);
+        prepared.look(self.options(camera, 1))?;
+        Ok(prepared.point(x, y))
     }
 
     /// Of a picture whose pixels are `step` wide.
@@ -165,31 +195,30 @@ impl<'a> Landscape<'a> {
     fn pictures(&self, camera: &Camera, client: &mut Client) -> Result<(), Ended> {
         let mut step = camera.step;
         while step > 1 {
-            let prepared = self.prepare(camera, step, client)?;
-            self.tiles(&prepared, self.options(camera, step).size, 1, client)?;
+            self.tiles(camera, step, self.options(camera, step), client)?;
             // A sixteenth of the pixels at a time, down to all of them.
             step = if step > 2 { step / 4 } else { 1 };
         }
-        let mut prepared = self.prepare(camera, 1, client)?;
         let own = self.look.options.lanes;
         for lanes in [own, LANES].into_iter().take(if own < LANES { 2 } else { 1 }) {
-            prepared.set_lanes(lanes);
-            self.tiles(&prepared, camera.size, lanes, client)?;
+            self.tiles(camera, 1, Options { lanes, ..self.options(camera, 1) }, client)?;
         }
         Ok(())
     }
 
-    fn prepare(&self, camera: &Camera, step: u32, client: &Client) -> Result<Prepared<'a>, Ended> {
-        let _turn = self.turn();
-        still_there(client)?;
-        Ok(self.session.prepare(self.options(camera, step))?)
-    }
-
-    fn tiles(&self, prepared: &Prepared<'_>, size: [u32; 2], lanes: u32, client: &mut Client) -> Result<(), Ended> {
+    fn tiles(&self, camera: &Camera, step: u32, options: Options, client: &mut Client) -> Result<(), Ended> {
+        let (size, lanes) = (options.size, options.lanes);
+        let mut place = None;
         for tile in from_the_middle(size) {
             let mut film = {
-                let _turn = self.turn();
+                let mut turn = self.turn();
                 still_there(client)?;
+                let place = match &place {
+                    Some(place) => place,
+                    None => place.insert(self.place(&mut turn, camera, step)?),
+                };
+                let mut prepared = held(place);
+                prepared.look(options.clone())?;
                 prepared.film(tile)?
             };
             self.look.tone.apply(&mut film);
@@ -200,6 +229,10 @@ impl<'a> Landscape<'a> {
         }
         Ok(())
     }
+}
+
+fn held<T>(what: &Mutex<T>) -> MutexGuard<'_, T> {
+    what.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 fn still_there(client: &Client) -> io::Result<()> {

@@ -169,8 +169,10 @@ pub fn count(path: &Path, options: &LSystemOptions, max_bytes: u64) -> Result<(C
 /// The files that are read with the grammar `text`, as they are found beside `path`: those that its notation has, and those
 /// that its surfaces name.
 pub fn beside(path: &Path, text: &str) -> Vec<PathBuf> {
-    let (grammar, dialect) =
-        parse(path, text, &LSystemOptions::default()).unwrap_or((Grammar::default(), Dialect::Book));
+    let read = |dialect| parse(path, text, &LSystemOptions { dialect, ..LSystemOptions::default() });
+    // Houdini's rules are known by the option alone.
+    let read = read(None).or_else(|_| read(Some(Dialect::Houdini)));
+    let (grammar, dialect) = read.unwrap_or((Grammar::default(), Dialect::Book));
     let mesh = |s: &Surface| match s {
         Surface::Mesh { file, .. } => find(path, file),
         Surface::Polygon { .. } | Surface::Patches { .. } => None,
