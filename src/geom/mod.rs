@@ -6,6 +6,13 @@ pub(crate) mod projection;
 
 pub use glam::{DAffine3, DMat3, DMat4, DVec2, DVec3, Mat3, Vec2, Vec3};
 
+/// `f` of each of three things, inlined: `array::map` calls a function for each of them where `f` is more than a few instructions and
+/// the build does not optimise across the parts of the crate.
+#[inline(always)]
+pub(crate) fn each3<T, U>([a, b, c]: [T; 3], f: impl Fn(T) -> U) -> [U; 3] {
+    [f(a), f(b), f(c)]
+}
+
 /// An axis-aligned box; empty while any `min > max`.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Aabb {

@@ -11,7 +11,7 @@
 
 use glam::{BVec3A, Vec3A};
 
-use crate::geom::Vec3;
+use crate::geom::{Vec3, each3};
 use crate::morton;
 use crate::volume::octree::{Block, Octree, VoxelAddress};
 use crate::volume::voxel::SUPPORT_ENDS;
@@ -290,7 +290,7 @@ impl VoxelSegment<'_> {
         }
         // Mirrored, a box of sixteenths swaps the distances from the two ends.
         let mirrored = |k: u32, byte: u8| byte.rotate_left(4 * (self.line.mirrored >> k & 1));
-        let ends = [mirrored(0, x), mirrored(1, y), mirrored(2, z)].map(|byte| &SUPPORT_ENDS[usize::from(byte)]);
+        let ends = each3([mirrored(0, x), mirrored(1, y), mirrored(2, z)], |byte| &SUPPORT_ENDS[usize::from(byte)]);
         let low = Vec3A::new(ends[0][0], ends[1][0], ends[2][0]);
         let high = Vec3A::new(ends[0][1], ends[1][1], ends[2][1]);
         let near = self.planes.meet(self.corner + low).max_element();

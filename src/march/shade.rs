@@ -2,7 +2,7 @@
 
 use smallvec::SmallVec;
 
-use crate::geom::{Mat3, Vec3};
+use crate::geom::{Mat3, Vec3, each3};
 use crate::simd::multiversioned;
 use crate::volume::brightness::BrightnessFactors;
 use crate::volume::octree::VoxelAddress;
@@ -336,7 +336,7 @@ fn mean_normal(voxel: &Voxel, warp: Option<Mat3>) -> Vec3 {
 /// J S J^T.
 pub fn warped(s: &Sggx, j: Mat3) -> Sggx {
     let rows = [j.row(0), j.row(1), j.row(2)];
-    let [a, b, c] = rows.map(|r| s.mul(r));
+    let [a, b, c] = each3(rows, |r| s.mul(r));
     Sggx {
         xx: rows[0].dot(a),
         yy: rows[1].dot(b),

@@ -8,13 +8,14 @@ use std::collections::HashMap;
 
 use glam::Vec3A;
 
+use super::bvh::Boxes;
 use super::cells::{CopyHit, RIGID, TexelLayer};
 use super::copies::RigidCopy;
 use super::copy_segment::{CopySegment, round_inside};
 use super::phong::{PhongTable, SurfaceCoords};
 use super::placement::PlacedCopy;
 use super::shell::Prism;
-use crate::geom::{Aabb, DAffine3, DMat3, DVec3, Mat3, Ray, Vec3};
+use crate::geom::{Aabb, DAffine3, DMat3, DVec3, Mat3, Ray, Vec3, each3};
 use crate::march::transmittance::MarchSegment;
 use crate::scene::shell::CellWrap;
 
@@ -108,7 +109,7 @@ impl AffineCopies {
     /// Add the copy that fills a box of one layer, and its box to `bounds`. False, with nothing added, where there are more layers
     /// (which are mixed where they meet), or where that layer has more copies in the box than one, a part of one, a bent one, or one
     /// whose looks differ from place to place.
-    pub fn fill(&mut self, prism: &Prism, layers: &[TexelLayer], phongs: &PhongTable, bounds: &mut Vec<Aabb>) -> bool {
+    pub fn fill(&mut self, prism: &Prism, layers: &[TexelLayer], phongs: &PhongTable, bounds: &mut Boxes) -> bool {
         let [layer] = layers else { return false };
         match self.filling(prism, layer) {
             Filling::Nothing => true,
@@ -186,7 +187,7 @@ impl AffineCopies {
         // The difference is exact enough in f64; what follows needs no more than the map has.
         let offset = (ray.origin - copy.middle.as_dvec3()).as_vec3a();
         let along = ray.dir.as_vec3a();
-        let [x, y, z] = [copy.matrix.x_axis, copy.matrix.y_axis, copy.matrix.z_axis].map(Vec3A::from);
+        let [x, y, z] = each3([copy.matrix.x_axis, copy.matrix.y_axis, copy.matrix.z_axis], Vec3A::from);
         let origin = x * offset.x + y * offset.y + z * offset.z + 0.5;
         let dir = x * along.x + y * along.y + z * along.z;
         // Along a face of the cube, inside of the lower one and outside of the upper one.
@@ -244,6 +245,7 @@ fn bounds_of(content: &Aabb, to_texel: &DAffine3) -> Aabb {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::render::bvh::Bvh;
     use crate::render::layer::TexelChoice;
     use crate::render::shell::{Corner, ShellBox};
     use crate::scene::shell::{Continuous, Discrete, Layer, Orientations};
@@ -266,8 +268,8 @@ mod tests {
         Prism::new(&[corner(0.0, 0.0), corner(1.0, 0.0), corner(1.0, 1.0), corner(0.0, 1.0)]).unwrap()
     }
 
-    fn filled(prism: &Prism, layer: &TexelLayer) -> (bool, AffineCopies, Vec<Aabb>) {
-        let (mut copies, mut bounds) = (AffineCopies::new(std::iter::once(CONTENT)), Vec::new());
+    fn filled(prism: &Prism, layer: &TexelLayer) -> (bool, AffineCopies, Boxes) {
+        let (mut copies, mut bounds) = (AffineCopies::new(std::iter::once(CONTENT)), Boxes::default());
         let done = copies.fill(prism, std::slice::from_ref(layer), &PhongTable::default(), &mut bounds);
         assert_eq!(bounds.len(), copies.len());
         (done, copies, bounds)
@@ -322,7 +324,7 @@ mod tests {
                 assert!((segment.scale / scale - 1.0).abs() < 1e-6);
                 let footprint = (0.001 + 0.01 * segment.hit.t0) * scale;
                 assert!((f64::from(segment.march.footprint) / footprint - 1.0).abs() < 1e-6);
-                assert!(bounds[0].hit(ray.origin, ray.dir.recip(), 0.0, 9.0).is_some(), "{i}");
+                assert!(Bvh::over(&bounds).nearest(&ray, 9.0, |_, _| -1.0) < 0.0, "{i}");
             }
             assert!(met > 300, "{met}");
         }

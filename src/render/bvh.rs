@@ -1,14 +1,15 @@
 //! A bounding volume hierarchy over numbered boxes: nearest hit, any hit, and all hits in order of depth.
 //!
-//! Based on: D. Meister, J. Bittner, *Parallel Locally-Ordered Clustering*, TVCG 2018 (the build, by the crate obvhs);
-//! I. Wald, C. Benthin, S. Boulos, *Getting Rid of Packets*, RT 2008 (wide nodes, whose children one ray tests at once);
+//! Based on: I. Wald, C. Benthin, S. Boulos, *Getting Rid of Packets*, RT 2008 (wide nodes, whose children one ray tests at once);
 //! T. Ize, *Robust BVH Ray Traversal*, JCGT 2013 (padded slabs).
 
-use glam::Vec4;
-use obvhs::BvhBuildParams;
-use obvhs::bvh2::Bvh2;
+mod build;
 
-use crate::geom::{Aabb, Ray, Vec3};
+pub use build::Boxes;
+
+use glam::Vec4;
+
+use crate::geom::{Aabb, Ray, Vec3, each3};
 
 /// Distance by which every box is grown, in units in which the scene is about 1 across: more than the rounding of origins and
 /// bounds to f32 (2^-24), so that the f32 slabs never lose what the exact tests in f64 would find.
@@ -50,6 +51,17 @@ impl Node {
         self.children[k] = child;
     }
 
+    /// Number the children anew: nodes by `node`, items by `item`.
+    fn renumber(&mut self, node: impl Fn(u32) -> u32, item: impl Fn(u32) -> u32) {
+        for k in 0..WIDTH {
+            if self.bounds(k).0.x == f32::INFINITY {
+                continue;
+            }
+            let child = self.children[k];
+            self.children[k] = if child & ITEM == 0 { node(child) } else { item(child & !ITEM) };
+        }
+    }
+
     /// Lower and upper corner of a child's box.
     fn bounds(&self, k: usize) -> (Vec3, Vec3) {
         let at = |plane: usize| self.planes[plane][k / 4][k % 4];
@@ -61,11 +73,6 @@ impl Node {
 #[derive(Default)]
 pub struct Bvh {
     nodes: Vec<Node>,
-}
-
-/// A box as the build takes it, grown.
-fn grown(bounds: Aabb) -> obvhs::aabb::Aabb {
-    obvhs::aabb::Aabb { min: bounds.min.as_vec3a() - PAD, max: bounds.max.as_vec3a() + PAD }
 }
 
 /// A ray prepared for slab tests.
@@ -84,13 +91,13 @@ impl Slabs {
             let r = (1.0 / d) as f32;
             if r.is_finite() { r } else { f32::MAX.copysign(r) * 1e-8 }
         };
-        let inverse = [0, 1, 2].map(|k| inverse(ray.dir[k]));
-        let back = inverse.map(|v| usize::from(v < 0.0));
+        let inverse = each3([0, 1, 2], |k| inverse(ray.dir[k]));
+        let back = each3(inverse, |v| usize::from(v < 0.0));
         Slabs {
-            origin: [0, 1, 2].map(|k| Vec4::splat(ray.origin[k] as f32)),
-            inverse: inverse.map(Vec4::splat),
-            first: [0, 1, 2].map(|k| k + 3 * back[k]),
-            last: [0, 1, 2].map(|k| k + 3 * (1 - back[k])),
+            origin: each3([0, 1, 2], |k| Vec4::splat(ray.origin[k] as f32)),
+            inverse: each3(inverse, Vec4::splat),
+            first: each3([0, 1, 2], |k| k + 3 * back[k]),
+            last: each3([0, 1, 2], |k| k + 3 * (1 - back[k])),
         }
     }
 
@@ -165,17 +172,24 @@ impl Stack {
 impl Bvh {
     /// Boxes must be finite, in units in which the scene is about 1 across, and fewer than 2^31.
     pub fn new(boxes: impl IntoIterator<Item = Aabb>) -> Bvh {
-        let items: Vec<obvhs::aabb::Aabb> = boxes.into_iter().map(grown).collect();
-        if items.is_empty() {
-            return Bvh::default();
-        }
-        // Leaves that hold one item are not collapsed, so that there is nothing to mend after it.
-        let params = BvhBuildParams {
-            max_prims_per_leaf: 1,
-            post_collapse_reinsertion_batch_ratio_multiplier: 0.0,
-            ..BvhBuildParams::medium_build()
-        };
-        Bvh { nodes: widened(&obvhs::bvh2::builder::build_bvh2(&items, params, &mut Default::default())) }
+        Bvh::over(&boxes.into_iter().collect())
+    }
+
+    /// The same of boxes that are gathered already.
+    pub fn over(boxes: &Boxes) -> Bvh {
+        Bvh { nodes: build::build(boxes, 1, |group| group[0]) }
+    }
+
+    /// A hierarchy whose items are groups of up to `most` neighbouring boxes: `take` is given the indices of each, rising, and the
+    /// groups are numbered in the order in which it is. Boxes as for [`Bvh::new`].
+    pub fn of_groups(boxes: impl IntoIterator<Item = Aabb>, most: usize, mut take: impl FnMut(&[u32]) + Send) -> Bvh {
+        let mut count = 0;
+        let nodes = build::build(&boxes.into_iter().collect(), most, |group| {
+            take(group);
+            count += 1;
+            count - 1
+        });
+        Bvh { nodes }
     }
 
     /// Calls `hit(item, t)` for items whose boxes the ray may meet before `t`, nearer nodes first; `hit` returns the new,
@@ -285,42 +299,12 @@ impl Bvh {
 
 /// Places of the bits that are set, rising.
 #[inline(always)]
-fn bits(mut mask: u32) -> impl Iterator<Item = usize> {
+pub fn bits(mut mask: u32) -> impl Iterator<Item = usize> {
     std::iter::from_fn(move || {
         let place = mask.trailing_zeros();
         mask &= mask.wrapping_sub(1);
         (place < 32).then_some(place as usize)
     })
-}
-
-/// The same hierarchy with eight children a node: the widest of a node's children is opened until it has as many.
-fn widened(built: &Bvh2) -> Vec<Node> {
-    let mut nodes = vec![Node::EMPTY];
-    let mut open = vec![(0, 0)];
-    while let Some((from, to)) = open.pop() {
-        let mut children = vec![from];
-        while children.len() < WIDTH {
-            let area = |i: usize| built.nodes[i].aabb.half_area();
-            let inner = (0..children.len()).filter(|&k| built.nodes[children[k]].prim_count == 0);
-            let Some(widest) = inner.max_by(|&a, &b| area(children[a]).total_cmp(&area(children[b]))) else { break };
-            let first = built.nodes[children[widest]].first_index as usize;
-            children[widest] = first;
-            children.push(first + 1);
-        }
-        for (k, &child) in children.iter().enumerate() {
-            let node = &built.nodes[child];
-            let number = if node.prim_count == 0 {
-                nodes.push(Node::EMPTY);
-                open.push((child, nodes.len() - 1));
-                nodes.len() as u32 - 1
-            } else {
-                // Leaves were asked to hold one item each.
-                ITEM | built.primitive_indices[node.first_index as usize]
-            };
-            nodes[to].set(k, &node.aabb, number);
-        }
-    }
-    nodes
 }
 
 /// The items that a ray may meet, in order of where it enters their boxes.
@@ -490,5 +474,48 @@ mod tests {
             true
         });
         assert_eq!(met, 3000);
+    }
+
+    #[test]
+    fn parts_that_are_built_apart_and_leaves_of_several_items_hold_all_items_once() {
+        // More than one part, in which some lie on each other.
+        let n = 150_000u32;
+        let at = |i: u32| {
+            let k = f64::from(i / 3);
+            DVec3::new((k * 0.618).fract(), (k * 0.755).fract(), (k * 0.57).fract()) - 0.5
+        };
+        let boxes = || (0..n).map(|i| Aabb::new(at(i), at(i) + 0.004));
+        let mut groups: Vec<Vec<u32>> = Vec::new();
+        let of_groups = Bvh::of_groups(boxes(), 8, |group| groups.push(group.to_vec()));
+        assert!(groups.iter().all(|g| (1..=8).contains(&g.len()) && g.is_sorted()));
+        let mut all: Vec<u32> = groups.concat();
+        all.sort_unstable();
+        assert!(all.iter().copied().eq(0..n));
+        let single = Bvh::new(boxes());
+        for k in 0..40u32 {
+            let dir = (at(7 * k) + DVec3::new(0.1, 0.0, 0.01)).normalize();
+            let ray = Ray { origin: at(11 * k + 1), dir };
+            // Boxes are grown by 5e-7, and distances off by as much.
+            let met = |by: f64| {
+                let meets =
+                    |b: &Aabb| Aabb::new(b.min - by, b.max + by).hit(ray.origin, ray.dir.recip(), 0.0, 0.5 + by);
+                (0..n).zip(boxes()).filter(|(_, b)| meets(b).is_some()).map(|(i, _)| i).collect::<Vec<u32>>()
+            };
+            let (want, most) = (met(0.0), met(1e-5));
+            let mut found = Vec::new();
+            single.all(&ray, 0.5, |item| {
+                found.push(item);
+                true
+            });
+            let mut in_groups = Vec::new();
+            of_groups.all(&ray, 0.5, |group| {
+                in_groups.extend(&groups[group as usize]);
+                true
+            });
+            found.sort_unstable();
+            assert!(found.is_sorted_by(|a, b| a < b));
+            assert!(want.iter().all(|i| found.binary_search(i).is_ok() && in_groups.contains(i)), "{k}");
+            assert!(found.iter().all(|i| most.binary_search(i).is_ok()), "{k}");
+        }
     }
 }

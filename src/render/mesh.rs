@@ -1,20 +1,23 @@
 //! Plain meshes: where a ray meets them, and what they look like there.
 //!
-//! Based on: S. Woop, C. Benthin, I. Wald, *Watertight Ray/Triangle Intersection*, JCGT 2013; J. Hanika, *Hacking the
-//! Shadow Terminator*, Ray Tracing Gems II, 2021.
+//! Based on: J. Hanika, *Hacking the Shadow Terminator*, Ray Tracing Gems II, 2021.
 
+mod blocks;
 mod bundle;
 mod cards;
+mod shear;
 mod transmission;
 
+use blocks::Blocks;
 pub use bundle::Bundle;
+pub use shear::Shear;
 
 use glam::DVec4;
 
 use super::bvh::Bvh;
 use super::curved::{self, Piece};
 use super::mask::{Lookup, Masks};
-use crate::geom::{Aabb, DMat3, DVec3, Ray, Vec3};
+use crate::geom::{Aabb, DMat3, DVec3, Ray, Vec3, each3};
 use crate::march::shade::Look;
 use crate::scene::{Alpha, Material, Model, Part};
 use crate::volume::{Finish, Gloss};
@@ -38,7 +41,7 @@ pub struct Mesh {
     triangles: Vec<Triangle>,
     /// Of bilinear patches that are not flat.
     pieces: Vec<Piece>,
-    bvh: Bvh,
+    blocks: Blocks,
     masks: Masks,
     /// Cards: triangles whose alpha varies. Indices, and the hierarchy over them.
     cards: Vec<u32>,
@@ -135,61 +138,6 @@ impl Surface {
     }
 }
 
-/// A ray prepared for triangles: its largest axis becomes z, and a shear makes it run along z.
-pub struct Shear {
-    axes: [usize; 3],
-    scale: DVec3,
-}
-
-impl Shear {
-    pub fn new(dir: DVec3) -> Shear {
-        let a = dir.abs();
-        let z = if a.x > a.y && a.x > a.z { 0 } else { 1 + usize::from(a.z >= a.y) };
-        let (mut x, mut y) = ((z + 1) % 3, (z + 2) % 3);
-        if dir[z] < 0.0 {
-            (x, y) = (y, x);
-        }
-        Shear { axes: [x, y, z], scale: DVec3::new(dir[x], dir[y], 1.0) / dir[z] }
-    }
-
-    /// (t, b1, b2) where the ray from the origin meets the triangle.
-    #[inline]
-    pub fn meet(&self, [a, b, c]: [DVec3; 3]) -> Option<(f64, [f64; 2])> {
-        let [x, y, z] = self.axes;
-        // Not by `map` over the corners, which is a call for each: a near picture took 4 % longer.
-        let sheared =
-            |p: DVec3| DVec3::new(p[x] - self.scale.x * p[z], p[y] - self.scale.y * p[z], self.scale.z * p[z]);
-        let (a, b, c) = (sheared(a), sheared(b), sheared(c));
-        let u = c.x * b.y - c.y * b.x;
-        let v = a.x * c.y - a.y * c.x;
-        let w = b.x * a.y - b.y * a.x;
-        if (u < 0.0 || v < 0.0 || w < 0.0) && (u > 0.0 || v > 0.0 || w > 0.0) {
-            return None;
-        }
-        let det = u + v + w;
-        let t = (u * a.z + v * b.z + w * c.z) / det;
-        t.is_finite().then_some((t, [v / det, w / det]))
-    }
-
-    /// Whether the triangle is met by the ray, as [`is_within`] has it.
-    fn is_within(&self, corners: [DVec3; 3]) -> bool {
-        let [x, y, z] = self.axes;
-        is_within(corners.map(|p| [p[x] - self.scale.x * p[z], p[y] - self.scale.y * p[z]]))
-    }
-}
-
-/// Whether the origin, moved aside by (ε, ε²), ε → 0, is in the triangle: of two triangles that share an edge on which the origin
-/// is, it is in one alone. Based on: H. Edelsbrunner, E. Mücke, *Simulation of Simplicity*, TOG 1990.
-fn is_within([a, b, c]: [[f64; 2]; 3]) -> bool {
-    let side = |from: [f64; 2], to: [f64; 2]| {
-        let exact = from[0] * to[1] - from[1] * to[0];
-        let terms = [exact, from[1] - to[1], to[0] - from[0]];
-        terms.into_iter().find(|v| *v != 0.0).unwrap_or(0.0) > 0.0
-    };
-    let first = side(c, b);
-    side(a, c) == first && side(b, a) == first
-}
-
 /// Builds a [`Mesh`].
 #[derive(Default)]
 pub struct MeshBuilder {
@@ -247,7 +195,7 @@ impl MeshBuilder {
     pub fn build(self, materials: &[Material]) -> Mesh {
         let MeshBuilder { vertices, triangles, pieces, parts } = self;
         let bounds = |t: &Triangle| Aabb::around(t.vertices.map(|v| vertices[v as usize]));
-        let bvh = Bvh::new(triangles.iter().map(bounds));
+        let blocks = Blocks::new(triangles.len(), |i| triangles[i].vertices.map(|v| vertices[v as usize]));
         let ends = parts.iter().skip(1).map(|p| p.0).chain([triangles.len()]);
         let is_card = |&(&(_, material, colors), _): &(&(usize, usize, bool), usize)| {
             materials.get(material).is_some_and(|m| m.alpha != Alpha::Opaque && (m.texture.is_some() || colors))
@@ -255,7 +203,7 @@ impl MeshBuilder {
         let of_cards = parts.iter().zip(ends).filter(is_card);
         let cards: Vec<u32> = of_cards.flat_map(|(part, end)| part.0 as u32..end as u32).collect();
         let card_bvh = Bvh::new(cards.iter().map(|&i| bounds(&triangles[i as usize])));
-        Mesh { vertices, triangles, pieces, bvh, masks: Masks::new(materials), cards, card_bvh }
+        Mesh { vertices, triangles, pieces, blocks, masks: Masks::new(materials), cards, card_bvh }
     }
 }
 
@@ -277,7 +225,7 @@ impl Mesh {
     /// What the part's vertices have, at the corners of a triangle; `None` where it has none.
     fn at_corners(&self, part: &Part, triangle: &Triangle, of: impl Fn(u32) -> DVec4) -> Option<[DVec4; 3]> {
         if triangle.index & CURVED == 0 {
-            return part.triangles.get(triangle.index as usize).map(|t| t.map(of));
+            return part.triangles.get(triangle.index as usize).map(|t| each3(*t, of));
         }
         let piece = self.pieces.get((triangle.index & !CURVED) as usize)?;
         part.patches.get(piece.patch as usize).map(|ring| piece.mix(ring.map(of)))
@@ -322,7 +270,7 @@ impl Mesh {
     ) -> Option<Contact> {
         let mut found = None;
         let shear = Shear::new(ray.dir);
-        let end = self.bvh.nearest(ray, t1, |i, t1| match contact(i, &shear, t1) {
+        let end = self.blocks.nearest(ray, &shear, t1, |i, t1| match contact(i, &shear, t1) {
             Some(contact) if contact.alpha >= 1.0 => {
                 found = Some(contact);
                 contact.t
@@ -341,7 +289,7 @@ impl Mesh {
     /// whether the triangle's own normal is towards the ray's origin.
     pub fn for_each_contact(&self, model: &Model, ray: &Ray, t1: f64, mut each: impl FnMut(f64, bool)) {
         let shear = Shear::new(ray.dir);
-        self.bvh.nearest(ray, t1, |i, t1| {
+        self.blocks.nearest(ray, &shear, t1, |i, t1| {
             if let Some(contact) = self.contact(model, &shear, ray, i, (0.0, t1), None, &|_| 0.0)
                 && contact.alpha >= 0.5
             {
@@ -370,7 +318,7 @@ impl Mesh {
             let contact = self.contact(model, shear, ray, i, (1e-9, t1), skip, &|_| width)?;
             Some(Contact { alpha: scaled_alpha(contact.alpha, opacity_scale), ..contact })
         };
-        through(&self.bvh, ray, t1, each).0
+        through(&self.blocks, ray, t1, each).0
     }
 
     /// The same, where cards that lie one after the other have their alpha in the ray itself, and not over its width.
@@ -383,7 +331,9 @@ impl Mesh {
         width: f64,
     ) -> f32 {
         let each = |width: f64| {
-            through(&self.bvh, ray, t1, |i, shear, t1| self.contact(model, shear, ray, i, (1e-9, t1), skip, &|_| width))
+            through(&self.blocks, ray, t1, |i, shear, t1| {
+                self.contact(model, shear, ray, i, (1e-9, t1), skip, &|_| width)
+            })
         };
         let (found, met) = each(width);
         if met > 1 && found > 0.0 { each(0.0).0 } else { found }
@@ -447,7 +397,7 @@ impl Mesh {
         let uvs = part.uvs.get(reference.tex_coord)?;
         let uv = |i: u32| uvs.get(i as usize).copied().unwrap_or_default().map(f64::from);
         let corners = self.at_corners(part, triangle, |i| DVec4::new(uv(i)[0], uv(i)[1], 0.0, 0.0))?;
-        let corners = corners.map(|c| reference.map([c.x as f32, c.y as f32]));
+        let corners = each3(corners, |c| reference.map([c.x as f32, c.y as f32]));
         let [a, b, c] = corners;
         let weights = at.weights();
         let uv = [0, 1].map(|k| weights[0] * a[k] + weights[1] * b[k] + weights[2] * c[k]);
@@ -470,7 +420,7 @@ impl Mesh {
     fn corner_alphas(&self, part: &Part, triangle: &Triangle) -> [f32; 3] {
         let Some(colors) = &part.colors else { return [1.0; 3] };
         let alpha = |i: u32| DVec4::splat(f64::from(colors.get(i as usize).map_or(1.0, |c| c[3])));
-        self.at_corners(part, triangle, alpha).map_or([0.0; 3], |corners| corners.map(|c| c.x as f32))
+        self.at_corners(part, triangle, alpha).map_or([0.0; 3], |corners| each3(corners, |c| c.x as f32))
     }
 
     /// Linear RGBA at a contact, over `width` of the surface.
@@ -508,7 +458,7 @@ impl Mesh {
             normal,
             albedo,
             transmission,
-            ambient: Vec3::from_array(ambient.map(|v| v as f32)),
+            ambient: Vec3::from_array(each3(ambient, |v| v as f32)),
             gloss: material.finish.has_gloss().then(|| material.finish.gloss()),
             emission: self.emitted(part, material, triangle, contact, width / cosine),
             unlit: material.unlit,
@@ -522,7 +472,8 @@ impl Mesh {
         let part = &model.parts[instance.part];
         let corners = self.corners(triangle);
         let weights = [1.0 - contact.b[0] - contact.b[1], contact.b[0], contact.b[1]];
-        let point = (0..3).map(|i| weights[i] * corners[i]).sum::<DVec3>();
+        let mix = |[a, b, c]: [DVec3; 3]| weights[0] * a + weights[1] * b + weights[2] * c;
+        let point = mix(corners);
         let flat = (corners[1] - corners[0]).cross(corners[2] - corners[0]).normalize_or(-ray.dir);
         let (mut normal, mut lifted) = (flat, point);
         let given = part.normals.as_ref().and_then(|normals| {
@@ -531,14 +482,14 @@ impl Mesh {
         });
         if let Some(given) = given {
             let turn = cofactor(instance.transform.matrix3);
-            let at = given.map(|n| (turn * n.truncate()).try_normalize().unwrap_or(flat));
-            normal = (0..3).map(|i| weights[i] * at[i]).sum::<DVec3>().try_normalize().unwrap_or(flat);
+            let at = each3(given, |n| (turn * n.truncate()).try_normalize().unwrap_or(flat));
+            normal = mix(at).try_normalize().unwrap_or(flat);
             let side = if normal.dot(ray.dir) > 0.0 { -1.0 } else { 1.0 };
             let lift = |i: usize| {
                 let n = side * at[i];
                 point - (point - corners[i]).dot(n).min(0.0) * n
             };
-            lifted = (0..3).map(|i| weights[i] * lift(i)).sum::<DVec3>();
+            lifted = mix(each3([0, 1, 2], lift));
         }
         if normal.dot(ray.dir) > 0.0 {
             normal = -normal;
@@ -555,10 +506,10 @@ fn scaled_alpha(alpha: f32, scale: f32) -> f32 {
 
 /// The share of light that comes through along `ray` up to t1, where `contact` tells what it meets of an item, and how much
 /// of what it met lets light through.
-fn through(bvh: &Bvh, ray: &Ray, t1: f64, contact: impl Fn(u32, &Shear, f64) -> Option<Contact>) -> (f32, u32) {
+fn through(blocks: &Blocks, ray: &Ray, t1: f64, contact: impl Fn(u32, &Shear, f64) -> Option<Contact>) -> (f32, u32) {
     let (mut through, mut met) = (1.0, 0);
     let shear = Shear::new(ray.dir);
-    let is_open = bvh.all(ray, t1, |i| {
+    let is_open = blocks.all(ray, &shear, t1, |i| {
         let Some(contact) = contact(i, &shear, t1) else { return true };
         through *= 1.0 - contact.alpha;
         met += 1;

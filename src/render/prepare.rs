@@ -6,7 +6,7 @@
 use std::sync::Arc;
 
 use super::affine::AffineCopies;
-use super::bvh::Bvh;
+use super::bvh::{Boxes, Bvh};
 use super::camera::View;
 use super::cells;
 use super::cells::{CopyHit, TexelChoice, TexelLayer};
@@ -208,7 +208,7 @@ impl<'a> World<'a> {
         if !copies.bounds().all(|b| finite(&b)) {
             return Err(Error::Options("the scene's copies are too large to be rendered".into()));
         }
-        let mut filled = Vec::new();
+        let mut filled = Boxes::default();
         self.copies.reserve(copies.len());
         (0..copies.len()).for_each(|i| self.copies.push(copies.get(i).as_ref(), &self.phongs));
         let model = &self.scene.model;
@@ -266,10 +266,12 @@ impl<'a> World<'a> {
             return Err(Error::Options("the scene's height vectors are too large to be rendered".into()));
         }
         self.mesh = mesh.build(&model.materials);
-        if !filled.iter().all(finite) {
+        if !filled.are_finite() {
             return Err(Error::Options("the scene's copies are too large to be rendered".into()));
         }
-        self.shells = Bvh::new(self.boxes.iter().map(ShellBox::bounds).chain(copies.bounds()).chain(filled));
+        let mut all: Boxes = self.boxes.iter().map(ShellBox::bounds).chain(copies.bounds()).collect();
+        all.append(filled);
+        self.shells = Bvh::over(&all);
         Ok(())
     }
 

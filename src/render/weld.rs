@@ -51,13 +51,21 @@ pub fn by_position(part: &Part) -> Vec<u32> {
 }
 
 /// For each of `n` triangles the other one with which it is one face, or [`NONE`]. `edge(i)`: the ends of the edge that triangle i
-/// may share, the lower first, if it may; `join(i, j)`: whether two that share it are one face, asked in order for each edge until
-/// one is found.
+/// may share, the lower first, if it may; `join(i, j)`: whether two that share it are one face. Those that follow each other are asked
+/// first, as most quads are written so; of the others, in order for each edge until one is found.
 pub fn partners(n: usize, edge: impl Fn(u32) -> Option<[u32; 2]>, join: impl Fn(u32, u32) -> bool) -> Vec<u32> {
     let mut partner = vec![NONE; n];
-    let mut table = Table::new(n);
+    let mut left = n;
+    for j in 1..n as u32 {
+        let i = j - 1;
+        if partner[i as usize] == NONE && edge(i).is_some_and(|own| edge(j) == Some(own)) && join(i, j) {
+            (partner[i as usize], partner[j as usize]) = (j, i);
+            left -= 2;
+        }
+    }
+    let mut table = Table::new(left);
     for j in 0..n as u32 {
-        let Some(own) = edge(j) else { continue };
+        let Some(own) = edge(j).filter(|_| partner[j as usize] == NONE) else { continue };
         let slot = table.slot(mix(mix(0, own[0]), own[1]), |other| edge(other) == Some(own));
         let i = *slot;
         // One that has its partner makes way for the next.
@@ -89,10 +97,10 @@ mod tests {
 
     #[test]
     fn triangles_are_paired_once_and_in_order() {
-        // Five share an edge, two another one; 7 may not share any.
+        // Five share an edge, of which two follow each other; two share another one; 7 may not share any.
         let edges = [[1, 2], [3, 4], [1, 2], [1, 2], [1, 2], [3, 4], [1, 2], [0, 0]];
         let edge = |i: u32| Some(edges[i as usize]).filter(|_| i != 7);
-        assert_eq!(partners(8, edge, |_, _| true), [2, 5, 0, 4, 3, 1, NONE, NONE]);
+        assert_eq!(partners(8, edge, |_, _| true), [4, 5, 3, 2, 0, 1, NONE, NONE]);
         // The first of them is alone: the next are asked.
         assert_eq!(partners(8, edge, |i, _| i != 0), [NONE, 5, 3, 2, 6, 1, 4, NONE]);
         assert!(partners(0, edge, |_, _| true).is_empty());

@@ -3,7 +3,7 @@
 //! Based on: E. Heitz, J. Dupuy, C. Crassin, C. Dachsbacher, *The SGGX Microflake Distribution*, SIGGRAPH 2015;
 //! F. Neyret, *A General and Multiscale Model for Volumetric Textures*, GI 1995 (the ellipsoid of normals).
 
-use crate::geom::Vec3;
+use crate::geom::{Vec3, each3};
 
 /// A symmetric positive matrix S; facets' projected area along the unit vector w is sqrt(w^T S w), relative to the largest axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -92,12 +92,12 @@ impl Sggx {
     /// back until the determinant is, so every result is positive semidefinite.
     #[inline(always)]
     pub fn decode(code: [u8; 6]) -> Sggx {
-        let d = [code[0], code[1], code[2]].map(|v| f32::from(v) * (1.0 / 255.0));
-        let mut r = [code[3], code[4], code[5]].map(|v| ((f32::from(v) - 128.0) * (1.0 / 127.0)).max(-1.0));
+        let d = each3([code[0], code[1], code[2]], |v| f32::from(v) * (1.0 / 255.0));
+        let mut r = each3([code[3], code[4], code[5]], |v| ((f32::from(v) - 128.0) * (1.0 / 127.0)).max(-1.0));
         let det = 1.0 + 2.0 * r[0] * r[1] * r[2] - r[0] * r[0] - r[1] * r[1] - r[2] * r[2];
         if det < 0.0 {
             let f = positive_scale(r);
-            r = r.map(|v| v * f);
+            r = each3(r, |v| v * f);
         }
         let [xy, xz, yz] = [r[0] * d[0] * d[1], r[1] * d[0] * d[2], r[2] * d[1] * d[2]];
         Sggx { xx: d[0] * d[0], yy: d[1] * d[1], zz: d[2] * d[2], xy, xz, yz }

@@ -10,7 +10,7 @@ use serde_json::{Map, Value, json};
 
 use super::finish::MOST_SHININESS;
 use super::{Gloss, Info, Mix};
-use crate::geom::Vec3;
+use crate::geom::{Vec3, each3};
 
 /// META's key: an array of objects, one for each of `materials`, or one alone where there are none.
 pub const META_KEY: &str = "surfaces";
@@ -157,7 +157,7 @@ fn share(code: u8) -> f32 {
 }
 
 fn colour(codes: [u8; 3]) -> Vec3 {
-    Vec3::from_array(codes.map(|c| share(c) * share(c)))
+    Vec3::from_array(each3(codes, |c| share(c) * share(c)))
 }
 
 /// Logarithm of the largest shininess + 1.
@@ -300,7 +300,7 @@ impl SurfaceTable {
 
 /// In 32 bits.
 pub fn mean_transmission(params: &SurfaceParams) -> Vec3 {
-    Vec3::from_array(params.transmission.map(|v| v as f32))
+    Vec3::from_array(each3(params.transmission, |v| v as f32))
 }
 
 #[cfg(test)]

@@ -6,7 +6,8 @@
 //!
 //! Based on: L. Carpenter, *The A-buffer*, SIGGRAPH 1984.
 
-use super::{Contact, Mesh, Triangle, is_within};
+use super::shear::is_within;
+use super::{Contact, Mesh, Triangle};
 use crate::geom::{DMat3, DVec2, DVec3, Ray};
 use crate::scene::{Material, Model, Part, Texture};
 

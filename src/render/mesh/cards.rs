@@ -65,6 +65,6 @@ impl Mesh {
         let each = |i: u32, shear: &Shear, t1: f64| {
             if self.is_card(i) { None } else { self.contact(model, shear, ray, i, (1e-9, t1), skip, &|_| 0.0) }
         };
-        through(&self.bvh, ray, t1, each).0
+        through(&self.blocks, ray, t1, each).0
     }
 }

@@ -3,7 +3,7 @@
 use glam::DVec4;
 
 use super::{Contact, Mesh, Triangle};
-use crate::geom::{DVec3, Vec3};
+use crate::geom::{DVec3, Vec3, each3};
 use crate::scene::{Material, Part, TextureRef};
 
 impl Mesh {
@@ -44,7 +44,7 @@ impl Mesh {
         let uv = |i: u32| uvs.get(i as usize).copied().unwrap_or_default().map(f64::from);
         let corners = self.at_corners(part, triangle, |i| DVec4::new(uv(i)[0], uv(i)[1], 0.0, 0.0));
         let Some(corners) = corners else { return [1.0; 4] };
-        let [a, b, c] = corners.map(|c| reference.map([c.x as f32, c.y as f32]));
+        let [a, b, c] = each3(corners, |c| reference.map([c.x as f32, c.y as f32]));
         let weights = at.weights();
         let uv = [0, 1].map(|k| weights[0] * a[k] + weights[1] * b[k] + weights[2] * c[k]);
         let texture = &*reference.texture;
