@@ -8,8 +8,8 @@ use vtex::Error;
 use crate::memory::{alone, peak};
 use crate::mutators::gzip;
 use crate::run::{Command, MEMORY, MOST_MEMORY, run};
+use crate::seeds::put;
 use crate::small;
-use crate::work::put;
 
 /// A black picture of a byte a pixel, 8192 pixels wide and more high: twice the memory, in some 70 kB.
 fn wide_png() -> Vec<u8> {

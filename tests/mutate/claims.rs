@@ -8,8 +8,8 @@ use vtex::scene::raster::Raster;
 
 use crate::memory::{alone, peak};
 use crate::run::{Command, run};
+use crate::seeds::put;
 use crate::small;
-use crate::work::put;
 
 /// What a file of a few bytes may take: tables of the program, and messages.
 const LITTLE: usize = 4 << 20;

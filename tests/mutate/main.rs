@@ -17,7 +17,11 @@ mod memory;
 mod mutators;
 mod run;
 mod seeds;
+mod shapes;
+mod short;
 mod small;
+mod targets;
+mod texels;
 mod work;
 
 use std::collections::BTreeMap;
@@ -44,22 +48,19 @@ fn mutated_inputs_are_refused_in_a_line() {
     let from = variable("VTEX_MUTATIONS_FROM").unwrap_or(0);
     let keep = variable::<PathBuf>("VTEX_MUTATIONS_KEEP");
     let folder = scratch();
-    let outcomes = work::all(from..from + count, &folder, keep.as_deref(), count > 10 * SHORT);
+    let outcomes = work::all(from..from + count, folder.path(), keep.as_deref(), count > 10 * SHORT);
     assert_eq!(outcomes.len() as u64, count, "every input was tried");
     let (table, faults) = summary(&outcomes);
     println!("{table}");
     assert!(faults.is_empty(), "{} inputs show faults:\n{}", faults.len(), faults.join("\n"));
     assert!(count < SHORT || outcomes.iter().any(|o| o.result == "baked"), "some inputs survive");
-    std::fs::remove_dir_all(&folder).unwrap();
 }
 
-/// A folder of this process, in memory where the system has such.
-fn scratch() -> PathBuf {
+/// A folder of its own, in memory where the system has such: every output is brought to its disk.
+fn scratch() -> tempfile::TempDir {
     let memory = Path::new("/dev/shm");
     let root = if memory.is_dir() { memory.to_path_buf() } else { std::env::temp_dir() };
-    let folder = root.join(format!("vtex-mutations-{}", std::process::id()));
-    std::fs::create_dir_all(&folder).unwrap();
-    folder
+    tempfile::Builder::new().prefix("vtex-mutations-").tempdir_in(root).unwrap()
 }
 
 /// Counts by format, and a line for each fault.

@@ -385,7 +385,7 @@ fn mend_png(file: &mut [u8]) {
 
 /// Put right what a change of a `.vtex` file has broken for certain: its length, the checksums of pages, indices and META, the
 /// content's identity and the head's checksum. What stays wrong is wrong in its meaning.
-fn mend_texel(file: &mut [u8]) {
+pub fn mend_texel(file: &mut [u8]) {
     const HEADER: usize = 128;
     const DEPTH: usize = 64;
     const STREAM: usize = 32;

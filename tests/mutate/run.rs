@@ -36,7 +36,7 @@ pub enum Command {
 pub fn run(command: Command, input: &Path, number: u64) -> Result<()> {
     let beside = |name: &str| input.with_file_name(name);
     match command {
-        Command::Bake => baked(input, &open_options(), &Laid::default(), number),
+        Command::Bake => read_and_bake(input, &beside("out.vtex"), number),
         Command::Transfer => {
             let stack = StackOptions { table: Some(input.into()), ..StackOptions::default() };
             baked(&beside("ball.nrrd"), &OpenOptions { stack, ..open_options() }, &Laid::default(), number)
@@ -56,13 +56,19 @@ fn read_options() -> ReadOptions {
     ReadOptions { max_bytes: MEMORY, max_instances: 1 << 16, ..ReadOptions::default() }
 }
 
-fn open_options() -> OpenOptions {
+pub fn open_options() -> OpenOptions {
     OpenOptions {
         read: read_options(),
         lsystem: LSystemOptions { max_symbols: 200_000, ..LSystemOptions::default() },
         trajectory: TrajectoryOptions { width: Some(0.1), ..TrajectoryOptions::default() },
         ..OpenOptions::default()
     }
+}
+
+/// Bake a source of any kind to `output`.
+pub fn read_and_bake(input: &Path, output: &Path, number: u64) -> Result<()> {
+    source::dependencies(input);
+    written(&*source::open(input, &open_options())?, output, number)
 }
 
 fn baked(input: &Path, options: &OpenOptions, laid: &Laid, number: u64) -> Result<()> {

@@ -100,6 +100,12 @@ pub fn formats(folder: &Path) -> Vec<Format> {
     all
 }
 
+/// Write a file, in folders that are made where they are not there.
+pub fn put(path: &Path, bytes: &[u8]) {
+    std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+    std::fs::write(path, bytes).unwrap();
+}
+
 /// All files below a folder.
 fn walk(folder: &Path, out: &mut Vec<PathBuf>) {
     for path in std::fs::read_dir(folder).into_iter().flatten().flatten().map(|e| e.path()) {

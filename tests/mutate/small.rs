@@ -14,6 +14,21 @@ pub const LSYSTEM: &str = "# A bush.\n#iterations 3\n#seed 4\n#angle 25\n#define
                            #surface P { 0 0, .16 .1, 0 1 }\naxiom: !(.1)A(1, n)\n\
                            A(s, k) : k > 0 -> F(s)[+(30)A(s*.7, k-1)][-A(s*.7^2, k-1)]/(137.5 + ran(3))A(s*.7, k-1)~P(s)\n\
                            F(s) -> F(s*1.1)\n#homomorphism\nA(s, k) -> '(0)~P(.2)\n";
+/// The same kind of plant in each notation, in the order of `Dialect::ALL`.
+pub const DIALECTS: [&str; 7] = [
+    LSYSTEM,
+    "Plant { ; of the book\nangle 14\naxiom F\n F=F[+F]@.7F[-F]!F\\20D/3M\n}\nOther {\nangle 8\naxiom X\nX=F[+X]<1C2F\n}\n",
+    "#define r .9\n#define STEPS 4\n#define max(a,b) ((a)>(b)?(a):(b))\nLsystem: 1\nSeed: 3\nderivation length: STEPS\nignore: +-\nconsider: AF\n\
+     Define: { array v[2] = { 1, 2 }; }\nStart: { s = 1; }\nAxiom: A(1,10)~l(2)\n\
+     A(l,w) : l > .1 { x = l*r; if (x > 1) { x = 1; } } --> !(w)F(l)[&(45)+A(x,w*.7)]\\(137.5)@vA(l*r,max(w*.7,1)) : .7\n\
+     B < A(l,w) > C --> F\nhomomorphism\nF(l) --> ;(2)@o(l/4)F(l)\nendlsystem\n",
+    "\"\"\"A tree\"\"\"\nfrom math import *\nR = 1.456\na = 85\nmodule A(s)\nAxiom: _(.1)A(1)\nderivation length: 4\nproduction:\n\
+     A(s) :\n  if s > .3:\n    nproduce F(s)\n    for i in range(2):\n      nproduce [+(a - 170*i)A(s/R)]\n  else:\n    produce F(s)\n\
+     interpretation:\nF(s) --> ,(2)F(s,.1)\nendlsystem\n",
+    "[L-System]\niterations=3\naxiom=GH\nangle=25.7\nrule0=G>GFX[+G][-G]\nrule1=X>X[-FFF][+FFF]FX\n; end\n",
+    "premise = A(1,.1)\nangle = 30\nstep = 1\ngenerations = 4\nseed = 2\nrule1 = A(l,w):l>.2=!(w)F(l)[+A(l*b,w*.7)]-A(l*b,w*.7):.8\nrule2 = F(l)=F(l*1.1)J(1)\nb=.7\n",
+    "lsystem tree {\nset iterations = 3;\nset angle = 25;\nignore: +-;\naxiom: F(1)X;\nr1: X -> F[+X][-X]FX;\nr2: F(l) : l < 4 -> F(l*1.5);\n}\n",
+];
 pub const RECIPE: &str = "# Several kinds in one.\nmetres_per_unit = 0.5\n[define.stick]\n\
     cylinder = { from = [0, 0, 0], to = [0, 1, 0], radius = 0.1 }\n[[draw]]\nsphere = { radius = 0.5, centre = [0, 1, 0] }\n\
     albedo = \"#308040\"\n[[draw]]\nsource = \"quad.obj\"\ntranslate = [0, 0.5, 0]\nscale = 0.5\n[[draw]]\nuse = \"stick\"\n\

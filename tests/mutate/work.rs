@@ -12,7 +12,7 @@ use std::time::Duration;
 use crate::memory;
 use crate::mutators::{Dice, mutate};
 use crate::run::{MOST_MEMORY, run};
-use crate::seeds::{Format, formats, kind};
+use crate::seeds::{Format, formats, kind, put};
 
 /// How an input ended.
 pub struct Outcome {
@@ -92,12 +92,6 @@ impl Job {
 }
 
 static PANIC: Mutex<String> = Mutex::new(String::new());
-
-/// Write a file, in folders that are made where they are not there.
-pub fn put(path: &Path, bytes: &[u8]) {
-    std::fs::create_dir_all(path.parent().unwrap()).unwrap();
-    std::fs::write(path, bytes).unwrap();
-}
 
 /// Write the input of this number, mutated unless it stays `whole`; the file or folder that is to be opened.
 fn lay_out(number: u64, format: &Format, folder: &Path, whole: bool) -> PathBuf {
