@@ -314,8 +314,9 @@ fn curves(call: &Call) -> Result<()> {
 
 fn volume(call: &Call) -> Result<()> {
     let options = StackOptions::default();
-    let stack = stack::read(call.path, &options, MEMORY)?;
-    baked(&StackSource::new(stack, &options)?, call.hash)
+    let source = StackSource::new(stack::read(call.path, &options, MEMORY)?, &options)?;
+    // A voxel of so few is filtered from many samples.
+    if call.hash.is_multiple_of(1024) { baked(&source, call.hash) } else { Ok(()) }
 }
 
 fn raster(call: &Call) -> Result<()> {
