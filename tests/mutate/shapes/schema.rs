@@ -197,7 +197,7 @@ pub fn landscape(u: &mut Unstructured, folder: &Path) -> Result<vtex::Result<()>
     file["extensionsUsed"] = json!([X, "FB_ngon_encoding", "KHR_lights_punctual", "EXT_mesh_gpu_instancing"]);
     let root = schema.value(u, schema.definition("root"), 0)?;
     file["extensions"][X] = root;
-    if !one_in(u, 8)? {
+    if file["extensions"][X].is_object() && !one_in(u, 8)? {
         // Texels that are there; any others are no landscape.
         let frames = json!([{ "uri": "leaf.vtex" }, { "uri": "leaf.vtex" }]);
         let count = u.int_in_range(1..=2usize)?;
