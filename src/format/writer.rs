@@ -186,7 +186,7 @@ fn material_stream(volume: &Volume, codes: &dyn Fn(usize) -> Vec<u8>) -> Option<
     let count = volume.info.materials.len();
     let q_max = u8::try_from(count.checked_sub(1)?).ok().filter(|&q| q > 0)?;
     let components = material::components(count);
-    let mut first = codes(0);
+    let mut first = if volume.depths.is_empty() { Vec::new() } else { codes(0) };
     first.resize(components, 0);
     let same = (0..volume.depths.len()).all(|d| codes(d).chunks_exact(components).all(|c| *c == first));
     Some(StreamEntry::of(Channel::Material, q_max, same.then_some(&first[..])))
