@@ -195,31 +195,37 @@ pub fn landscape(u: &mut Unstructured, folder: &Path) -> Result<vtex::Result<()>
     let [ground, _] = small::grounds();
     let mut file: Value = serde_json::from_slice(&ground).unwrap();
     file["extensionsUsed"] = json!([X, "FB_ngon_encoding", "KHR_lights_punctual", "EXT_mesh_gpu_instancing"]);
-    let root = schema.value(u, schema.definition("root"), 0)?;
-    file["extensions"][X] = root;
-    if file["extensions"][X].is_object() && !one_in(u, 8)? {
-        // Texels that are there; any others are no landscape.
-        let frames = json!([{ "uri": "leaf.vtex" }, { "uri": "leaf.vtex" }]);
-        let count = u.int_in_range(1..=2usize)?;
-        file["extensions"][X]["texels"] =
-            json!([{ "frames": &frames.as_array().unwrap()[..count] }, { "frames": [{ "uri": "leaf.vtex" }] }]);
+    // What is not replaced stays as it is in a ground that is read, so that one part by itself can be right.
+    if u.arbitrary()? {
+        file["extensions"][X] = schema.value(u, schema.definition("root"), 0)?;
+        if file["extensions"][X].is_object() && !one_in(u, 8)? {
+            // Texels that are there; any others are no landscape.
+            let frames = json!([{ "uri": "leaf.vtex" }, { "uri": "leaf.vtex" }]);
+            let count = u.int_in_range(1..=2usize)?;
+            file["extensions"][X]["texels"] =
+                json!([{ "frames": &frames.as_array().unwrap()[..count] }, { "frames": [{ "uri": "leaf.vtex" }] }]);
+        }
     }
-    file["materials"][0]["extensions"][X] = schema.value(u, schema.definition("material"), 0)?;
-    let copies = schema.value(u, &schema.definition("material")["then"], 0)?;
-    file["materials"].as_array_mut().unwrap().push(json!({ "extensions": { X: copies } }));
-    let mut part = file["meshes"][0]["primitives"][0].clone();
-    part["material"] = json!(1);
-    file["meshes"].as_array_mut().unwrap().push(json!({ "primitives": [part] }));
-    file["nodes"]
-        .as_array_mut()
-        .unwrap()
-        .push(json!({ "mesh": 1, "translation": [number(u)?, 0.5, 1.5], "scale": [1, 2, 1] }));
-    file["scenes"][0]["nodes"].as_array_mut().unwrap().push(json!(3));
-    let attributes = [("_VTEX_UVW", 0), ("_VTEX_HEIGHT", 0), ("NORMAL", 0), ("_VTEX_DW", 3), ("_VTEX_JITTER", 3)];
+    if u.arbitrary()? {
+        file["materials"][0]["extensions"][X] = schema.value(u, schema.definition("material"), 0)?;
+    }
+    if u.arbitrary()? {
+        let copies = schema.value(u, &schema.definition("material")["then"], 0)?;
+        file["materials"].as_array_mut().unwrap().push(json!({ "extensions": { X: copies } }));
+        let mut part = file["meshes"][0]["primitives"][0].clone();
+        part["material"] = json!(1);
+        file["meshes"].as_array_mut().unwrap().push(json!({ "primitives": [part] }));
+        file["nodes"]
+            .as_array_mut()
+            .unwrap()
+            .push(json!({ "mesh": 1, "translation": [number(u)?, 0.5, 1.5], "scale": [1, 2, 1] }));
+        file["scenes"][0]["nodes"].as_array_mut().unwrap().push(json!(3));
+    }
     file["accessors"]
         .as_array_mut()
         .unwrap()
         .push(json!({ "bufferView": 1, "componentType": 5126, "count": 4, "type": "SCALAR" }));
+    let attributes = [("_VTEX_UVW", 0), ("_VTEX_HEIGHT", 0), ("NORMAL", 0), ("_VTEX_DW", 3), ("_VTEX_JITTER", 3)];
     for (name, accessor) in attributes {
         if one_in(u, 3)? {
             file["meshes"][0]["primitives"][0]["attributes"][name] = json!(accessor);
