@@ -38,8 +38,11 @@ fn draft(name: &str, picture: &str, moves: bool) {
     let mut vtex = Command::cargo_bin("vtex").unwrap();
     let run = vtex.current_dir(&folder).args(["demo", name]).args(size).assert().success().get_output().clone();
     let said = String::from_utf8(run.stderr).unwrap();
-    // What a script brings about should not make the program warn.
-    assert!(!said.contains("warning:"), "{name}: {said}");
+    // What a script brings about should not make the program warn; but shells end where their grounds do, out of the picture.
+    let warns = |line: &&str| {
+        line.contains("warning:") && !line.contains("stand where it or its texture coordinates end are cut")
+    };
+    assert_eq!(said.lines().find(warns), None, "{name}: {said}");
     let bytes = std::fs::read(folder.path().join("out").join(picture)).unwrap();
     let seen = image::load_from_memory_with_format(&bytes, image::ImageFormat::Png).unwrap().to_luma32f();
     assert_eq!(seen.dimensions(), (64, 36));
