@@ -79,7 +79,7 @@ if [ -n "$mode" ]; then
     { grep "^$machine " "$known" | sed "s/^$machine /known /"; sed 's/^/found /' <<< "$found"; } | awk '
         $1 == "known" { known[$2] = $3; next }
         { grown = $3 / known[$2] - 1
-          printf "instructions: %-7s %13d, %+.2f %% of what is known\n", $2, $3, 100 * grown
+          printf "instructions: %-7s %13.0f, %+.2f %% of what is known\n", $2, $3, 100 * grown
           if (!($2 in known) || grown > 0.03) failed = 1 }
         END { if (failed) { print "more than 3 % more instructions: mend it, or say why and run bench/instructions.sh --renew"; exit 1 } }'
     exit 0

@@ -16,7 +16,7 @@ const LAY_OUT_MEMORY: u64 = 8 << 30;
 /// Place a source of these `bounds` in the grid: centred across, and standing on w = 0.
 ///
 /// # Errors
-/// [`Error::Options`] on a resolution or voxel size out of range.
+/// [`Error::Options`] on a resolution, voxel size or bounds out of range.
 pub fn plan(bounds: Aabb, options: &Options) -> Result<Placement> {
     if options.resolution == 0 || options.resolution > MAX_RESOLUTION {
         return Err(Error::Options(format!(
@@ -25,6 +25,11 @@ pub fn plan(bounds: Aabb, options: &Options) -> Result<Placement> {
         )));
     }
     let extent = extent(bounds, options);
+    // The cube is larger than what is in it: what leaves the numbers would be found only when the texel is written.
+    let reach = extent + bounds.min.abs().max(bounds.max.abs()).max_element();
+    if !bounds.is_empty() && !(2.0 * reach).is_finite() {
+        return Err(Error::Options("the source is too large: its bounds reach beyond 1e307".into()));
+    }
     let side = match options.voxel_size {
         Some(edge) => side_for_voxel_size(extent, edge, options)?,
         None => options.resolution.next_power_of_two(),
@@ -96,4 +101,18 @@ fn side_for_voxel_size(extent: f64, voxel_size: f64, options: &Options) -> Resul
     }
     let least = if options.cyclic == [false; 3] { 1 } else { options.resolution };
     Ok((want as u32).max(least).next_power_of_two())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_as_large_as_numbers_are_is_refused_at_once() {
+        let across = |size: f64| Aabb::new(DVec3::ZERO, DVec3::new(1.0, 1.0, size));
+        assert!(plan(across(1e300), &Options::default()).is_ok());
+        for size in [1.08e308, f64::MAX, f64::INFINITY] {
+            assert!(matches!(plan(across(size), &Options::default()), Err(Error::Options(_))), "{size}");
+        }
+    }
 }
