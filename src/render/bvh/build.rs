@@ -82,14 +82,17 @@ pub(super) fn build(boxes: &Boxes, most: usize, mut number: impl FnMut(&[u32]) -
     let mut order: Vec<u32> = (0..boxes.len() as u32).collect();
     let mut parts = Vec::new();
     split(boxes, &mut order, &mut parts);
-    let of_part = |part: &[u32]| -> Vec<Bounds> { part.iter().map(|&i| boxes[i as usize].bounds()).collect() };
-    let around = |part: &&[u32]| of_part(part).iter().fold(Bounds::empty(), |all, b| all.union(b));
-    let over_parts: Vec<Bounds> = parts.iter().map(around).collect();
-    let over = if parts.len() > 1 { widened(&built(&over_parts), 1) } else { Widened::default() };
+    let bounds = |&i: &u32| boxes[i as usize].bounds();
+    let over = if parts.len() > 1 {
+        let around = |part: &&[u32]| part.iter().map(bounds).fold(Bounds::empty(), |all, b| all.union(&b));
+        widened(&built(&parts.iter().map(around).collect::<Vec<_>>()), 1)
+    } else {
+        Widened::default()
+    };
     let mut nodes = over.nodes;
     let above = nodes.len();
     let mut roots = vec![0; parts.len()];
-    let make = |i: usize| widened(&built(&of_part(parts[i])), most);
+    let make = |i: usize| widened(&built(&parts[i].iter().map(bounds).collect::<Vec<_>>()), most);
     let take = |i: usize, made: Widened| {
         let first = nodes.len() as u32;
         roots[i] = first;
