@@ -79,7 +79,7 @@ pub(super) struct VoxelSegment<'a> {
     line: &'a Line,
     planes: Planes,
     /// The voxel, and the depth of the walk: deeper than the voxel's where a terminal node shows.
-    pub place: VoxelAddress,
+    pub address: VoxelAddress,
     depth: u32,
     /// The cell's low corner in cells of the walk's depth, mirrored.
     corner: Vec3A,
@@ -88,11 +88,11 @@ pub(super) struct VoxelSegment<'a> {
     pub leave: f32,
 }
 
-/// Calls that a walk makes.
+/// Callbacks of a walk.
 pub(super) trait VoxelVisitor {
-    /// Each occupied voxel on the way. `false` ends the walk.
+    /// Called for the line's segment in each occupied voxel, in order. `false` ends the walk.
     fn segment(&mut self, segment: &VoxelSegment<'_>) -> bool;
-    /// Between the 4^3 blocks that pieces belong to, and terminal nodes as large; also where there was none.
+    /// Called where the line leaves a 4^3 block or a terminal node of that size, even if it met no voxel there.
     fn block_end(&mut self);
     /// Called once per walk with the number of cells and empty cubes that were crossed.
     fn stepped(&mut self, cells: u64);
@@ -124,11 +124,11 @@ const fn reach() -> [[u64; 64]; 8] {
 /// End of a walk.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum WalkEnd {
-    /// At the end of the line, or after the last voxel.
+    /// The walk reached the end of the line, or its last voxel.
     Done,
-    /// At the first end of a block at or after `turn`, at this s.
-    Turned(f32),
-    /// The visitor ended it.
+    /// At the first end of a block at or after `depth_limit`, at this s.
+    DepthLimit(f32),
+    /// The visitor ended the walk.
     Stopped,
 }
 
@@ -149,13 +149,14 @@ static EMPTY: Block = Block::EMPTY;
 struct Entry<'a> {
     tree: &'a Octree,
     line: &'a Line,
-    /// Of the voxels.
+    /// Depth of the voxels that the walk visits.
     depth: u32,
 }
 
 impl<'a> Entry<'a> {
-    /// Into the block of `node`, whose cells are 2^`shift` voxels wide, `scale` of them to a cube edge, at the cell that the line is
-    /// in at `s`. `low` is the block's low corner in its cells, of which an axis has at most `most`.
+    /// A cursor in the block of `node`, at the cell in which the line is at `s`. The block's cells are 2^`shift` voxels wide, and
+    /// `scale` of them make a cube edge. `low` is the block's low corner, counted in its cells; positions within the block are clamped
+    /// to `most` cells.
     #[inline(always)]
     fn cursor(&self, [shift, node]: [u32; 2], low: Vec3A, [scale, s, most]: [f32; 3]) -> BlockCursor<'a> {
         let blocks = self.tree.blocks(self.depth as i32 - shift as i32 - 2);
@@ -173,14 +174,15 @@ impl<'a> Entry<'a> {
     }
 }
 
-/// Visit the voxels of `depth` that the line crosses between `s0` and `s1`, in order; of a terminal node above `depth`, one
-/// piece for each cell on the way. `depth` at most the finest; `turn`: where to hand back for another choice of depth.
+/// Visit the voxels of `depth` (at most the finest) that the line crosses between `s0` and `s1`, in order. A terminal node above `depth`
+/// is visited once for each of its cells on the way. The walk returns at the first end of a block at or after `depth_limit`, where the
+/// caller chooses another depth.
 #[inline(always)]
 pub(super) fn walk(
     tree: &Octree,
     line: &Line,
     depth: u32,
-    [s0, s1, turn]: [f32; 3],
+    [s0, s1, depth_limit]: [f32; 3],
     visitor: &mut impl VoxelVisitor,
 ) -> WalkEnd {
     let start = -line.origin * line.inverse;
@@ -220,15 +222,15 @@ pub(super) fn walk(
                 visitor.block_end();
                 continue;
             }
-            let place = cursor.block.place(depth as i32 - shift as i32 - 2, cursor.node, cell);
-            if shift != 0 && terminal != Some(place) {
+            let address = cursor.block.place(depth as i32 - shift as i32 - 2, cursor.node, cell);
+            if shift != 0 && terminal != Some(address) {
                 visitor.block_end();
-                terminal = Some(place);
+                terminal = Some(address);
             }
             let leave = meets.min_element().min(s1);
             if leave > s {
                 let planes = Planes { step, start };
-                let segment = VoxelSegment { line, planes, place, depth, corner: cursor.end - 1.0, enter: s, leave };
+                let segment = VoxelSegment { line, planes, address, depth, corner: cursor.end - 1.0, enter: s, leave };
                 if !visitor.segment(&segment) {
                     break WalkEnd::Stopped;
                 }
@@ -271,8 +273,8 @@ pub(super) fn walk(
             meets = cursor.end * step + start;
             leaving = false;
         }
-        if shift != 0 && s >= turn {
-            break WalkEnd::Turned(s);
+        if shift != 0 && s >= depth_limit {
+            break WalkEnd::DepthLimit(s);
         }
     };
     visitor.block_end();
@@ -281,14 +283,14 @@ pub(super) fn walk(
 }
 
 impl VoxelSegment<'_> {
-    /// The part of the piece within the voxel's support; empty where not `.0 < .1`.
+    /// The interval of s in which the line is within the voxel's support box; empty unless `.0 < .1`.
     #[inline(always)]
     pub fn support(&self, voxel: &Voxel) -> (f32, f32) {
         let [x, y, z] = voxel.support;
-        if u32::from_le_bytes([x, y, z, 0]) == 0 || u32::from(self.place.depth) != self.depth {
+        if u32::from_le_bytes([x, y, z, 0]) == 0 || u32::from(self.address.depth) != self.depth {
             return (self.enter, self.leave);
         }
-        // Mirrored, a box of sixteenths swaps the distances from the two ends.
+        // Mirroring an axis swaps the two distances of the support from the voxel's faces, which are the two halves of a byte.
         let mirrored = |k: u32, byte: u8| byte.rotate_left(4 * (self.line.mirrored >> k & 1));
         let ends = each3([mirrored(0, x), mirrored(1, y), mirrored(2, z)], |byte| &SUPPORT_ENDS[usize::from(byte)]);
         let low = Vec3A::new(ends[0][0], ends[1][0], ends[2][0]);

@@ -1,4 +1,5 @@
-//! Shading of what a march meets: reflected sky at once, and sunlight gathered in groups that share one shadow ray.
+//! Shading of the voxels that a march hits. Ambient light is reflected at once; the light of punctual lights is gathered in groups of
+//! voxels that share one shadow ray.
 
 use smallvec::SmallVec;
 
@@ -13,40 +14,42 @@ use super::specular::SeenFacets;
 use super::transmittance::{Sink, VoxelHit};
 use super::vndf::{EQUAL, visible_normals};
 
-/// Weight of a group of voxels that share a shadow ray.
+/// Share of the ray's light at which a group of voxels is closed and gets its shadow ray.
 pub const GROUP_WEIGHT: f32 = 0.2;
-/// And how far from their mean place a voxel may lie, in voxels.
+/// Largest distance of a voxel from the mean position of its group, in voxels.
 pub const MAX_FROM_MEAN: f32 = 2.0;
 
-/// A share of the ray's light that one light shines on: to be multiplied by the light's irradiance / π and what of it arrives.
+/// A group of voxels that one light shines on and that share one shadow ray. The radiance that they reflect is `energy` times the
+/// light's irradiance / π times the visibility that the shadow ray finds.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ShadowGroup {
     /// Index into the lights that [`Shader::new`] was given.
     pub light: usize,
-    /// Sum of weight · the cosines that follow: the share of the ray's light that it is about.
+    /// Sum of weight · (E[max(0, n·l)] + E[max(0, −n·l)]): the share of the ray's light that the group stands for.
     pub weight: f32,
-    /// Weighted mean of the ray's parameter, and of the position in texel space: the shadow ray's origin.
+    /// Weighted mean of the ray's parameter.
     pub t: f32,
-    /// Weighted mean of the position, texel space.
+    /// Weighted mean of the position, texel space: the origin of the shadow ray.
     pub position: Vec3,
     /// Weighted mean edge of the voxels, cube edges.
     pub voxel: f32,
-    /// Weighted mean of the normals of what has an outside, in the space of the lights; as long as it is one-sided and flat.
+    /// Weighted mean of one-sidedness · mean normal, in the space of the lights: near unit length for the flat surface of a solid, 0 for
+    /// matter without an outside.
     pub outside: Vec3,
     /// Sum of weight · (albedo · E[max(0, n·l)] + transmission · E[max(0, −n·l)] + highlights), linear.
     pub energy: Vec3,
 }
 
 impl ShadowGroup {
-    /// From the group's position to where its shadow ray begins, in cube edges, in the space of the light's direction
-    /// `towards`: a little of the way to the light (see [`shadow_start`]), and out of the voxels of a wall, which would shade
-    /// itself where the light grazes it.
+    /// Offset from the group's position to the start of its shadow ray, in cube edges, in the space of `towards`, the unit direction to
+    /// the light. It leads a little towards the light (see [`shadow_start`]), and out of the voxels of a wall, which would otherwise
+    /// shade itself where the light grazes it. `facet_size`: [`crate::volume::Info::facet_size`].
     pub fn start(&self, facet_size: f32, towards: Vec3) -> Vec3 {
         shadow_start(facet_size, self.voxel) * towards + self.voxel * self.outside
     }
 }
 
-/// Sums of one light's voxels that have no shadow ray yet.
+/// Weighted sums over the voxels of one light that are not in a closed group yet.
 #[derive(Clone, Copy, Default)]
 struct OpenGroup {
     weight: f32,
@@ -58,80 +61,80 @@ struct OpenGroup {
 }
 
 impl OpenGroup {
-    /// Squared distance of `position` from the mean, cube edges; 0 where there is none yet.
+    /// Squared distance of `position` from the mean, cube edges squared; 0 as long as the group is empty.
     fn distance_squared_from_mean(&self, position: Vec3) -> f32 {
         if self.weight > 0.0 { (self.position / self.weight).distance_squared(position) } else { 0.0 }
     }
 }
 
-/// A voxel of a solid's surface.
+/// A voxel at the surface of a solid, and where the ray met it.
 #[derive(Clone, Copy)]
 struct SolidSurface {
     voxel: Voxel,
-    place: VoxelAddress,
+    address: VoxelAddress,
     t: f32,
     position: Vec3,
 }
 
-/// What a landscape makes of the surfaces of a texel, at one place.
+/// How a landscape modifies the material of a texel's surfaces, at one point.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Look {
     /// Multiplies albedo and transmission.
     pub diffuse: Vec3,
-    /// Multiplies the light from around that is reflected.
+    /// Multiplies the reflected ambient light.
     pub ambient: Vec3,
-    /// Highlights of materials that say nothing of theirs.
+    /// Highlights of materials that have none of their own.
     pub gloss: Gloss,
-    /// What multiplies strength and shininess of those that do.
+    /// Factors of the strength and of the shininess of materials that have their own highlights.
     pub own_gloss: (Vec3, f32),
 }
 
 impl Look {
-    /// The texel's own, its colours multiplied by `tint`.
+    /// The texel's own material, with its colours multiplied by `tint`.
     pub fn tinted(tint: Vec3) -> Look {
         Look { diffuse: tint, ambient: Vec3::ONE, gloss: Gloss::NONE, own_gloss: (Vec3::ONE, 1.0) }
     }
 }
 
-/// Distance within a solid at which its surface is still seen, in voxels.
+/// Largest distance between a voxel inside a solid and the surface voxel as which it is shaded, in voxels.
 const SURFACE_SEEN_WITHIN: f32 = 3.0;
 
-/// The sink that shades. Directions are in the space in which normals are to be taken: texel space, or with a `warp` the
-/// space that it leads to.
+/// The sink that shades voxels. All directions are in the shading space: texel space or, with a `warp`, the space to which that takes
+/// normals.
 pub struct Shader<'a> {
     view: Vec3,
     lights: &'a [Vec3],
     warp: Option<Mat3>,
-    /// Of the voxels that come next.
+    /// The modifiers of the voxels that come next.
     pub look: Look,
     brightness: &'a [BrightnessFactors],
-    /// The texel, where its voxels are more than matt and opaque.
+    /// The texel, if its voxels have transmission, unlit colour or highlights besides their albedo.
     surfaces: Option<&'a Octree>,
-    /// The last voxel that was met of a solid's surface: what comes through it and ends within the solid is seen of it too.
+    /// The last voxel that was hit at the surface of a solid. Light that passes it and ends inside the solid is shaded as this voxel.
     solid: Option<SolidSurface>,
-    /// One a light, from the first voxel on.
+    /// One open group per light; empty until the first voxel.
     open: SmallVec<[OpenGroup; 1]>,
     groups: &'a mut Vec<ShadowGroup>,
-    /// Sum of weight · albedo · ambient factor of what is lit: times the radiance of a constant sky, the ambient light reflected.
+    /// Sum of weight · albedo · ambient factor over lit matter. Times the radiance of a constant sky it is the reflected ambient light.
     pub albedo: Vec3,
-    /// Sum of weight · transmission: alike, the ambient light that comes through.
+    /// Sum of weight · transmission · ambient factor. Times the radiance of a constant sky it is the transmitted ambient light.
     pub transmission: Vec3,
-    /// Sum of weight · albedo of what shows its colour whatever the light.
+    /// Sum of weight · albedo over unlit matter, which shows its colour whatever the light.
     pub unlit: Vec3,
     /// Sum of weights: the coverage.
     pub weight: f32,
-    /// Where it is set, the visible normals of all voxels are summed up in it.
+    /// If set, it accumulates the visible normals of all voxels.
     pub normals: Option<VisibleNormals>,
 }
 
-/// Sums over voxels, weighted by what they reflect.
+/// Sums of the moments of visible normals over voxels, weighted by the largest channel that they reflect or transmit.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct VisibleNormals {
     /// Sum of the weights, 0 to 1.
     pub weight: f32,
-    /// Of the normals, in the space of the lights.
+    /// Sum of weight · mean normal, in the space of the lights.
     pub mean: Vec3,
-    /// Of their squares: xx, yy, zz, xy, yz, zx.
+    /// Sum of weight · second moments of the normals: xx, yy, zz, xy, yz, zx.
     pub square: [f32; 6],
 }
 
@@ -144,7 +147,7 @@ impl VisibleNormals {
         }
     }
 
-    /// Mean of the normals and of their squares; of normals in all directions where nothing was met.
+    /// Mean and second moments of the normals; those of normals in all directions if no voxel was hit.
     pub fn means(&self) -> (Vec3, [f32; 6]) {
         if self.weight > 0.0 {
             (self.mean / self.weight, self.square.map(|v| v / self.weight))
@@ -155,10 +158,12 @@ impl VisibleNormals {
 }
 
 impl<'a> Shader<'a> {
-    /// `view`: unit direction from the matter to the viewer; `lights`: unit directions from the matter to each light;
-    /// `tint` multiplies albedos, `brightness` the lights by depth (plain where it ends); finished groups are appended to `groups`. `warp`: the cofactor matrix of the map from
-    /// texel space to where `view` and `lights` are given; `None` where that map is a similarity that they were brought
-    /// through.
+    /// A shader for one ray.
+    ///
+    /// `view` is the unit direction from the matter to the viewer, `lights` the unit directions from the matter to each light. `tint`
+    /// multiplies albedos. `brightness` holds the factors of the lights by depth; depths beyond its end have plain factors. Finished
+    /// groups are appended to `groups`. `warp` is the cofactor matrix of the map from texel space to the space of `view` and `lights`;
+    /// `None` where that map is a similarity and both were brought to texel space.
     pub fn new(
         view: Vec3,
         lights: &'a [Vec3],
@@ -185,13 +190,13 @@ impl<'a> Shader<'a> {
         }
     }
 
-    /// Take what voxels are besides their albedo from the texel that they are of.
+    /// Read transmission, unlit colour and highlights of the voxels from their texel, if it has them.
     pub fn with_surfaces_of(mut self, tree: &'a Octree) -> Self {
         self.surfaces = tree.has_surfaces().then_some(tree);
         self
     }
 
-    /// Close every group; to be called where the ray leaves the instance.
+    /// Close every group. To be called where the ray leaves the copy.
     pub fn finish(&mut self) {
         for light in 0..self.open.len() {
             self.close(light);
@@ -231,8 +236,8 @@ impl Shader<'_> {
     fn add(&mut self, hit: &VoxelHit<'_>) {
         let voxel = hit.voxel;
         let edge = voxel_edge(hit.depth);
-        let place = VoxelAddress { depth: hit.depth, rank: hit.rank };
-        let mut seen = SolidSurface { voxel: *voxel, place, t: hit.t, position: hit.position };
+        let address = VoxelAddress { depth: hit.depth, rank: hit.rank };
+        let mut seen = SolidSurface { voxel: *voxel, address, t: hit.t, position: hit.position };
         if voxel.is_inside()
             && let Some(solid) = &self.solid
             && solid.position.distance_squared(hit.position) <= (SURFACE_SEEN_WITHIN * edge).powi(2)
@@ -243,13 +248,13 @@ impl Shader<'_> {
         if share > 0.0 {
             self.solid = Some(seen);
         }
-        let SolidSurface { voxel, place, t, position } = seen;
+        let SolidSurface { voxel, address, t, position } = seen;
         let Look { diffuse, mut ambient, gloss, .. } = self.look;
         let mut albedo = voxel.albedo() * diffuse * hit.weight;
         let mut transmission = Vec3::ZERO;
         let mut glosses = [Gloss { specular: gloss.specular * hit.weight, ..gloss }, Gloss::NONE];
         if let Some(tree) = self.surfaces {
-            let surface = tree.surface(place);
+            let surface = tree.surface(address);
             transmission = surface.transmission() * diffuse * hit.weight;
             let unlit = surface.unlit() * albedo;
             albedo -= unlit;
@@ -278,7 +283,7 @@ impl Shader<'_> {
         } else {
             (EQUAL, Vec3::ZERO)
         };
-        // The ellipsoid is that of the opacity: where all normals are one, it is known better.
+        // The NDF is fitted to opacity. Where the facets have one common normal, the mean normal is the more exact description.
         let flat = share.powi(4);
         if let Some(sums) = &mut self.normals {
             let (middle, square) = normals.moments(&weights);
@@ -306,7 +311,7 @@ impl Shader<'_> {
             if lit <= 0.0 {
                 continue;
             }
-            // The mean of places far apart is a place that nothing is seen of.
+            // The mean of positions far apart would be a point where there is no matter.
             let gap = self.open[light].distance_squared_from_mean(position);
             if gap > (MAX_FROM_MEAN * edge).powi(2) {
                 self.close(light);
@@ -333,7 +338,7 @@ fn mean_normal(voxel: &Voxel, warp: Option<Mat3>) -> Vec3 {
     warp.map_or(n, |j| (j * n).try_normalize().unwrap_or(n))
 }
 
-/// J S J^T.
+/// J S J^T: the SGGX matrix of the normals after the map whose cofactor matrix is `j`.
 pub fn warped(s: &Sggx, j: Mat3) -> Sggx {
     let rows = [j.row(0), j.row(1), j.row(2)];
     let [a, b, c] = each3(rows, |r| s.mul(r));
@@ -347,14 +352,16 @@ pub fn warped(s: &Sggx, j: Mat3) -> Sggx {
     }
 }
 
-/// In facets, see [`shadow_start`].
+/// Start of a shadow ray in facet sizes, see [`shadow_start`].
 const SHADOW_START: f32 = 0.4;
 
-/// Distance from the matter that it starts in at which a shadow ray begins, in cube edges, so that a strand doesn't shade itself: less than
-/// half a facet, beyond which the facet's own neighbours are missed, and within the voxel. What of the rest is its own flat
-/// matter is known by its c (see [`super::transmittance::transmittance_from_own_matter`]). FLIP of one lane with a quarter, .4 and a half: a tree .0396, –,
-/// .0409; clumps .0474, –, .0485; fur .142, –, .111; near .0405, –, .0414. `facet_size`: [`crate::volume::Info::facet_size`];
-/// 0 where it is unknown.
+/// Distance from matter at which a shadow ray begins, in cube edges, so that a strand does not shade itself.
+///
+/// It is less than half a facet, since beyond that the facet's own neighbours would be missed, and at most a voxel's edge `voxel`. Flat
+/// matter of the start's own block is taken into account by the correlation c instead (see
+/// [`super::transmittance::transmittance_from_own_matter`]). FLIP of one lane with starts at a quarter, .4 and a half of a facet: a tree
+/// .0396, –, .0409; clumps .0474, –, .0485; fur .142, –, .111; near .0405, –, .0414. `facet_size`: [`crate::volume::Info::facet_size`]
+/// in cube edges; 0 where it is unknown.
 pub fn shadow_start(facet_size: f32, voxel: f32) -> f32 {
     if facet_size > 0.0 { voxel.min(SHADOW_START * facet_size) } else { voxel }
 }

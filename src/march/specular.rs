@@ -5,10 +5,10 @@
 //! Local Illumination, 1992 (a lobe over a distribution of normals is their convolution); E. Heitz et al., *The SGGX Microflake
 //! Distribution*, SIGGRAPH 2015.
 //!
-//! Two approximations, each good where the other is not. Where the lobe is wider than the normals are spread, the eight visible
-//! normals that stand for them do: their lobes overlap. Where it is narrower, the lobe picks normals around the direction
-//! halfway between viewer and light out of the distribution, whose density there is known in closed form; the lobe's width is
-//! added to that of the distribution, which stays an SGGX. In between they are blended.
+//! Two approximations are blended, each of which is good where the other is not. Where the lobe is wider than the spread of the
+//! normals, the sum over the eight visible normals is exact enough, since their lobes overlap. Where it is narrower, the lobe selects
+//! the normals around the half vector of viewer and light, at which the distribution's density is known in closed form; the lobe's
+//! width is added to that of the distribution, which stays an SGGX.
 //!
 //! Against the integral over 8 shapes of distributions (facet to sphere, strips and rings between them), 6 exponents from 2 to
 //! 256, all views and lights: 7.7 % of the mean highlight (RMS), 15 % in the worst case, strips with an exponent of 16. Tried
@@ -22,17 +22,17 @@ use super::vndf::{Normals, POINTS, Weights};
 use crate::geom::Vec3;
 use crate::volume::{Gloss, Sggx};
 
-/// What a viewer sees of a voxel's facets. Directions are unit, in one space.
+/// The facets of a voxel that a viewer sees. All directions are unit vectors in one space.
 pub struct SeenFacets<'a> {
     /// The distribution of their normals.
     pub ndf: &'a Sggx,
-    /// What is seen of it, and in which shares.
+    /// The eight visible normals that stand for it.
     pub normals: &'a Normals,
-    /// See `normals`.
+    /// Their weights, which sum to 1.
     pub weights: &'a Weights,
-    /// Mean normal, and how one-sided the facets are: see [`Normals::one_sided`].
+    /// Unit mean normal, see [`Normals::one_sided`].
     pub mean: Vec3,
-    /// See `mean`.
+    /// One-sidedness in [0, 1], see [`Normals::one_sided`].
     pub one_sidedness: f32,
     /// Share of the facets whose normal is `mean` itself.
     pub flat: f32,
@@ -40,11 +40,11 @@ pub struct SeenFacets<'a> {
     pub view: Vec3,
 }
 
-/// Spread of the normals, in variances of the lobe, at which both approximations count the same.
-const EVEN: f32 = 2.0;
+/// Variance of the normals, in variances of the lobe, at which both approximations have the same weight.
+const BLEND_SPREAD: f32 = 2.0;
 
 impl SeenFacets<'_> {
-    /// Mean of [`Gloss::facet`] over the facets, without the strength, of a light in the direction `light`.
+    /// Mean over the visible facets of [`Gloss::facet`], without its strength, for a light in the unit direction `light`.
     pub fn highlight(&self, gloss: &Gloss, light: Vec3) -> f32 {
         let lobe = |m: Vec3| gloss.facet(m, self.view, light);
         let mut middle = Vec3::ZERO;
@@ -54,19 +54,19 @@ impl SeenFacets<'_> {
             middle += m / POINTS as f32;
             points += self.weights[i] * lobe(m);
         }
-        // Variances on the sphere: of the normals, about twice one axis's; of the lobe along one axis 1 / s.
-        let spread = (1.0 - middle.length_squared()) * 0.5 * gloss.shininess / EVEN;
+        // 1 − |mean|² is about twice the variance of the normals along one axis; the lobe's variance along one axis is 1 / s.
+        let spread = (1.0 - middle.length_squared()) * 0.5 * gloss.shininess / BLEND_SPREAD;
         let share = 1.0 / (1.0 + spread * spread);
         let spread_out =
             if share > 0.999 { points } else { points * share + self.density(gloss, light) * (1.0 - share) };
         if self.flat > 0.0 { spread_out + self.flat * (lobe(self.mean) - spread_out) } else { spread_out }
     }
 
-    /// The highlight where the lobe is narrower than the normals are spread.
+    /// The highlight by the density of the distribution: for a lobe narrower than the spread of the normals.
     fn density(&self, gloss: &Gloss, light: Vec3) -> f32 {
         let halfway = (self.view + light).normalize_or_zero();
         let s = self.ndf;
-        // A little of all directions, for what is flat to have an inverse.
+        // A little isotropy, so that the matrix of flat matter has an inverse.
         let floor = 1e-6 * s.xx.max(s.yy).max(s.zz).max(f32::MIN_POSITIVE);
         let own = Mat3::from_cols(
             Vec3::new(s.xx + floor, s.xy, s.xz),
@@ -78,7 +78,7 @@ impl SeenFacets<'_> {
         let roughness = 2.0 / (gloss.shininess + 2.0);
         let blurred = own * (1.0 - roughness) + Mat3::from_diagonal(Vec3::splat(roughness * norm));
         let (det, toward) = (blurred.determinant(), blurred.inverse() * halfway);
-        // The mean of the normals whose lobes reach `halfway`, as of Gaussians: between that and their own middle.
+        // The mean normal of the facets that reflect the light to the viewer, as a product of two Gaussians would have it.
         let normal = (own * toward).normalize_or_zero();
         let normal = if normal.dot(self.view) < 0.0 { -normal } else { normal };
         let (seen, lit) = (normal.dot(self.view), normal.dot(light));
@@ -93,7 +93,7 @@ impl SeenFacets<'_> {
         } else {
             1.0
         };
-        // Of the lobe's peak / π times its solid angle, 2 π / (s + 2); the 1/π is that of the SGGX's density.
+        // The lobe's peak times its solid angle, 2 π / (s + 2); its 1/π and that of the SGGX density are contained in the factors.
         gloss.peak() * roughness * seen * lit * front / width
     }
 }

@@ -1,4 +1,4 @@
-//! The march: what a straight segment of a ray loses to the matter of one texel, and where.
+//! The march: the transmittance of one texel along a straight segment of a ray, and the voxels that stop the rest of the light.
 //!
 //! Based on: F. Neyret, *Synthesizing Verdant Landscapes using Volumetric Textures*, INRIA RR-2846, 1996 (one ray per pixel, the
 //! depth by the size of its cone); M. Levoy, *Efficient Ray Tracing of Volume Data*, TOG 1990 (early termination).
@@ -29,7 +29,7 @@ pub struct MarchSegment {
     pub opacity_scale: f32,
 }
 
-/// Which depth a cone of a given width reads.
+/// The rule by which a cone of a given width chooses the depth that it reads.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DepthChoice {
     /// Added to the depth that fits: −1 is one coarser.
@@ -58,7 +58,7 @@ impl DepthChoice {
 /// A [`DepthChoice`] in one tree.
 #[derive(Clone, Copy)]
 struct Depths {
-    /// Twice the width that goes with depth 0, by the choice's bias and dither.
+    /// Twice the width at which depth 0 is chosen, with the bias and the dither applied.
     doubled: f32,
     finest: i32,
 }
@@ -67,7 +67,7 @@ impl Depths {
     /// The depth for a cone `width` cube edges wide: voxel ≈ width.
     #[inline(always)]
     fn depth(&self, width: f32) -> u32 {
-        // The logarithm, rounded down, is the exponent.
+        // The exponent of a float is its base-2 logarithm, rounded down.
         let exponent = ((self.doubled / width.max(f32::MIN_POSITIVE)).to_bits() >> 23) as i32 - 127;
         exponent.clamp(0, self.finest) as u32
     }
@@ -102,7 +102,7 @@ impl MarchStats {
     }
 }
 
-/// Light that a voxel stops: what a [`Sink`] is given.
+/// A voxel that stops some of the ray's light, as a [`Sink`] receives it.
 #[derive(Debug, Clone, Copy)]
 pub struct VoxelHit<'a> {
     /// The ray's parameter in the middle of its segment in the voxel.
@@ -125,7 +125,7 @@ pub trait Sink {
     fn voxel(&mut self, hit: &VoxelHit<'_>);
 }
 
-/// Below this transmittance a march of one texel on its own ends, and what was left goes to its last voxel.
+/// Below this transmittance a march of one texel on its own ends; its last voxel stops what is left.
 pub const OPAQUE_BELOW: f32 = 1.0 / 512.0;
 
 /// March a segment with the transmittance `t_in` in [0, 1] at its start; the transmittance at its end. It is 0 once it falls
@@ -173,7 +173,8 @@ impl Sink for NoSink {
     fn voxel(&mut self, _: &VoxelHit<'_>) {}
 }
 
-/// Position of a ray that starts on matter with respect to its own block. That is the block of the first voxel, if that is within a voxel's width.
+/// Position of a march that starts on matter relative to the block of that matter. The first block is taken for it if its first voxel
+/// begins within a voxel's width of the start.
 #[derive(Clone, Copy, PartialEq)]
 enum StartBlock {
     Ahead,
@@ -226,7 +227,8 @@ fn march_inline<S: Sink>(
     stats.segments += 1;
     let line = Line::new(segment.origin, segment.dir / speed);
     let (width, growth) = (segment.footprint, segment.growth / speed);
-    // The root's support in a file may be wider than the content, at a lower rate: nothing of it may be cut off.
+    // In a file the root's support box may be larger than the content's, with a rate that is lower by as much. At depth 0 the whole cube
+    // is therefore marched.
     let depths = choice.depths(finest);
     let pad = if depths.depth(width) == 0 { 1.0 } else { CONTENT_PAD };
     let (low, high) = tree.content();
@@ -249,10 +251,10 @@ fn march_inline<S: Sink>(
     while s < end {
         let depth = depths.depth(width + growth * s);
         law.stats.deepest = law.stats.deepest.max(depth);
-        let turn = if growth > 0.0 { (depths.width_limit(depth) - width) / growth } else { f32::INFINITY };
-        match walk(tree, &line, depth, [s, end, turn.max(s)], &mut law) {
-            // A turn at s itself would choose the same depth again when the width is within rounding of the limit.
-            WalkEnd::Turned(at) => s = at.max(s.next_up()),
+        let depth_limit = if growth > 0.0 { (depths.width_limit(depth) - width) / growth } else { f32::INFINITY };
+        match walk(tree, &line, depth, [s, end, depth_limit.max(s)], &mut law) {
+            // Going on from s itself would choose the same depth again where the width is within rounding of the limit.
+            WalkEnd::DepthLimit(at) => s = at.max(s.next_up()),
             WalkEnd::Done => break,
             WalkEnd::Stopped => return 0.0,
         }
@@ -260,11 +262,11 @@ fn march_inline<S: Sink>(
     law.before_block
 }
 
-/// Texel units: the content's box is kept in f64, and a voxel's own faces must not fall outside it in f32. The cube's own
-/// faces stay: the first voxel on a grazing ray would else begin before its face.
+/// Margin around the content's box, in cube edges. The box is kept in f64, and the faces of its voxels, computed in f32, must not fall
+/// outside. At the faces of the cube there is no margin, or the first voxel on a grazing ray would begin before its face.
 const CONTENT_PAD: f32 = 1e-6;
 
-/// The law of opacity along one line.
+/// The law of opacity, applied along one line.
 struct OpacityLaw<'a, S> {
     tree: &'a Octree,
     origin: Vec3,
@@ -287,7 +289,7 @@ impl<S: Sink> VoxelVisitor for OpacityLaw<'_, S> {
     #[inline(always)]
     fn segment(&mut self, segment: &VoxelSegment<'_>) -> bool {
         self.stats.voxels += 1;
-        let voxel = self.tree.voxel(segment.place);
+        let voxel = self.tree.voxel(segment.address);
         if voxel.rate == 0 {
             return true;
         }
@@ -297,7 +299,7 @@ impl<S: Sink> VoxelVisitor for OpacityLaw<'_, S> {
             return true;
         }
         let sigma = if self.isotropic { 1.0 } else { projected_area(voxel, self.dir) };
-        let depth = segment.place.depth;
+        let depth = segment.address.depth;
         let edges = length * (1u32 << depth) as f32;
         let tau = RATE[usize::from(voxel.rate)] * self.scale * sigma * edges;
         let before = self.block;
@@ -316,7 +318,7 @@ impl<S: Sink> VoxelVisitor for OpacityLaw<'_, S> {
         if weight > 0.0 {
             let s = 0.5 * (enter + leave);
             let position = self.origin + s * self.dir;
-            let rank = segment.place.rank;
+            let rank = segment.address.rank;
             self.sink.voxel(&VoxelHit { t: s * self.per_speed, weight, depth, voxel, rank, position });
         }
         !stopped
@@ -337,7 +339,7 @@ impl<S: Sink> VoxelVisitor for OpacityLaw<'_, S> {
     }
 }
 
-/// rho of each rate code, see [`Voxel::rate`].
+/// Rate ρ of each code, see [`Voxel::rate`].
 static RATE: [f32; 256] = rates();
 
 const fn rates() -> [f32; 256] {
@@ -370,7 +372,7 @@ const fn rates() -> [f32; 256] {
     table
 }
 
-/// sigma of the voxel's normals along the unit vector `w`, without taking the matrix apart.
+/// Projected area sigma of the voxel's normals along the unit vector `w`.
 #[inline(always)]
 fn projected_area(voxel: &Voxel, w: Vec3) -> f32 {
     crate::volume::Sggx::decode(voxel.ndf).sigma(w)

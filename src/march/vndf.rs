@@ -78,10 +78,10 @@ pub fn visible_normals(s: &Sggx, view: Vec3) -> Normals {
 /// Shares of eight normals, which sum to 1.
 pub type Weights = [f32; POINTS];
 
-/// All alike: facets seen from both sides.
+/// Equal weights: facets that are seen from both sides.
 pub const EQUAL: Weights = [1.0 / POINTS as f32; POINTS];
 
-/// Seen from inside the matter every normal is hidden; they are then all alike.
+/// Below this sum all normals face away from the viewer, as where the viewer is inside the matter; they then get equal weights.
 const LEAST_SEEN: f32 = 1e-3;
 
 impl Normals {
@@ -93,13 +93,13 @@ impl Normals {
         self.tilted(mean, one_sidedness).0
     }
 
-    /// By how much more than in the mean of all a normal `m` counts where facets have a front, see [`Normals::one_sided`].
+    /// The weight of a unit normal `m` over the mean weight of all, where facets have a front: see [`Normals::one_sided`].
     pub fn one_sided_density(&self, mean: Vec3, one_sidedness: f32, m: Vec3) -> f32 {
         let (_, slope, sum) = self.tilted(mean, one_sidedness);
         if sum < LEAST_SEEN { 1.0 } else { (1.0 + slope * m.dot(mean)).max(0.0) * (POINTS as f32 / sum) }
     }
 
-    /// Shares of the normals, k, and the sum of what the shares are in proportion to.
+    /// Weights of the normals, the slope k, and the sum of the weights before they were normalised.
     fn tilted(&self, mean: Vec3, one_sidedness: f32) -> (Weights, f32, f32) {
         let mut cosine = [0.0; POINTS];
         let mut square = 0.0;
@@ -107,7 +107,7 @@ impl Normals {
             *cosine = self.x[i] * mean.x + self.y[i] * mean.y + self.z[i] * mean.z;
             square += *cosine * *cosine * (1.0 / POINTS as f32);
         }
-        // No narrower than a half-space: at k = 1/|cosine| one side is gone.
+        // Bounded, since from k = 1/|cosine| on one side is gone altogether.
         let k = one_sidedness / square.max(0.05);
         let weight = cosine.map(|c| (1.0 + k * c).max(0.0));
         let sum: f32 = weight.iter().sum();

@@ -1,5 +1,5 @@
-//! Copies of texels under one affine map each: rigid copies, and those that fill a shell's box on their own. A ray comes to their
-//! voxels by two small products of a matrix and a vector, and not through the box, its layers and their cells.
+//! Copies of texels under one affine map each: rigid copies, and copies that fill a shell's box alone. A ray is taken to their texel
+//! space by two products of a matrix and a vector, without going through the box, its layers and their cells.
 //!
 //! Based on: F. Neyret, *Synthesizing Verdant Landscapes using Volumetric Textures*, INRIA RR-2846, 1996 (a reference volume under
 //! many maps).
@@ -19,49 +19,50 @@ use crate::geom::{Aabb, DAffine3, DMat3, DVec3, Mat3, Ray, Vec3, each3};
 use crate::march::transmittance::MarchSegment;
 use crate::scene::shell::CellWrap;
 
-/// One copy, no larger than a cache line: the renderer's space → texel space is x ↦ `matrix` · (x − `middle`) + ½. In f32 a copy
-/// lies up to 2^-24 of its distance from the camera off its place, a thousandth of a pixel.
+/// One copy, in a cache line. The map from the renderer's space to texel space is x ↦ `matrix` · (x − `middle`) + ½. Rounding to f32
+/// moves a copy by at most 2^-24 of its distance from the camera, which is a thousandth of a pixel.
 #[derive(Debug, Clone, Copy)]
 #[repr(C, align(64))]
 struct AffineCopy {
     matrix: Mat3,
     middle: Vec3,
-    /// Root of the determinant's magnitude.
+    /// Square root of the determinant's magnitude.
     root_determinant: f32,
-    /// Index into [`AffineCopies::kinds`]; [`FLAT`] for a copy that has no volume.
-    kind: u32,
+    /// Index into [`AffineCopies::attributes`]; [`NO_ATTRIBUTES`] for a copy that has no volume.
+    attributes: u32,
 }
 
-const FLAT: u32 = u32::MAX;
+const NO_ATTRIBUTES: u32 = u32::MAX;
 
-/// What copies have in common.
+/// Attributes that many copies share.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Kind {
+struct CopyAttributes {
     texel: usize,
     tint: Vec3,
     opacity_scale: f32,
-    /// See [`CopyHit::phong`]; and whether that differs from place to place.
+    /// See [`CopyHit::phong`].
     phong: u32,
+    /// Whether these parameters vary from place to place.
     varies: bool,
     /// See [`TexelLayer::rank`].
     rank: u32,
-    /// The cell of a shell's copy; `None` for rigid copies, which are told apart by their numbers.
+    /// The cell of a shell's copy; `None` for rigid copies, which their numbers tell apart.
     ///
-    /// Overlapping boxes of one cell count as one copy where a shadow ray starts in several of them: all of the matter about it is
-    /// then its own. 25 000 trees from afar have a FLIP of .0429 with it, and .0456 where neighbours' matter stands in the way.
+    /// Where boxes of one cell overlap and a shadow ray starts in several of them, they count as one copy, so all matter around the
+    /// start is the ray's own. 25 000 trees from afar have a FLIP of .0429 this way, and .0456 where the neighbours' matter occludes.
     cell: Option<[i64; 3]>,
 }
 
-/// A [`Kind`]'s texel and cell; its parameters, its rank, and the bits of its tint and the scale of its opacity.
-type KindKey = (usize, Option<[i64; 3]>, [u32; 6]);
+/// A [`CopyAttributes`]'s texel and cell; its parameters, its rank, and the bits of its tint and the scale of its opacity.
+type AttributesKey = (usize, Option<[i64; 3]>, [u32; 6]);
 
-/// Copies under affine maps, numbered through.
+/// All copies under affine maps, numbered from 0.
 #[derive(Default)]
 pub struct AffineCopies {
     list: Vec<AffineCopy>,
-    kinds: Vec<Kind>,
-    known: HashMap<KindKey, u32>,
-    /// For each texel of the scene, the box of its content, with room for what a march allows for by rounding.
+    attributes: Vec<CopyAttributes>,
+    known: HashMap<AttributesKey, u32>,
+    /// For each texel of the scene, the bounding box of its content in texel space, widened by [`CONTENT_PAD`].
     contents: Vec<(Vec3A, Vec3A)>,
 }
 
@@ -72,11 +73,11 @@ pub struct ConeWidth {
     pub growth: f64,
 }
 
-/// More than what a march allows for by rounding, in cube edges.
+/// More than the margin by which a march widens the content against rounding, in cube edges.
 const CONTENT_PAD: f64 = 1e-5;
 
-/// How far a box may cut into the content of a copy that is taken to fill it, in cube edges: corners come as f32.
-const CUT: f64 = 1e-4;
+/// Depth by which a box may cut into the content of a copy that still counts as whole, in cube edges: corners are given as f32.
+const MAX_CUT: f64 = 1e-4;
 
 impl AffineCopies {
     /// None yet; `contents`: for each texel of the scene, the box of its content in texel space.
@@ -90,47 +91,54 @@ impl AffineCopies {
         self.list.len()
     }
 
-    /// Make room for so many more.
+    /// Reserve memory for `count` more copies.
     pub fn reserve(&mut self, count: usize) {
         self.list.reserve_exact(count);
     }
 
-    /// Add a rigid copy; `None` stands for one that has no volume. `phongs`: the scene's.
+    /// Add a rigid copy; `None` stands for one without a volume, which no ray meets. `phongs` is the scene's table.
     pub fn push(&mut self, copy: Option<&RigidCopy>, phongs: &PhongTable) {
         let kind = |c: &RigidCopy| {
             let RigidCopy { texel, tint, phong, .. } = *c;
-            Kind { texel, tint, opacity_scale: 1.0, phong, varies: phongs.varies(phong), rank: 0, cell: None }
+            CopyAttributes { texel, tint, opacity_scale: 1.0, phong, varies: phongs.varies(phong), rank: 0, cell: None }
         };
-        let made = copy.and_then(|c| self.made(&c.to_texel, kind(c)));
-        let flat = AffineCopy { matrix: Mat3::ZERO, middle: Vec3::ZERO, root_determinant: 0.0, kind: FLAT };
+        let made = copy.and_then(|c| self.affine_copy(&c.to_texel, kind(c)));
+        let flat =
+            AffineCopy { matrix: Mat3::ZERO, middle: Vec3::ZERO, root_determinant: 0.0, attributes: NO_ATTRIBUTES };
         self.list.push(made.unwrap_or(flat));
     }
 
-    /// Add the copy that fills a box of one layer, and its box to `bounds`. False, with nothing added, where there are more layers
-    /// (which are mixed where they meet), or where that layer has more copies in the box than one, a part of one, a bent one, or one
-    /// whose looks differ from place to place.
-    pub fn fill(&mut self, prism: &Prism, layers: &[TexelLayer], phongs: &PhongTable, bounds: &mut Boxes) -> bool {
+    /// Try to replace a box by the one copy that it holds. If that is possible, add the copy, and its bounding box to `bounds`, and
+    /// return true; a box without copies adds nothing and returns true. Return false where the box has several layers (which mix where
+    /// they meet), several copies, a part of a copy, a bent copy, or one whose Phong parameters vary from place to place.
+    pub fn add_whole_box(
+        &mut self,
+        prism: &Prism,
+        layers: &[TexelLayer],
+        phongs: &PhongTable,
+        bounds: &mut Boxes,
+    ) -> bool {
         let [layer] = layers else { return false };
-        match self.filling(prism, layer) {
-            Filling::Nothing => true,
-            Filling::Copy(_, kind) if phongs.varies(kind.phong) => false,
-            Filling::Copy(to_texel, kind) => self.made(&to_texel, kind).is_some_and(|copy| {
+        match self.box_content(prism, layer) {
+            BoxContent::Empty => true,
+            BoxContent::WholeCopy(_, kind) if phongs.varies(kind.phong) => false,
+            BoxContent::WholeCopy(to_texel, kind) => self.affine_copy(&to_texel, kind).is_some_and(|copy| {
                 self.list.push(copy);
                 bounds.push(bounds_of(&self.content(kind.texel).unwrap_or(Aabb::EMPTY), &to_texel));
                 true
             }),
-            Filling::Other => false,
+            BoxContent::Other => false,
         }
     }
 
-    /// The box of a texel's content.
+    /// The bounding box of a texel's content, widened, in texel space.
     fn content(&self, texel: usize) -> Option<Aabb> {
         self.contents.get(texel).map(|(min, max)| Aabb::new(min.as_dvec3(), max.as_dvec3()))
     }
 
-    fn filling(&self, prism: &Prism, layer: &TexelLayer) -> Filling {
+    fn box_content(&self, prism: &Prism, layer: &TexelLayer) -> BoxContent {
         if layer.jitter.is_some() || layer.reach != [0; 3] {
-            return Filling::Other;
+            return BoxContent::Other;
         }
         let scale = DVec3::from_array(layer.layer.scale);
         let to_layer =
@@ -139,29 +147,32 @@ impl AffineCopies {
         let mut cell = [0i64; 3];
         for k in (0..3).filter(|&k| layer.layer.wrap[k] != CellWrap::Empty) {
             let low = (0.5 * (cover.min[k] + cover.max[k])).floor();
-            let is_one = cover.min[k] >= low - CUT && cover.max[k] <= low + 1.0 + CUT && low.abs() < 1e15;
+            let is_one = cover.min[k] >= low - MAX_CUT && cover.max[k] <= low + 1.0 + MAX_CUT && low.abs() < 1e15;
             if !is_one {
-                return Filling::Other;
+                return BoxContent::Other;
             }
             cell[k] = low as i64;
         }
-        let Some((copy, to_cube)) = layer.placed(cell) else { return Filling::Nothing };
-        let Some(content) = self.content(copy.texel) else { return Filling::Other };
+        let Some((copy, to_cube)) = layer.placed(cell) else { return BoxContent::Empty };
+        let Some(content) = self.content(copy.texel) else { return BoxContent::Other };
         if content.is_empty() {
-            return Filling::Nothing;
+            return BoxContent::Empty;
         }
         let to_texel = to_cube * to_layer * prism.to_texel();
         let from_texel = to_texel.inverse();
-        if !from_texel.is_finite() || prism.cuts(&content, &from_texel, CONTENT_PAD + CUT) {
-            return Filling::Other;
+        if !from_texel.is_finite() || prism.cuts(&content, &from_texel, CONTENT_PAD + MAX_CUT) {
+            return BoxContent::Other;
         }
         let (opacity_scale, rank) = (layer.layer.opacity_scale as f32, layer.rank);
         let PlacedCopy { texel, tint, phong, .. } = copy;
-        Filling::Copy(to_texel, Kind { texel, tint, opacity_scale, phong, varies: false, rank, cell: Some(cell) })
+        BoxContent::WholeCopy(
+            to_texel,
+            CopyAttributes { texel, tint, opacity_scale, phong, varies: false, rank, cell: Some(cell) },
+        )
     }
 
-    /// `None` where the copy has no volume.
-    fn made(&mut self, to_texel: &DAffine3, kind: Kind) -> Option<AffineCopy> {
+    /// The stored form of a copy; `None` where it has no volume.
+    fn affine_copy(&mut self, to_texel: &DAffine3, kind: CopyAttributes) -> Option<AffineCopy> {
         let middle = to_texel.inverse().transform_point3(DVec3::splat(0.5)).as_vec3();
         let root_determinant = to_texel.matrix3.determinant().abs().sqrt() as f32;
         let matrix = to_texel.matrix3.as_mat3();
@@ -169,28 +180,28 @@ impl AffineCopies {
         usable.then(|| {
             let [r, g, b] = kind.tint.to_array().map(f32::to_bits);
             let key = (kind.texel, kind.cell, [kind.phong, kind.rank, r, g, b, kind.opacity_scale.to_bits()]);
-            let kinds = &mut self.kinds;
+            let attributes = &mut self.attributes;
             let number = *self.known.entry(key).or_insert_with(|| {
-                kinds.push(kind);
-                kinds.len() as u32 - 1
+                attributes.push(kind);
+                attributes.len() as u32 - 1
             });
-            AffineCopy { matrix, middle, root_determinant, kind: number }
+            AffineCopy { matrix, middle, root_determinant, attributes: number }
         })
     }
 
-    /// The ray's segment before `t1` in copy `index`, ready to be marched; `None` where it passes by the texel's content.
+    /// The ray's segment before `t1` in copy `index`, ready to be marched; `None` where it misses the texel's content.
     #[inline]
     pub fn segment(&self, index: usize, ray: &Ray, t1: f64, width: ConeWidth) -> Option<CopySegment> {
         let copy = self.list.get(index)?;
-        let kind = self.kinds.get(copy.kind as usize)?;
+        let kind = self.attributes.get(copy.attributes as usize)?;
         let content = self.contents.get(kind.texel)?;
-        // The difference is exact enough in f64; what follows needs no more than the map has.
+        // The difference is taken in f64, where it loses no digits; the rest needs no more precision than the map has.
         let offset = (ray.origin - copy.middle.as_dvec3()).as_vec3a();
         let along = ray.dir.as_vec3a();
         let [x, y, z] = each3([copy.matrix.x_axis, copy.matrix.y_axis, copy.matrix.z_axis], Vec3A::from);
         let origin = x * offset.x + y * offset.y + z * offset.z + 0.5;
         let dir = x * along.x + y * along.y + z * along.z;
-        // Along a face of the cube, inside of the lower one and outside of the upper one.
+        // A ray that runs along a face of the cube counts as inside at the lower face, and as outside at the upper one.
         let inverse = Vec3A::select(dir.cmpeq(Vec3A::ZERO), Vec3A::splat(1e30), dir.recip());
         let within = |min: Vec3A, max: Vec3A| {
             let (a, b) = ((min - origin) * inverse, (max - origin) * inverse);
@@ -201,7 +212,7 @@ impl AffineCopies {
         let (t0, t1) = within(Vec3A::ZERO, Vec3A::ONE)?;
         let length = dir.length();
         let scale = copy.root_determinant / length.sqrt();
-        // A start on a face may lie outside by rounding, or on the wrong side of it.
+        // By rounding, a start on a face may lie outside of the cube.
         let start = (origin + t0 * dir).clamp(Vec3A::ZERO, Vec3A::ONE);
         let march = MarchSegment {
             origin: round_inside(start.as_dvec3()),
@@ -214,7 +225,8 @@ impl AffineCopies {
         let (texel, tint, phong) = (kind.texel, kind.tint, kind.phong);
         let cell = kind.cell.unwrap_or([index as i64, 0, RIGID]);
         let (t0, t1, origin, dir) = (f64::from(t0), f64::from(t1), start.as_dvec3(), dir.as_dvec3());
-        let hit = CopyHit { texel, tint, phong, cell, t0, t1, origin, dir, linear: DMat3::IDENTITY, zoom: 1.0 };
+        let hit =
+            CopyHit { texel, tint, phong, cell, t0, t1, origin, dir, linear: DMat3::IDENTITY, inverse_scale: 1.0 };
         let scale = f64::from(scale);
         let coords = kind.varies.then(|| Box::new(SurfaceCoords::of_copy(&hit, scale)));
         let (to_texel, rank, affine) = (copy.matrix.as_dmat3(), kind.rank, Some(index as u32));
@@ -222,21 +234,21 @@ impl AffineCopies {
     }
 }
 
-/// What a layer has in a box.
-enum Filling {
+/// What a layer puts into a box.
+enum BoxContent {
     /// No copy.
-    Nothing,
-    /// One copy, whole: the map of the renderer's space to its cube.
-    Copy(DAffine3, Kind),
+    Empty,
+    /// One copy, whole, with the map from the renderer's space to its cube.
+    WholeCopy(DAffine3, CopyAttributes),
     /// Anything else.
     Other,
 }
 
-/// The box around `content`, a box in texel space.
+/// Bounding box, in the renderer's space, of `content`, a box in texel space.
 fn bounds_of(content: &Aabb, to_texel: &DAffine3) -> Aabb {
     let map = to_texel.inverse();
     let m = map.matrix3;
-    // The corners' box: the middle, and as far from it as the matrix's magnitudes take half the size.
+    // The half size of the corners' bounding box is the matrix of magnitudes times the half size.
     let reach = DMat3::from_cols(m.x_axis.abs(), m.y_axis.abs(), m.z_axis.abs()) * (0.5 * content.size());
     let middle = map.transform_point3(content.centre());
     Aabb::new(middle - reach, middle + reach)
@@ -270,7 +282,7 @@ mod tests {
 
     fn filled(prism: &Prism, layer: &TexelLayer) -> (bool, AffineCopies, Boxes) {
         let (mut copies, mut bounds) = (AffineCopies::new(std::iter::once(CONTENT)), Boxes::default());
-        let done = copies.fill(prism, std::slice::from_ref(layer), &PhongTable::default(), &mut bounds);
+        let done = copies.add_whole_box(prism, std::slice::from_ref(layer), &PhongTable::default(), &mut bounds);
         assert_eq!(bounds.len(), copies.len());
         (done, copies, bounds)
     }

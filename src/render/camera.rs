@@ -1,21 +1,21 @@
-//! From pixels to cones.
+//! Cameras: the ray and the cone of a pixel.
 
 use crate::geom::{Aabb, DVec3, Ray};
 use crate::scene::{Camera, Projection};
 
-/// Eye and projection of a picture. Rays are relative to `eye` and in the caller's unit of length.
+/// Eye and projection of a picture. Rays start relative to `eye`, and are in a unit of length that the caller chooses.
 #[derive(Debug, Clone)]
 pub struct View {
-    /// Origin of the rays' space: the eye, but for a view that was [moved](View::moved). World space, metres.
+    /// Origin of the rays' space: the eye, unless the view was [moved](View::moved). World space, metres.
     pub eye: DVec3,
-    /// From there to where rays begin, metres.
+    /// Vector from there to the camera, metres.
     shift: DVec3,
     right: DVec3,
     up: DVec3,
     forward: DVec3,
     size: [f64; 2],
     projection: Projection,
-    /// Half of the picture's height: at distance 1, or in metres where rays are parallel.
+    /// Half of the picture's height: at distance 1 in a perspective view, in metres in a parallel one.
     half: f64,
 }
 
@@ -111,7 +111,7 @@ impl View {
         }
     }
 
-    /// A point of the picture in half heights from its middle.
+    /// Vector from the picture's middle to the pixel position (x, y), in half heights.
     fn across(&self, x: f64, y: f64) -> DVec3 {
         let [width, height] = self.size;
         (2.0 * x - width) / height * self.right + (1.0 - 2.0 * y / height) * self.up

@@ -1,14 +1,12 @@
-//! Cards in a pixel: triangles whose masks or alpha maps lie one before the other.
+//! Visibility of cards (triangles with alpha masks or alpha maps, such as leaves) within one pixel, by fine rays.
 //!
-//! Based on: L. Carpenter, *The A-buffer*, SIGGRAPH 1984 (what is seen is found at many points of a pixel, how it is lit
-//! once a surface).
+//! Based on: L. Carpenter, *The A-buffer*, SIGGRAPH 1984 (visibility is sampled at many points of a pixel, shading once per surface).
 //!
-//! The share of a pixel that a mask lets be there does not say where in the pixel, and leaves of one plant have their dense
-//! parts in the same places. So the product of their gaps, right for leaves that know nothing of one another, covers too much.
-//! Where a pixel's cone may meet cards, or the cone from what it sees towards a light, a bundle of fine rays is tested against
-//! the cards that are near ([`super::mesh::Bundle`]); each card is there or not where a fine ray meets it. All else is seen by
-//! the cone's own ray. What fine rays see of one triangle is lit once, and from each place where it is seen a fine ray goes
-//! to the light.
+//! The mean alpha of a card over a pixel does not say where in the pixel its opaque parts are, and the leaves of one plant have
+//! them in the same places. Multiplying the transmittances of several cards, which is right for independent leaves, therefore covers
+//! too much. Where a pixel's cone, or a shadow cone from what it sees, may meet cards, a bundle of fine rays is tested against the
+//! cards nearby ([`super::mesh::Bundle`]); a fine ray samples a card's alpha at one point. Other triangles are seen by the cone's own
+//! ray. Each triangle that fine rays see is shaded once, and from each point where it is seen a fine ray goes to the light.
 
 use std::collections::BTreeMap;
 
@@ -22,22 +20,21 @@ use super::prepare::World;
 use super::shadow::{SelfHit, ShadowCone};
 use crate::geom::{DVec3, Ray};
 
-/// Fine rays of a pixel, and where all cards of the scene are seen in few pixels, so that what is off in one is not made up for by
-/// others.
+/// Number of fine rays per pixel, and the number where all cards of the scene are seen in few pixels, whose errors cannot average out.
 const RAYS: u32 = 64;
 const RAYS_OF_SMALL: u32 = 256;
-/// How many pixels cards are small in: the length of the diagonal of the box around them.
+/// Cards count as seen in few pixels if the diagonal of the box around all of them is shorter than this, in pixels.
 const SMALL: f64 = 32.0;
-/// Largest number of surfaces that are lit in a pixel, and of those of them that are the largest and are lit as a whole.
+/// Most surfaces that are lit in a pixel, and how many of them are the largest ones, which keep all their hits.
 pub const MOST_LIT: usize = 16;
 const LARGEST: usize = 8;
-/// Distance from which on a ray meets other things than what it starts on.
-const BEGIN: f64 = 1e-9;
+/// Least distance of a hit from the start of a shadow ray, which keeps the ray from hitting its own surface.
+const MIN_DISTANCE: f64 = 1e-9;
 
-/// A place of a surface from which a light is looked for.
+/// A point of a surface from which a fine shadow ray starts.
 #[derive(Clone, Copy)]
 pub struct LitPlace {
-    /// From where the surface as a whole is lit.
+    /// Offset from the point at which the surface as a whole is lit.
     offset: DVec3,
     ray: u32,
     /// Share of the lane that is seen here.
@@ -45,9 +42,9 @@ pub struct LitPlace {
 }
 
 impl Tracer<'_> {
-    /// What the lane's cone meets of the scene's meshes: the nearest surface that lets nothing through, and in `lists.blended` what
-    /// lets light through before it. Where cards are near, all that fine rays see is there instead, and no surface is left. Returns
-    /// the distance, too, behind which nothing is seen.
+    /// Intersect the lane's cone with the scene's meshes. Returns the nearest opaque contact, the fine rays if they were used, and the
+    /// distance beyond which nothing is seen. Blended surfaces before that contact are put into `lists.blended`. Where fine rays are
+    /// used, all that they see is put there, and no opaque contact is returned.
     pub(super) fn meet_meshes(&mut self, lane: Lane, cone: &Cone) -> (Option<Contact>, Option<FineRays>, f64) {
         let (world, mesh) = (self.world, &self.world.mesh);
         let blended = &mut self.lists.blended;
@@ -64,7 +61,7 @@ impl Tracer<'_> {
         (None, Some(rays), end)
     }
 
-    /// Whether the cone may meet a card before `end`, or one from the surface there towards a light.
+    /// Whether a card may lie in the cone before `end`, or in a shadow cone from `surface`, the opaque contact there.
     fn cards_matter(&self, cone: &Cone, surface: Option<&Contact>, end: f64) -> bool {
         let (world, mesh) = (self.world, &self.world.mesh);
         if mesh.are_cards_near(&cone.ray, end, |t| REACH * cone.width_at(t)) {
@@ -80,9 +77,9 @@ impl Tracer<'_> {
         })
     }
 
-    /// Find what the lane's fine rays see of the scene's meshes, of which the cone's own ray meets what is in `lists.blended` and
-    /// `last`, and no cards: surfaces, as if each let some light through, and of each the places that are seen. Returns the
-    /// distance behind which nothing is seen.
+    /// Intersect the lane's fine rays with cards and with the other surfaces that the cone's own ray meets, which are in `lists.blended`
+    /// and `last`. The visible surfaces replace `lists.blended`, each with an alpha by which compositing gives it its share of the lane;
+    /// `lists.places` holds the hits of each. Returns the distance beyond which nothing is seen.
     fn gather_cards(&mut self, rays: FineRays, cone: &Cone, last: Option<Contact>) -> f64 {
         let world = self.world;
         let count = rays.lane.share(rays.all);
@@ -95,7 +92,7 @@ impl Tracer<'_> {
         for ray in &seen {
             bundle.push(ray, 0.0, last.map_or(f64::INFINITY, |c| world.mesh.on_plane(&c, ray).t));
         }
-        // Of each ray the nearest contact that lets nothing through, and all that let some through.
+        // For each ray its nearest opaque contact, and all blended contacts.
         let mut nearest: Vec<Option<(f64, Contact)>> = vec![None; seen.len()];
         let mut some: Vec<(u32, Contact)> = Vec::new();
         world.mesh.cards_along(&world.scene.model, &bundle, None, |hit| {
@@ -139,7 +136,7 @@ impl Tracer<'_> {
             let weight: f32 = hits[range.clone()].iter().map(|h| h.weight).sum();
             contact.alpha = weight / left.max(weight);
             left -= weight;
-            // In no place with another, or else they would share what they stop.
+            // Distances are made distinct, since events at one distance would share the light that they stop.
             contact.t = contact.t.max(end.next_up());
             end = contact.t;
             sheets.push(contact);
@@ -156,13 +153,13 @@ impl Tracer<'_> {
         if open < 1e-4 { end.next_up() } else { f64::INFINITY }
     }
 
-    /// Share of the lane in which surface `index` of those that were gathered is seen.
+    /// Share of the lane in which the gathered surface `index` is seen.
     pub(super) fn seen_share(&self, index: usize) -> f32 {
         let hits = self.lists.places.get(index).and_then(|range| self.lists.fine.get(range.clone()));
         hits.into_iter().flatten().map(|h| h.weight).sum()
     }
 
-    /// Where surface `index` of those that were gathered is seen; `point` is the mean of that.
+    /// The points at which the gathered surface `index` is seen; `point` is their mean.
     pub(super) fn lit_places(&self, point: DVec3, index: usize) -> Vec<LitPlace> {
         let hits = self.lists.places.get(index).and_then(|range| self.lists.fine.get(range.clone()));
         let place = |hit: &FineHit| {
@@ -173,8 +170,8 @@ impl Tracer<'_> {
     }
 }
 
-/// The share of a light that comes through meshes to places of one surface, in the mean; `cone` is from the surface as a whole.
-pub fn openness(
+/// Mean transmittance of meshes between a light and points of one surface; `cone` is the shadow cone from the surface as a whole.
+pub fn mesh_transmittance_to_places(
     world: &World<'_>,
     rays: FineRays,
     places: &[LitPlace],
@@ -184,14 +181,14 @@ pub fn openness(
     let towards = |place: &LitPlace| {
         let origin = cone.ray.origin + place.offset;
         let incident = light.incident(origin)?;
-        let dir = rays.lane.place(place.ray, rays.all).towards(incident.dir, incident.radius);
+        let dir = rays.lane.sample(place.ray, rays.all).towards(incident.dir, incident.radius);
         Some((Ray { origin, dir }, incident.distance, place.weight))
     };
     let to_light: Vec<(Ray, f64, f32)> = places.iter().filter_map(towards).collect();
     let model = &world.scene.model;
     let skip = SelfHit::mesh_triangle(cone.start);
     let mut bundle = Bundle::new(cone.ray);
-    to_light.iter().for_each(|(ray, end, _)| bundle.push(ray, BEGIN, *end));
+    to_light.iter().for_each(|(ray, end, _)| bundle.push(ray, MIN_DISTANCE, *end));
     let mut through: Vec<f32> = to_light.iter().map(|(.., weight)| *weight).collect();
     world.mesh.cards_along(model, &bundle, skip, |hit| through[hit.ray] *= 1.0 - hit.contact.alpha);
     let (all, through) = (to_light.iter().map(|(.., weight)| weight).sum::<f32>(), through.iter().sum::<f32>());
@@ -201,7 +198,7 @@ pub fn openness(
     if through <= 0.0 || world.mesh.is_all_cards() {
         return through / all;
     }
-    // What is solid has large shadows: fewer rays are enough.
+    // Shadows of other triangles are large, so that fewer rays are enough for them.
     let per_ray = if cone.growth > 0.0 { 4 } else { 16 };
     let chosen = to_light.iter().skip(per_ray / 2 % to_light.len()).step_by(per_ray);
     let (mut open, mut sum) = (0.0, 0.0);
@@ -212,7 +209,7 @@ pub fn openness(
     through / all * (open / sum)
 }
 
-/// Sort by triangle, and find each one's range and mean contact.
+/// Sort hits by triangle; returns for each triangle its mean contact and its range of hits.
 fn surfaces(hits: &mut Vec<FineHit>) -> Vec<(Contact, std::ops::Range<usize>)> {
     thin_out(hits);
     hits.sort_by_key(|h| (h.contact.triangle, h.ray));
@@ -226,8 +223,8 @@ fn surfaces(hits: &mut Vec<FineHit>) -> Vec<(Contact, std::ops::Range<usize>)> {
     ranges.collect()
 }
 
-/// Where hits are of more triangles than are lit, leave those of the largest, and of the others as many hits of equal weight as may
-/// be lit besides, chosen evenly over the pixel by weight.
+/// Reduce the hits to at most [`MOST_LIT`] triangles. The largest triangles keep their hits. Of the others a few hits are chosen, evenly
+/// spread over the pixel and with a probability in proportion to their weight, and get equal weights.
 fn thin_out(hits: &mut Vec<FineHit>) {
     const OTHERS: usize = MOST_LIT - LARGEST;
     let mut sizes: BTreeMap<u32, f32> = BTreeMap::new();
@@ -244,7 +241,7 @@ fn thin_out(hits: &mut Vec<FineHit>) {
     let (mut sum, mut count) = (0.0, 0);
     for hit in &others {
         sum += hit.weight;
-        // The places among the hits are apart from where rays begin, or else the first hit of a ray would be chosen.
+        // The thresholds are jittered, or the first hit of a ray would be chosen too often.
         let place = |k: usize| k as f32 + ((k as u32).reverse_bits() >> 28) as f32 / 16.0 + 0.5 / 16.0;
         while count < OTHERS && sum > place(count) * weight {
             kept.push(FineHit { weight, ..*hit });

@@ -1,12 +1,13 @@
-//! From texel coordinates to copies of the texel: each integer cell of (u, v, w) has one, wrapped, and varied by a hash.
+//! Copies of a texel in the cells of a layer: each integer cell of texel coordinates (u, v, w) holds one, which a hash varies. A ray
+//! walks from cell to cell and reports the copies that it hits.
 //!
 //! Based on: F. Neyret, *Synthesizing Verdant Landscapes using Volumetric Textures*, RR-2846, 1996 (jittered copies);
 //! J. Amanatides, A. Woo, *A Fast Voxel Traversal Algorithm for Ray Tracing*, 1987.
 
-use super::jitter::stretch;
-pub use super::layer::{TexelChoice, TexelLayer, row};
+use super::jitter::height_stretch;
+pub use super::layer::{TexelChoice, TexelLayer, texel_frames};
 use super::placement::PlacedCopy;
-use super::shell::{Foot, MOST_CELLS, ShellSegment};
+use super::shell::{HeightInShell, MOST_CELLS, ShellSegment};
 use crate::geom::{Aabb, DMat3, DVec3, Ray, Vec3};
 use crate::scene::shell::CellWrap;
 
@@ -16,19 +17,20 @@ pub struct CopyHit {
     pub texel: usize,
     /// Multiplies the texel's albedo.
     pub tint: Vec3,
-    /// What else is made of its surfaces, see [`super::layer::TexelChoice::phong`].
+    /// Number of its Phong parameters, see [`super::layer::TexelChoice::phong`].
     pub phong: u32,
-    /// The cell that holds the copy, or for a rigid copy its number: what tells copies apart.
+    /// Identity of the copy: the cell that holds it or, for a rigid copy, its number and [`RIGID`].
     pub cell: [i64; 3],
+    /// Parameters at which the ray enters and leaves the cell.
     pub t0: f64,
     pub t1: f64,
-    /// Texel space, the cube [0,1]^3: where the ray is at t0, and how far it goes per unit of t.
+    /// The ray in texel space, the cube [0,1]^3: its position at t0, and its change per unit of t.
     pub origin: DVec3,
     pub dir: DVec3,
     /// Cell space → texel space: a signed permutation over the copy's scale.
     pub linear: DMat3,
-    /// 1 / the copy's scale: what `linear` multiplies lengths by.
-    pub zoom: f64,
+    /// 1 / the copy's scale: the factor by which `linear` multiplies lengths.
+    pub inverse_scale: f64,
 }
 
 /// The third coordinate of the cells that stand for rigid copies: no shell has a cell there.
@@ -45,9 +47,9 @@ impl CopyHit {
         self.cell[2] == RIGID
     }
 
-    /// Whether the segment passes by `content`, a box in texel space; where it only just does, it may say no.
+    /// Whether the segment certainly misses `content`, a box in texel space; a near miss may count as a hit.
     pub fn misses(&self, content: &Aabb) -> bool {
-        // More than what a march allows for by rounding.
+        // More than the margin by which a march widens the content against rounding.
         const PAD: f64 = 1e-5;
         let inverse = self.dir.recip();
         let (a, b) = ((content.min - PAD - self.origin) * inverse, (content.max + PAD - self.origin) * inverse);
@@ -55,7 +57,7 @@ impl CopyHit {
     }
 }
 
-/// Interval of [0, end] in which the ray is inside of the cube [0,1]^3, longer than 0.
+/// Interval of [0, end] in which the ray is inside the unit cube; `None` where it has no length.
 fn span_in_unit_cube(ray: &Ray, end: f64) -> Option<(f64, f64)> {
     let Ray { origin, dir } = *ray;
     let (mut near, mut far) = (0.0_f64, end);
@@ -74,8 +76,9 @@ fn span_in_unit_cube(ray: &Ray, end: f64) -> Option<(f64, f64)> {
 }
 
 impl TexelLayer {
-    /// A shell's segment in the layer's own texel coordinates, cut into chords where noise bends it, in order, until `each`
-    /// returns false. False if stopped. `tolerance(t, to_texel)` is how far a chord may stray, in cells.
+    /// Bring a shell's segment into the layer's own texel coordinates and call `each` for it, or, where continuous jitter bends it, for
+    /// its chords in order, until `each` returns false. `tolerance(t, to_texel)` is how far a chord may deviate, in cells. Returns
+    /// false if stopped.
     pub fn for_each_chord(
         &self,
         segment: &ShellSegment,
@@ -83,22 +86,22 @@ impl TexelLayer {
         each: &mut dyn FnMut(&ShellSegment) -> bool,
     ) -> bool {
         let (scale, offset) = (DVec3::from_array(self.layer.scale), DVec3::from_array(self.layer.offset));
-        let feet = segment.feet.map(|foot| Foot { rise: foot.rise * scale.z, ..foot });
+        let end_heights = segment.end_heights.map(|foot| HeightInShell { rise: foot.rise * scale.z, ..foot });
         let (q0, q1) = (segment.q0 * scale + offset, segment.q1 * scale + offset);
         let to_texel = DMat3::from_diagonal(scale) * segment.to_texel;
-        let placed = ShellSegment { q0, q1, to_texel, feet, ..*segment };
-        // Of so many cells nothing is seen that noise could bend.
+        let placed = ShellSegment { q0, q1, to_texel, end_heights, ..*segment };
+        // A segment through so many cells is seen from so far away that the noise does not show.
         let many = (q1 - q0).abs().max_element() > f64::from(MOST_CELLS);
         match &self.jitter {
             Some(jitter) if !many => {
-                jitter.for_each_chord(&placed, stretch(self.layer.continuous.as_ref()), tolerance, each)
+                jitter.for_each_chord(&placed, height_stretch(self.layer.continuous.as_ref()), tolerance, each)
             }
             _ => each(&placed),
         }
     }
 
-    /// The copies that a segment (in the layer's texel coordinates) runs through, by where it enters them, until `each` returns
-    /// false. False if stopped. Copies may overlap where they reach over their cells.
+    /// Call `each` for the copies that a segment (in the layer's texel coordinates) hits, in order of where it enters them, until
+    /// `each` returns false. Returns false if stopped. Copies overlap where displacement moves them beyond their own cells.
     pub fn for_each_copy(&self, segment: &ShellSegment, each: &mut dyn FnMut(&CopyHit) -> bool) -> bool {
         let dir = (segment.q1 - segment.q0) / (segment.t1 - segment.t0);
         if !dir.is_finite() {
@@ -140,26 +143,26 @@ impl TexelLayer {
         };
         let mut next = [leave(&cell, 0), leave(&cell, 1), leave(&cell, 2)];
         let overlapping = self.reach != [0; 3];
-        let (begin, mut waiting) = (t0, Waiting { hits: Vec::new() });
-        let come_near = |low: [i64; 3], high: [i64; 3], waiting: &mut Waiting| {
+        let (begin, mut queue) = (t0, HitQueue { hits: Vec::new() });
+        let queue_cells = |low: [i64; 3], high: [i64; 3], queue: &mut HitQueue| {
             for u in low[0]..=high[0] {
                 for v in low[1]..=high[1] {
                     for w in low[2]..=high[2] {
-                        waiting.push(self.hit_beyond([u, v, w], start, dir, [begin, t1]));
+                        queue.push(self.overlapping_hit([u, v, w], start, dir, [begin, t1]));
                     }
                 }
             }
         };
         if overlapping {
-            let [low, high] = self.around(cell);
-            come_near(low, high, &mut waiting);
+            let [low, high] = self.cells_in_reach(cell);
+            queue_cells(low, high, &mut queue);
         }
         for _ in 0..MOST_CELLS {
             let axis = (0..3).fold(0, |best, k| if next[k] < next[best] { k } else { best });
             let end = next[axis].min(t1);
             if overlapping {
-                // Whatever comes near later begins later.
-                if !waiting.give(if end >= t1 { t1 } else { end }, each) {
+                // Copies of cells that come within reach later begin later.
+                if !queue.emit_until(if end >= t1 { t1 } else { end }, each) {
                     return false;
                 }
                 t0 = t0.max(end);
@@ -178,71 +181,72 @@ impl TexelLayer {
             cell[axis] = cell[axis].saturating_add(step);
             next[axis] = leave(&cell, axis);
             if overlapping {
-                // The layer of cells that has come within reach.
-                let [mut low, mut high] = self.around(cell);
+                // The slab of cells that has newly come within reach.
+                let [mut low, mut high] = self.cells_in_reach(cell);
                 let edge = if step > 0 { high[axis] } else { low[axis] };
                 (low[axis], high[axis]) = (edge, edge);
-                come_near(low, high, &mut waiting);
+                queue_cells(low, high, &mut queue);
             }
         }
-        waiting.give(t1, each)
+        queue.emit_until(t1, each)
     }
 
-    /// The cells whose copies may reach over `cell`: from the lowest to the highest.
-    fn around(&self, cell: [i64; 3]) -> [[i64; 3]; 2] {
+    /// Lowest and highest of the cells whose copies may reach into `cell`.
+    fn cells_in_reach(&self, cell: [i64; 3]) -> [[i64; 3]; 2] {
         let at = |side: i64| std::array::from_fn(|k| cell[k].saturating_add(side * self.reach[k]));
         [at(-1), at(1)]
     }
 
-    /// The copy in `cell`, for the ray at `q` going along `dir` (cell space); `None` where the cell is empty.
+    /// The hit of the copy in `cell` by the ray that is at `q` and runs along `dir` (texel coordinates of the layer) from t0 to t1;
+    /// `None` where the cell is empty.
     fn hit(&self, cell: [i64; 3], q: DVec3, dir: DVec3, t0: f64, t1: f64) -> Option<CopyHit> {
-        let (copy, sign, middle) = (self.place(cell)?, self.flip(cell), whole(cell) + 0.5);
+        let (copy, sign, middle) = (self.place(cell)?, self.mirror_signs(cell), cell_corner(cell) + 0.5);
         // A start on a face may lie outside by rounding.
         let p = ((q - middle).clamp(DVec3::splat(-0.5), DVec3::splat(0.5))) * sign + 0.5;
         let linear = copy.linear * DMat3::from_diagonal(sign);
         let origin = copy.linear * p + copy.offset;
-        let PlacedCopy { texel, tint, phong, zoom, .. } = copy;
-        Some(CopyHit { texel, tint, phong, cell, t0, t1, origin, dir: linear * dir, linear, zoom })
+        let PlacedCopy { texel, tint, phong, inverse_scale, .. } = copy;
+        Some(CopyHit { texel, tint, phong, cell, t0, t1, origin, dir: linear * dir, linear, inverse_scale })
     }
 
     /// The copy in `cell`, and the map of the layer's texel coordinates into its cube; `None` where the cell is empty.
     pub fn placed(&self, cell: [i64; 3]) -> Option<(PlacedCopy, crate::geom::DAffine3)> {
-        let (copy, sign) = (self.place(cell)?, self.flip(cell));
+        let (copy, sign) = (self.place(cell)?, self.mirror_signs(cell));
         let matrix3 = copy.linear * DMat3::from_diagonal(sign);
-        let translation = copy.linear * (0.5 - sign * (whole(cell) + 0.5)) + copy.offset;
+        let translation = copy.linear * (0.5 - sign * (cell_corner(cell) + 0.5)) + copy.offset;
         Some((copy, crate::geom::DAffine3 { matrix3, translation }))
     }
 
-    /// −1 along the axes in which the cell is mirrored, else 1.
-    fn flip(&self, cell: [i64; 3]) -> DVec3 {
+    /// −1 along the axes along which the cell is mirrored, else 1.
+    fn mirror_signs(&self, cell: [i64; 3]) -> DVec3 {
         let odd = |k: usize| self.layer.wrap[k] == CellWrap::Mirror && cell[k] & 1 != 0;
         DVec3::from_array([0, 1, 2].map(|k| if odd(k) { -1.0 } else { 1.0 }))
     }
 
-    /// The part of [t0, t1] in which the ray is in the cube of the copy that belongs to `cell`, wherever that lies. The ray is at
-    /// `q` at t0.
-    fn hit_beyond(&self, cell: [i64; 3], q: DVec3, dir: DVec3, [t0, t1]: [f64; 2]) -> Option<CopyHit> {
-        let (copy, sign) = (self.place(cell)?, self.flip(cell));
+    /// The hit of the copy that belongs to `cell` but may reach beyond it: the part of [t0, t1] in which the ray is in the copy's
+    /// cube. The ray is at `q` at t0.
+    fn overlapping_hit(&self, cell: [i64; 3], q: DVec3, dir: DVec3, [t0, t1]: [f64; 2]) -> Option<CopyHit> {
+        let (copy, sign) = (self.place(cell)?, self.mirror_signs(cell));
         let linear = copy.linear * DMat3::from_diagonal(sign);
-        let p = (q - whole(cell) - 0.5) * sign + 0.5;
+        let p = (q - cell_corner(cell) - 0.5) * sign + 0.5;
         let (origin, dir) = (copy.linear * p + copy.offset, linear * dir);
         let (near, far) = span_in_unit_cube(&Ray { origin, dir }, t1 - t0)?;
         let origin = (origin + near * dir).clamp(DVec3::ZERO, DVec3::ONE);
-        let PlacedCopy { texel, tint, phong, zoom, .. } = copy;
-        Some(CopyHit { texel, tint, phong, cell, t0: t0 + near, t1: t0 + far, origin, dir, linear, zoom })
+        let PlacedCopy { texel, tint, phong, inverse_scale, .. } = copy;
+        Some(CopyHit { texel, tint, phong, cell, t0: t0 + near, t1: t0 + far, origin, dir, linear, inverse_scale })
     }
 }
 
-fn whole(cell: [i64; 3]) -> DVec3 {
+fn cell_corner(cell: [i64; 3]) -> DVec3 {
     DVec3::from_array(cell.map(|c| c as f64))
 }
 
-/// Copies that reach over their cells: those that a ray will come to, by where it enters them.
-struct Waiting {
+/// Hits of overlapping copies that have not been reported yet, the last one first.
+struct HitQueue {
     hits: Vec<CopyHit>,
 }
 
-impl Waiting {
+impl HitQueue {
     fn push(&mut self, hit: Option<CopyHit>) {
         if let Some(hit) = hit {
             let at = self.hits.partition_point(|h| h.t0 > hit.t0);
@@ -250,8 +254,8 @@ impl Waiting {
         }
     }
 
-    /// Hand over those that begin up to `t`, in order; false if stopped.
-    fn give(&mut self, t: f64, each: &mut dyn FnMut(&CopyHit) -> bool) -> bool {
+    /// Call `each` for the hits that begin up to `t`, in order, until it returns false. Returns false if stopped.
+    fn emit_until(&mut self, t: f64, each: &mut dyn FnMut(&CopyHit) -> bool) -> bool {
         while self.hits.last().is_some_and(|h| h.t0 <= t) {
             if self.hits.pop().is_some_and(|h| !each(&h)) {
                 return false;
@@ -273,7 +277,7 @@ mod tests {
     }
 
     fn segment(q0: DVec3, q1: DVec3) -> ShellSegment {
-        ShellSegment { t0: 2.0, t1: 5.0, q0, q1, to_texel: DMat3::IDENTITY, feet: Default::default() }
+        ShellSegment { t0: 2.0, t1: 5.0, q0, q1, to_texel: DMat3::IDENTITY, end_heights: Default::default() }
     }
 
     const REPEAT: [CellWrap; 3] = [CellWrap::Repeat, CellWrap::Repeat, CellWrap::Empty];
@@ -352,7 +356,7 @@ mod tests {
                 for cell in (-8..=8).flat_map(|u| (-8..=8).map(move |v| (u, v))) {
                     for w in levels.clone() {
                         let cell = [cell.0, cell.1, w];
-                        let hit = layer.hit_beyond(cell, segment.q0, dir, [2.0, 5.0]);
+                        let hit = layer.overlapping_hit(cell, segment.q0, dir, [2.0, 5.0]);
                         all.extend(hit.and_then(|h| in_content(&h, &content)).map(|span| (cell, span)));
                     }
                 }

@@ -23,28 +23,28 @@ struct PlacedSet<'a> {
     first: usize,
     /// The node's space → the renderer's.
     place: DAffine3,
-    /// As the set's variants.
-    kinds: Vec<CopyVariant>,
+    /// One per variant of the set.
+    variants: Vec<CopyVariant>,
 }
 
 impl PlacedSet<'_> {
     /// A copy's own space → the renderer's, leaning in the wind.
     fn map(&self, copy: usize) -> DAffine3 {
         let stands = self.place * self.set.local(copy);
-        // Both are spaces of the same axes, and the foot stays.
+        // The lean is about the copy's foot, so the translation stays; both spaces have the same axes.
         self.set.lean(copy).map_or(stands, |lean| DAffine3 { matrix3: lean * stands.matrix3, ..stands })
     }
 }
 
-/// A variant.
+/// A texel that copies of a set may show.
 struct CopyVariant {
     texel: usize,
-    /// Frames of the texel, and which of them a copy shows.
+    /// Number of the texel's frames, and the rule by which a copy shows one of them.
     frames: u32,
     cycle: Option<Cycle>,
     tint: Vec3,
     phong: u32,
-    /// A copy's own space → the texel's cube, and the content's box in the copy's own space.
+    /// Map from a copy's own space to texel space, and the content's bounding box in the copy's own space.
     to_texel: DAffine3,
     content: Aabb,
 }
@@ -78,7 +78,7 @@ impl<'a> Copies<'a> {
                     || Error::Options(format!("the scene's copies use texel {}, which is not there", v.texel));
                 let said = scene.texels.get(v.texel);
                 let frames = said.map_or(1, |t| t.following + 1);
-                let row = cells::row(v.texel, frames, &info)?.ok_or_else(missing)?;
+                let row = cells::texel_frames(v.texel, frames, &info)?.ok_or_else(missing)?;
                 let map = to_texel(row.info);
                 let content = row.content.transformed(map.inverse());
                 let tint = Vec3::from_array(v.phong.diffuse.map(|d| d as f32));
@@ -93,8 +93,8 @@ impl<'a> Copies<'a> {
                     content,
                 })
             };
-            let kinds = set.variants.iter().map(kind).collect::<Result<Vec<_>>>()?;
-            copies.sets.push(PlacedSet { set, first: copies.count, place: place(set.to_world), kinds });
+            let variants = set.variants.iter().map(kind).collect::<Result<Vec<_>>>()?;
+            copies.sets.push(PlacedSet { set, first: copies.count, place: place(set.to_world), variants });
             copies.count += set.len();
         }
         Ok(copies)
@@ -110,11 +110,11 @@ impl<'a> Copies<'a> {
         self.sets.iter().flat_map(|placed| {
             (0..placed.set.len()).map(|i| {
                 let map = placed.map(i);
-                let content = placed.kinds.get(placed.set.choice(i)).map_or(Aabb::EMPTY, |k| k.content);
+                let content = placed.variants.get(placed.set.choice(i)).map_or(Aabb::EMPTY, |k| k.content);
                 if content.is_empty() {
                     return Aabb::new(map.translation, map.translation);
                 }
-                // The corners' box: the middle, and as far from it as the matrix's magnitudes take half the size.
+                // The half size of the corners' bounding box is the matrix of magnitudes times the half size.
                 let m = map.matrix3;
                 let reach = DMat3::from_cols(m.x_axis.abs(), m.y_axis.abs(), m.z_axis.abs()) * (0.5 * content.size());
                 let middle = map.transform_point3(content.centre());
@@ -123,16 +123,16 @@ impl<'a> Copies<'a> {
         })
     }
 
-    /// The copy of that number; `None` where it is not there, or is flat.
+    /// The copy of a number; `None` where there is none, or it has no volume.
     pub fn get(&self, index: usize) -> Option<RigidCopy> {
         let after = self.sets.partition_point(|placed| placed.first <= index);
         let placed = self.sets.get(after.checked_sub(1)?)?;
         let i = index - placed.first;
-        let kind = placed.kinds.get(placed.set.choice(i)).filter(|_| i < placed.set.len())?;
+        let kind = placed.variants.get(placed.set.choice(i)).filter(|_| i < placed.set.len())?;
         let to_texel = kind.to_texel * placed.map(i).inverse();
         let tint = placed.set.tints.get(i).map_or(kind.tint, |t| kind.tint * Vec3::from_array(*t));
         let frame = kind.cycle.filter(|_| kind.frames > 1).map_or(0, |cycle| {
-            let lot = Cycle::lot([i as i64, 0, 0]);
+            let lot = Cycle::cell_hash([i as i64, 0, 0]);
             let place = || (placed.set.to_world * placed.set.local(i)).translation;
             let ahead = placed.set.phases.get(i).map_or_else(|| cycle.ahead(lot, place()), |p| f64::from(*p));
             cycle.frame(kind.frames, ahead, lot)

@@ -1,4 +1,4 @@
-//! A straight segment of a ray in one copy of a texel: what every way of finding copies comes to.
+//! A straight segment of a ray in one copy of a texel. Affine copies and shells' cells both produce these, and the march reads them.
 
 use super::cells::CopyHit;
 use super::phong::SurfaceCoords;
@@ -10,19 +10,19 @@ use crate::march::transmittance::MarchSegment;
 pub struct CopySegment {
     pub hit: CopyHit,
     pub march: MarchSegment,
-    /// World → texel, the linear part.
+    /// Linear part of the map from the renderer's space to texel space.
     pub to_texel: DMat3,
     /// Cube edges per unit of length across the ray.
     pub scale: f64,
     /// See [`super::cells::TexelLayer::rank`].
     pub rank: u32,
-    /// Its number in [`super::affine::AffineCopies`]; `None` for a copy that is not there.
+    /// Its number in [`super::affine::AffineCopies`]; `None` for copies in cells.
     pub affine: Option<u32>,
-    /// Where what it makes of surfaces varies.
+    /// Texel coordinates along the segment, where the copy's Phong parameters vary from place to place.
     pub coords: Option<Box<SurfaceCoords>>,
 }
 
-/// To f32, so that what is inside of a cube's upper faces stays so: a ray along one lies in one cube only.
+/// Round to f32, but keep points that lie below a cube's upper faces below them, so that a ray along such a face is in one cube only.
 pub fn round_inside(origin: DVec3) -> Vec3 {
     let rounded = origin.as_vec3();
     Vec3::select(rounded.cmpeq(Vec3::ONE) & origin.cmplt(DVec3::ONE), Vec3::splat(1.0f32.next_down()), rounded)

@@ -1,13 +1,13 @@
-//! The surface of bilinear patches as triangles, so fine that it is under the matter that stands on it: a ruled surface that two
-//! triangles would miss by a quarter of its twist. Pieces of a bilinear patch, n each way, are bilinear patches of 1/n² of its twist.
+//! Tessellation of bilinear patches, fine enough that the matter of a shell does not float above its ground. Two triangles deviate from a
+//! patch by a quarter of its twist; n × n pieces of a bilinear patch are bilinear patches with 1/n² of its twist.
 
 use std::cmp::Ordering;
 
 use crate::geom::DVec3;
 
-/// Part of a patch's edge by which its triangles may miss it.
+/// Largest deviation of the triangles from a patch, in lengths of the patch's longest edge.
 const MISS: f64 = 1e-3;
-/// Pieces each way, at the most; and triangles of one part.
+/// Most pieces along an edge, and most triangles of one part.
 const MOST_PIECES: u32 = 16;
 const MOST_TRIANGLES: usize = 1 << 22;
 
@@ -21,7 +21,7 @@ pub struct Piece {
 }
 
 impl Piece {
-    /// What has four values at the corners of the patch, at those of the piece.
+    /// Bilinear interpolation of values at the four corners of the patch to the three corners of the piece.
     pub fn mix<T: Copy + std::ops::Mul<f64, Output = T> + std::ops::Add<Output = T>>(&self, ring: [T; 4]) -> [T; 3] {
         self.corners.map(|at| {
             let [u, v] = at.map(|k| f64::from(k) / f64::from(MOST_PIECES));
@@ -31,7 +31,7 @@ impl Piece {
     }
 }
 
-/// Pieces each way into which the patch over `ring` is cut, of a part of `patches`: 1, 2, 4, 8 or 16.
+/// Number of pieces along each edge of the patch with the corners `ring`, which belongs to a part of `patches` patches: 1, 2, 4, 8 or 16.
 pub fn pieces(ring: [DVec3; 4], patches: usize) -> u32 {
     let [a, b, c, d] = ring;
     let twist = (a - b + c - d).length();

@@ -1,9 +1,9 @@
-//! Which lights and which sky a scene is seen under: what the caller says, else the file, else a clear sky that fits the sun.
+//! The lights and the sky of a scene: the caller's choice, else the file's, else a clear sky that fits the sun.
 
 use super::air::{ClearSky, luminance};
+use super::environment_light::{EnvironmentLight, Sun, check_turbidity, is_up};
 use super::light::{DEFAULT_SKY, PunctualLight, default_sun};
 use super::options::{Options, SunPosition};
-use super::surround::{Sun, Surround, check_turbidity, is_up};
 use crate::geom::DVec3;
 use crate::scene::Scene;
 use crate::scene::shell::Sky;
@@ -11,21 +11,21 @@ use crate::{Error, Result};
 
 /// Angular size of the sun, radians: .53 degrees.
 pub const SUN_ANGLE: f64 = 0.009_25;
-/// A clear day.
+/// Turbidity of a clear day.
 pub const DEFAULT_TURBIDITY: f64 = 2.5;
 
-/// The lights, and what surrounds the scene; what was chosen for want of better is added to `notes`. The renderer's space is
-/// (world − eye) / unit.
+/// The lights and the environment light of a scene; a note about each choice that neither caller nor file made is added to `notes`. The
+/// renderer's space is (world − eye) / unit.
 ///
 /// # Errors
-/// `Options` where a number is out of its range, or a clear sky has no sun; as [`Surround::picture`].
-pub fn environment(
+/// `Options` where a number is out of its range, or a clear sky has no sun; as [`EnvironmentLight::picture`].
+pub fn lights_and_environment(
     scene: &Scene,
     options: &Options,
     eye: DVec3,
     unit: f64,
     notes: &mut Vec<String>,
-) -> Result<(Vec<PunctualLight>, Surround)> {
+) -> Result<(Vec<PunctualLight>, EnvironmentLight)> {
     let said = &scene.environment;
     let radius = 0.5 * options.sun_angle.or(said.sun_angle).unwrap_or(SUN_ANGLE);
     if !(0.0..=0.5).contains(&radius) {
@@ -53,28 +53,28 @@ pub fn environment(
     }
     let suns = lights.iter().filter_map(PunctualLight::sun);
     let sun = suns.reduce(|a, b| if luminance(b.irradiance) > luminance(a.irradiance) { b } else { a });
-    let surround = match (sky, &sun) {
-        (Some(Sky::Constant(radiance)), _) => Surround::constant(DVec3::from_array(*radiance)),
+    let environment = match (sky, &sun) {
+        (Some(Sky::Constant(radiance)), _) => EnvironmentLight::constant(DVec3::from_array(*radiance)),
         (Some(Sky::Clear(_)), None) => {
             let what = "a clear sky needs a sun, and the file has no directional light (option `sun` sets one)";
             return Err(Error::Options(what.into()));
         }
-        (Some(Sky::Clear(_)), Some(sun)) => Surround::clear(sun, turbidity),
+        (Some(Sky::Clear(_)), Some(sun)) => EnvironmentLight::clear(sun, turbidity),
         (Some(Sky::Picture(path)), _) => {
-            let (surround, found) = Surround::picture(path)?;
+            let (environment, found) = EnvironmentLight::picture(path)?;
             if let Some(sun) = found {
                 notes.push(format!("the sun in {} is a light of its own", path.display()));
                 lights.push(PunctualLight::from_sun(&sun));
             }
-            surround
+            environment
         }
         (None, Some(sun)) if is_up(sun.towards) => {
             notes.push("no sky in the file: a clear one that fits the sun (option `sky` sets another)".into());
-            Surround::clear(sun, turbidity)
+            EnvironmentLight::clear(sun, turbidity)
         }
         (None, _) => {
             notes.push("no sky in the file, and no sun above: a plain sky (option `sky` sets another)".into());
-            Surround::constant(DVec3::from_array(DEFAULT_SKY))
+            EnvironmentLight::constant(DVec3::from_array(DEFAULT_SKY))
         }
     };
     let haze = options.haze.or(said.haze);
@@ -82,7 +82,7 @@ pub fn environment(
         return Err(Error::Options("the visibility in haze must be above 0 metres".into()));
     }
     let background = options.background.or(said.background).map(DVec3::from_array);
-    Ok((lights, surround.behind(background).hazy(haze, unit)))
+    Ok((lights, environment.with_background(background).with_haze(haze, unit)))
 }
 
 /// Put the brightest parallel light, or a new one, where the caller wants the sun. It keeps its luminance and takes the

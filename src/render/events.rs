@@ -1,4 +1,5 @@
-//! What stops light along one cone, and its compositing: each event's share of the light that reaches the eye.
+//! Events along one cone, each of which stops some of its light, and their compositing: each event's share of the light that reaches the
+//! eye.
 //!
 //! Based on: T. Porter, T. Duff, *Compositing Digital Images*, SIGGRAPH 1984 (*over*); L. Carpenter, *The A-buffer*,
 //! SIGGRAPH 1984 (fragments of one pixel are kept, ordered by distance and composited).
@@ -18,22 +19,22 @@ use crate::volume::voxel::voxel_edge;
 /// Matter that stops part of the light, at a distance along the ray.
 #[derive(Clone, Copy)]
 pub struct Event {
-    /// Where it is composited: its distance, less what [`lead_of`] says.
+    /// Distance at which it is composited: its own, less the lead of its layer (see [`layer_lead`]).
     pub t: f64,
-    /// The share of the light reaching it that it stops; after [`composite`], the share of the whole cone's light.
+    /// Share that it stops of the light that reaches it; after [`composite`], of the whole cone's light.
     pub alpha: f32,
     pub origin: EventOrigin,
 }
 
-/// Matter that an event is of, as small as may be, since events are sorted. `copy` is an index into the cone's list of [`CopySegment`]s.
+/// The matter of an event; kept small, since events are sorted. `copy` is an index into the cone's list of [`CopySegment`]s.
 #[derive(Clone, Copy)]
 pub enum EventOrigin {
     Voxel {
         copy: u32,
         depth: u8,
-        /// Its number among those of its depth.
+        /// Its number among the voxels of its depth.
         rank: u32,
-        /// The copy's own parameter, from where the ray enters it.
+        /// Ray parameter, counted from where the ray enters the copy.
         t: f32,
     },
     /// A triangle of a copy's source: index into the cone's list of them.
@@ -43,7 +44,7 @@ pub enum EventOrigin {
 }
 
 impl Event {
-    /// Number of what is lit together: a copy, so that its voxels share shadow rays, or one blended surface.
+    /// Number of the group in which the event is lit: of a copy, so that its voxels share shadow rays, or of one blended surface.
     pub fn group(&self) -> u32 {
         match self.origin {
             EventOrigin::Voxel { copy, .. } | EventOrigin::Source { copy, .. } => copy,
@@ -52,9 +53,9 @@ impl Event {
     }
 }
 
-/// How far before what is in the same place a layer is composited that lies over `rank` others, in widths of what is seen: so that
-/// it is before them, and behind what is a whole width nearer.
-pub fn lead_of(rank: u32) -> f64 {
+/// Distance, in widths of the voxel or cone, by which the events of a layer that lies over `rank` others are moved towards the eye before
+/// compositing. They then come before events of those layers in the same place, and after events that are a whole width nearer.
+pub fn layer_lead(rank: u32) -> f64 {
     1.0 - (-f64::from(rank)).exp2()
 }
 
@@ -65,11 +66,11 @@ pub fn sort(events: &mut [Event]) {
     }
 }
 
-/// Composite events that are in order of distance, where the share `transmittance` of the light arrives: an event's alpha
-/// becomes its share of the whole. Returns the transmittance after them.
+/// Composite events that are sorted by distance. `transmittance` is that before the first one; each event's alpha becomes its share of
+/// the whole cone's light. Returns the transmittance after the last one.
 pub fn composite(events: &mut [Event], mut transmittance: f32) -> f32 {
     for tied in events.chunk_by_mut(|a, b| a.t == b.t) {
-        // Voxels in one place (layers of one box) share what they stop together by their optical depths.
+        // Events at one distance (layers of one box) share the light that they stop together in proportion to their optical depths.
         let optical_depth = |alpha: f32| -(-alpha.min(1.0 - 1e-6)).ln_1p();
         let passed = transmittance * tied.iter().map(|e| 1.0 - e.alpha).product::<f32>();
         let stopped = transmittance - passed;
@@ -90,19 +91,19 @@ pub fn composite(events: &mut [Event], mut transmittance: f32) -> f32 {
 /// and none is left out.)
 const FAINT_EVENT: f32 = 1.0 / 128.0;
 const FAINT_OF_MEAN: f32 = 0.25;
-/// Share of all that is left out at the most. A far picture takes 6 % less with it; with faint events of 1/64, and 1/16 of all, 9 %,
-/// but then what is left out is seen, since it lies deeper in the shade.
-const LEFT_OUT: f32 = 1.0 / 32.0;
+/// Largest share of a cone's events that is left out. A far picture takes 6 % less time this way. (With faint events of 1/64, and 1/16 of
+/// all, it takes 9 % less, but then the error shows, because events that are left out lie deeper in the shade than the rest.)
+const MAX_LEFT_OUT: f32 = 1.0 / 32.0;
 
-/// Leave out what weighs so little, of composited events, that it may be taken to look as the others do. Returns the share that
-/// is left, in (0, 1].
+/// Remove composited events of so little weight that the others may stand for them. Returns the share of the light that is left, in
+/// (0, 1].
 pub fn leave_out_faint(events: &mut Vec<Event>) -> f32 {
     let all: f32 = events.iter().map(|e| e.alpha).sum();
     if events.len() < 2 || all <= 0.0 {
         return 1.0;
     }
     let faint = all * FAINT_EVENT.min(FAINT_OF_MEAN / events.len() as f32);
-    let room = LEFT_OUT * all;
+    let room = MAX_LEFT_OUT * all;
     let mut left_out = 0.0;
     events.retain(|e| {
         let stays = e.alpha >= faint || left_out + e.alpha > room;
@@ -115,10 +116,10 @@ pub fn leave_out_faint(events: &mut Vec<Event>) -> f32 {
 /// The sink that records a march's voxels as events.
 pub struct Recorder<'a> {
     pub events: &'a mut Vec<Event>,
-    /// Share of the march's light that has not been stopped.
+    /// Transmittance before the next voxel.
     pub transmittance: f32,
     pub copy: u32,
-    /// How much of the ray's t a voxel as wide as the cube would lead by, see [`lead_of`].
+    /// Lead of a voxel as wide as the cube, in the ray's t, see [`layer_lead`].
     pub lead: f64,
     /// The ray's t where it enters the copy.
     pub t0: f64,
@@ -139,23 +140,23 @@ impl Sink for Recorder<'_> {
 /// The events of a cone, and what they refer to.
 #[derive(Default)]
 pub struct EventLists {
-    /// Those that are not composited yet.
+    /// Events that are not composited yet.
     pub events: Vec<Event>,
-    /// Those that are, in order of distance.
+    /// Composited events, in order of distance.
     pub composited: Vec<Event>,
-    /// Copies that events are of, or may be.
+    /// Segments of the ray in copies, to which events refer.
     pub copies: Vec<CopySegment>,
-    /// Triangles of copies' sources that events are of.
+    /// Contacts with triangles of copies' sources, to which events refer.
     pub contacts: Vec<Contact>,
-    /// Triangles of the scene before the first opaque one; with fine rays, all that they see.
+    /// Blended surfaces before the first opaque one; with fine rays, all surfaces that they see.
     pub blended: Vec<Contact>,
-    /// Fine rays, what they see, and which of it belongs to each item of `blended`; empty without them.
+    /// Fine rays, their hits, and the range of hits of each item of `blended`; empty without fine rays.
     pub rays: Vec<Ray>,
     pub fine: Vec<FineHit>,
     pub places: Vec<Range<usize>>,
 }
 
-/// What one of a lane's fine rays sees.
+/// A hit of one of a lane's fine rays.
 #[derive(Clone, Copy)]
 pub struct FineHit {
     pub contact: Contact,

@@ -1,4 +1,4 @@
-//! From a mesh with height vectors to the boxes of its shell.
+//! The faces of a shell: from a mesh with height vectors to one box per face.
 
 use super::shell::{Corner, PatchBox, PatchFault, Prism, ShellBox};
 use super::weld;
@@ -7,26 +7,26 @@ use crate::Warnings;
 use crate::geom::{DAffine3, DVec3};
 use crate::scene::Part;
 use crate::scene::shell::ShellMaterial;
-use crate::scene::wind::Moment;
+use crate::scene::wind::WindField;
 
-/// From here on numbers of single precision have no fractions, and tell no place in a cell.
-const WHOLE: f64 = 16_777_216.0;
+/// Largest texel coordinate: beyond it numbers of single precision have no fractional digits, and give no position within a cell.
+const MAX_TEXEL_COORDINATE: f64 = 16_777_216.0;
 
 /// Wind that bends height vectors, in the renderer's space: (world − eye) / unit.
-pub struct Bend {
-    pub wind: Moment,
+pub struct WindBend {
+    pub wind: WindField,
     pub eye: DVec3,
     pub unit: f64,
 }
 
-/// Gives `take` the boxes over the faces of a part, between `from` and `to` of the height vectors, and `stretch` times as high as
-/// that. `place` takes part space to the renderer's space. Returns for each bilinear patch of the part whether a box is over it;
-/// else, collapsed or folded, it is taken as two triangles.
+/// Calls `take` with the boxes over the faces of a part. `range` is the shell's material, the lower and upper share of the height vectors
+/// that the boxes fill, and a factor of their height. `place` takes part space to the renderer's space. Returns for each bilinear patch of
+/// the part whether it has a box of its own; a patch that is collapsed or folded has none, and is taken as two triangles.
 pub fn boxes(
     part: &Part,
     range: (&ShellMaterial, [f64; 2], f64),
     place: DAffine3,
-    bend: Option<&Bend>,
+    bend: Option<&WindBend>,
     warnings: &mut Warnings,
     take: &mut dyn FnMut(ShellBox),
 ) -> Vec<bool> {
@@ -76,8 +76,8 @@ pub fn boxes(
     curved
 }
 
-/// The box over a bilinear patch: a prism, where it is a parallelogram with one affine map. `None` (counted, with a warning)
-/// where its two triangles have to stand for it.
+/// The box over a bilinear patch: a prism, if the patch is a parallelogram with an affine map. `None`, with a counted warning, where the
+/// patch has to be taken as two triangles.
 fn over_patch(corners: &[Corner; 4], rounding: f64, name: &str, warnings: &mut Warnings) -> Option<ShellBox> {
     let [a, b, c, d] = *corners;
     // As the triangles (b, c, a) and (d, a, c) that share the diagonal.
@@ -105,13 +105,13 @@ pub enum Face {
     Patch([Corner; 4]),
 }
 
-/// The faces over which [`boxes`] has boxes; what is a parallelogram comes as two triangles.
+/// The faces over which [`boxes`] makes boxes. A parallelogram is given as two triangles.
 #[cfg(feature = "bake")]
 pub fn faces(
     part: &Part,
     range: (&ShellMaterial, [f64; 2], f64),
     place: DAffine3,
-    bend: Option<&Bend>,
+    bend: Option<&WindBend>,
     warnings: &mut Warnings,
 ) -> Vec<Face> {
     let groups = by_position(part);
@@ -129,18 +129,18 @@ pub fn faces(
     found
 }
 
-/// The vertices of a part as corners of boxes, made when asked for: as a list, a million quads of their own would take 350 MB.
+/// The vertices of a part as corners of boxes. They are computed on demand: as a list, those of a million separate quads would take 350 MB.
 struct Corners<'a> {
     part: &'a Part,
     material: &'a ShellMaterial,
     uvs: Option<&'a Vec<[f32; 2]>>,
     place: DAffine3,
     heights: Heights<'a>,
-    /// The part of the height vectors that boxes fill, and how many times as high as that they are.
+    /// Lower and upper share of the height vectors that boxes fill, and a factor of the boxes' height.
     from: f64,
     to: f64,
     stretch: f64,
-    /// How far positions are off their places by being f32, in the renderer's units.
+    /// Rounding error of the f32 positions, in the renderer's units.
     rounding: f64,
 }
 
@@ -149,7 +149,7 @@ enum Heights<'a> {
     /// As the file has them, in part space.
     Given(&'a [[f32; 3]]),
     /// In the renderer's space.
-    Made(Vec<DVec3>),
+    Computed(Vec<DVec3>),
 }
 
 impl<'a> Corners<'a> {
@@ -158,7 +158,7 @@ impl<'a> Corners<'a> {
         part: &'a Part,
         (material, [from, to], stretch): (&'a ShellMaterial, [f64; 2], f64),
         place: DAffine3,
-        bend: Option<&Bend>,
+        bend: Option<&WindBend>,
         groups: &[u32],
         warnings: &mut Warnings,
     ) -> Option<Corners<'a>> {
@@ -169,19 +169,19 @@ impl<'a> Corners<'a> {
             return None;
         }
         let given = part.heights.as_deref().filter(|h| h.len() == part.positions.len());
-        // Where vertices share a position, and not the vector there, it is the mean.
+        // Vertices that share a position but have different height vectors get the mean vector.
         let agree = |h: &&[[f32; 3]]| groups.iter().enumerate().all(|(i, &g)| h[i] == h[g as usize]);
         let heights = match given.filter(agree) {
             Some(given) if bend.is_none() => Heights::Given(given),
             _ => {
                 let mut made = heights(part, material, groups, warnings);
                 made.iter_mut().for_each(|h| *h = place.matrix3 * *h);
-                if let Some(Bend { wind, eye, unit }) = bend {
+                if let Some(WindBend { wind, eye, unit }) = bend {
                     for (h, p) in made.iter_mut().zip(&part.positions) {
                         *h = wind.bend(*eye + *unit * placed(&place, p), *h);
                     }
                 }
-                Heights::Made(made)
+                Heights::Computed(made)
             }
         };
         let farthest = part.positions.iter().flatten().fold(0.0f32, |most, v| most.max(v.abs()));
@@ -197,7 +197,7 @@ impl<'a> Corners<'a> {
         let p = placed(&self.place, part.positions.get(i)?);
         let h = match &self.heights {
             Heights::Given(given) => self.place.matrix3 * DVec3::from_array(given.get(i)?.map(f64::from)),
-            Heights::Made(made) => *made.get(i)?,
+            Heights::Computed(made) => *made.get(i)?,
         };
         let q = match &part.uvw {
             Some(uvw) => uvw.get(i).map_or(DVec3::ZERO, |q| DVec3::from_array(q.map(f64::from))),
@@ -217,7 +217,8 @@ impl<'a> Corners<'a> {
         }
         let scales = self.material.layers.iter().map(|layer| DVec3::from_array(layer.scale).abs());
         let cells = q.abs() * scales.fold(DVec3::ONE, DVec3::max);
-        let known = corner.p.is_finite() && corner.h.is_finite() && cells.cmplt(DVec3::splat(WHOLE)).all();
+        let known =
+            corner.p.is_finite() && corner.h.is_finite() && cells.cmplt(DVec3::splat(MAX_TEXEL_COORDINATE)).all();
         known.then_some(corner)
     }
 
@@ -259,12 +260,12 @@ fn heights(part: &Part, material: &ShellMaterial, groups: &[u32], warnings: &mut
     heights
 }
 
-/// Sum of the area vectors of the faces at each vertex.
+/// Sum of the area vectors of the faces around each vertex, in part space.
 fn area_normals(part: &Part) -> Vec<DVec3> {
     let mut normals = vec![DVec3::ZERO; part.positions.len()];
     let at = |v: u32| part.positions.get(v as usize).map_or(DVec3::ZERO, |p| DVec3::from_array(p.map(f64::from)));
     for patch in &part.patches {
-        // The mean over the patch, by its diagonals: the same at all its corners.
+        // The mean area vector of the patch, from its diagonals; all its corners get the same one.
         let [a, b, c, d] = patch.map(at);
         let n = (c - a).cross(d - b);
         for &v in patch {
@@ -285,7 +286,7 @@ fn area_normals(part: &Part) -> Vec<DVec3> {
     normals
 }
 
-/// Give all vertices of a group the mean of their vectors; how many groups' vectors differed by more than rounding.
+/// Give all vertices of a group the mean of their vectors. Returns the number of groups whose vectors differed by more than rounding.
 fn average(groups: &[u32], vectors: &mut [DVec3]) -> u64 {
     let mut sums = vec![(DVec3::ZERO, 0u32, false); vectors.len()];
     for (i, &g) in groups.iter().enumerate() {
@@ -302,8 +303,8 @@ fn average(groups: &[u32], vectors: &mut [DVec3]) -> u64 {
     sums.iter().filter(|s| s.2).count() as u64
 }
 
-/// For each triangle the other one with which it is one convex quadrilateral prism, or [`weld::NONE`]: pairs share their longest
-/// edge and one affine map. A tile of the ground is then one box.
+/// For each triangle the other one with which it forms one convex quadrilateral prism, or [`weld::NONE`]. The two share their longest edge
+/// and have one affine map. A square tile of the ground thus becomes one box.
 fn partners(corners: &Corners<'_>, whole: &[bool], groups: &[u32]) -> Vec<u32> {
     let triangles = &corners.part.triangles;
     let opposite = |(t, whole): (&[u32; 3], &bool)| {
@@ -326,13 +327,13 @@ fn partners(corners: &Corners<'_>, whole: &[bool], groups: &[u32]) -> Vec<u32> {
     weld::partners(triangles.len(), edge, join)
 }
 
-/// Which corner is opposite to a triangle's longest edge.
+/// Number of the corner opposite to a triangle's longest edge.
 fn opposite_longest(corners: [DVec3; 3]) -> usize {
     let length = |k: usize| corners[(k + 1) % 3].distance_squared(corners[(k + 2) % 3]);
     (0..3).fold(0, |best, k| if length(k) > length(best) { k } else { best })
 }
 
-/// Two triangles that share their longest edge, as one face, if they are one.
+/// Two triangles that share their longest edge as one quadrilateral, if [`quad`] can join them.
 fn joined(f: &[Corner; 3], g: &[Corner; 3], rounding: f64) -> Option<[Corner; 4]> {
     let from = |face: &[Corner; 3]| {
         let k = opposite_longest(face.map(|corner| corner.p));
@@ -341,7 +342,8 @@ fn joined(f: &[Corner; 3], g: &[Corner; 3], rounding: f64) -> Option<[Corner; 4]
     quad(from(f), from(g), rounding)
 }
 
-/// Triangles (a, b, c) and (d, c, b), if they are one convex face with one affine map, but for the `rounding` of positions.
+/// The triangles (a, b, c) and (d, c, b) as one quadrilateral, if they form a convex face with one affine map, up to the `rounding` of
+/// positions.
 fn quad([a, b, c]: [Corner; 3], [d, e, f]: [Corner; 3], rounding: f64) -> Option<[Corner; 4]> {
     let agree = [b, c, d].iter().all(|k| k.h == a.h && k.dw == a.dw) && e == c && f == b;
     if !agree {
@@ -350,7 +352,7 @@ fn quad([a, b, c]: [Corner; 3], [d, e, f]: [Corner; 3], rounding: f64) -> Option
     let edges = glam::DMat3::from_cols(b.p - a.p, c.p - a.p, a.h);
     let at = edges.inverse() * (d.p - a.p);
     let q = a.q + at.x * (b.q - a.q) + at.y * (c.q - a.q);
-    // Positions and coordinates come as f32: what is rounding there is the same map here. In units of the edges, and of the height.
+    // Positions and coordinates are given as f32, so maps that differ by that rounding are the same. In units of the edges and the height.
     const SAME: f64 = 1e-5;
     let across = SAME + 2.0 * rounding / edges.x_axis.length().min(edges.y_axis.length());
     let size = (b.q - a.q).abs().max_element().max((c.q - a.q).abs().max_element());

@@ -35,10 +35,10 @@ impl Film {
         }
     }
 
-    /// Where more than half of the picture is brighter than `white`: the share of it that is, and the stops that would bring
-    /// nine tenths of the picture below 1.
+    /// If more than half of the picture is brighter than `white`: that share of the picture, and the exposure in stops that would bring nine
+    /// tenths of it below 1.
     pub fn overexposed(&self, white: f32) -> Option<(f64, f64)> {
-        // White itself may be meant, as a background is.
+        // White itself is not counted, since it may be intended, as for a background.
         let white = 1.001 * white;
         let mut brightest: Vec<f32> = self.pixels.iter().map(|p| p[0].max(p[1]).max(p[2])).collect();
         let count = brightest.iter().filter(|&&c| c > white).count();

@@ -1,4 +1,4 @@
-//! Pictures as plain data, read from and written to PNG and EXR files.
+//! Reading and writing of pictures: PNG and EXR files, and Radiance HDR files for reading.
 
 use std::collections::BTreeMap;
 use std::io::Cursor;
@@ -80,7 +80,7 @@ pub fn read(path: &Path) -> Result<Image> {
     }
 }
 
-/// Bytes that deflate, the densest coding there is in PNG and EXR, gives per byte at the most.
+/// Largest ratio of unpacked to packed bytes of deflate, which is the densest coding in PNG and EXR.
 const MOST_DEFLATED: u64 = 1032;
 
 fn too_short(path: &Path, width: u64, height: u64) -> Error {
@@ -109,7 +109,7 @@ fn read_png(path: &Path) -> Result<Image> {
     let decoder = decoder(&bytes, ImageFormat::Png).map_err(broken)?;
     let (width, height) = decoder.dimensions();
     check_size(path, width.into(), height.into(), bytes.len() as u64)?;
-    // The decoder takes memory for all of it before it finds that there is less.
+    // The decoder allocates memory for all pixels before it finds that the file is shorter.
     let bits = u64::from(decoder.original_color_type().bits_per_pixel());
     let packed = (u64::from(width) * u64::from(height)).saturating_mul(bits) / 8;
     if packed / MOST_DEFLATED > bytes.len() as u64 {
@@ -138,7 +138,7 @@ fn read_png(path: &Path) -> Result<Image> {
     Ok(Image { width: width as usize, height: height as usize, rgba })
 }
 
-/// An 8-bit RGB picture as its file has it.
+/// An 8-bit RGB picture with its values as stored in the file.
 pub struct Rgb8 {
     /// Width and height, pixels.
     pub size: [u32; 2],
@@ -157,7 +157,7 @@ pub fn read_rgb8(path: &Path, text: &str) -> Result<Rgb8> {
     let bytes = read_file(path, MAX_BYTES)?;
     let limits = png::Limits { bytes: MAX_BYTES as usize };
     let mut decoder = png::Decoder::new_with_limits(Cursor::new(&bytes), limits);
-    // A profile of colours is packed, and would be unpacked.
+    // An embedded colour profile would be unpacked needlessly.
     decoder.set_ignore_iccp_chunk(true);
     let mut reader = decoder.read_info().map_err(broken)?;
     let info = reader.info();
@@ -197,7 +197,7 @@ fn read_exr(path: &Path) -> Result<Image> {
     Ok(Image { width, height, rgba })
 }
 
-/// Everything in the first layer of an EXR file.
+/// Channels and texts of the first layer of an EXR file.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Planes {
     /// Pixels per row.
@@ -221,12 +221,12 @@ pub fn read_planes(path: &Path) -> Result<Planes> {
     };
     let bytes = read_file(path, MAX_BYTES)?;
     let bytes = bytes.as_slice();
-    // The sizes stand in the header: they are checked before the crate takes memory for the pixels.
+    // Sizes are checked in the header, before the crate allocates memory for pixels.
     let meta = exr::meta::MetaData::read_from_buffered(Cursor::new(bytes), false).map_err(broken)?;
     for header in &meta.headers {
         let size = header.layer_size;
         check_size(path, size.width() as u64, size.height() as u64, bytes.len() as u64)?;
-        // The channels as they are stored, and as numbers of 32 bits.
+        // Bytes per pixel as stored, and as 32-bit numbers.
         let pixel = (header.channels.bytes_per_pixel + 4 * header.channels.list.len()) as u64;
         let needed = pixel.saturating_mul((size.width() * size.height()) as u64);
         if needed > MAX_BYTES {

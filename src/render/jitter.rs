@@ -1,29 +1,29 @@
-//! Continuous jitter: the texel coordinates along a ray, bent by noise. Normative: `format-spec/landscape-1.md`, §4.
+//! Continuous jitter: noise that displaces texel coordinates along a ray. Normative: `format-spec/landscape-1.md`, §4.
 //!
 //! Based on: F. Neyret, *Synthesizing Verdant Landscapes using Volumetric Textures*, RR-2846, 1996 (continuous jittering of texture
 //! coordinates, of height vectors' directions and lengths); K. Perlin, *Improving Noise*, SIGGRAPH 2002; S. Porumbescu et al.,
 //! *Shell Maps*, SIGGRAPH 2005 (a ray is a curve in texture space).
 //!
-//! The noise is a function of where a point lies in the shell, and not of its face: it is evaluated along the ray, which is cut into
-//! chords until they follow it. So what is seen does not depend on how finely the mesh is cut.
+//! The noise is a function of a point's position in the shell, and not of its face. It is evaluated along the ray, whose path in texel
+//! coordinates is then a curve; that is subdivided into chords. So a picture does not depend on how finely the mesh is tessellated.
 
 use super::shell::{ShellPoint, ShellSegment};
 use crate::geom::{DMat3, DVec3};
 use crate::noise::Noise;
 use crate::scene::shell::Continuous;
 
-/// How high the noise of one octave, or of the weighted sum of several, gets at the most.
+/// Upper bound of the magnitude of the noise, of one octave or of the weighted sum of several.
 const NOISE_MAX: f64 = 1.04;
-/// Chords begin no longer than this share of a lattice cell of the finest octave: shorter than any bump.
+/// Length of the first chords, in lattice cells of the finest octave: shorter than any feature of the noise.
 const FIRST_CHORD: f64 = 0.5;
-/// And there are no more of them in one segment; what a ray that grazes a thousand cells sees is far coarser.
+/// Most first chords of one segment. A ray that grazes a thousand cells sees them so small that coarser chords do not show.
 const MAX_CHORDS: f64 = 4096.0;
-/// Halvings of a first chord.
+/// Most halvings of a first chord.
 const MAX_DEPTH: u32 = 8;
 /// Distance between the seeds of the six noises; octaves take up to eight seeds each.
-const SEEDS_APART: u32 = 16;
+const SEED_STRIDE: u32 = 16;
 
-/// Noises that bend the coordinates of a layer.
+/// The noises of a layer: of u, v and w, of the two tilts of the height vectors, and of their lengths.
 #[derive(Debug, Clone)]
 pub struct JitterNoise {
     noises: [Noise; 6],
@@ -32,15 +32,15 @@ pub struct JitterNoise {
     scale: f64,
 }
 
-/// Where a point is bent to.
-struct Bent {
+/// A point after jitter.
+struct JitteredPoint {
     q: DVec3,
     /// Height in the shell as a share of the height vector.
     height: f64,
 }
 
-/// How much higher than its height vectors a shell must be for what continuous jitter makes longer.
-pub fn stretch(continuous: Option<&Continuous>) -> f64 {
+/// Factor by which a shell must be higher than its height vectors to hold what continuous jitter lengthens.
+pub fn height_stretch(continuous: Option<&Continuous>) -> f64 {
     continuous.map_or(1.0, |c| 1.0 + NOISE_MAX * c.height_scale)
 }
 
@@ -48,7 +48,7 @@ impl JitterNoise {
     /// The noises of a layer.
     pub fn new(continuous: &Continuous) -> JitterNoise {
         let noise = |k: u32| Noise {
-            seed: continuous.seed.wrapping_add(SEEDS_APART * k),
+            seed: continuous.seed.wrapping_add(SEED_STRIDE * k),
             frequency: DVec3::from_array(continuous.frequency),
             origin: DVec3::ZERO,
             period: [0; 3],
@@ -63,29 +63,29 @@ impl JitterNoise {
         }
     }
 
-    /// Noise number `k` at a base point, if what it moves is moved at all.
+    /// Noise number `k` at a base point; 0 without evaluation where its amplitude is 0.
     fn noise(&self, k: usize, base: DVec3) -> f64 {
         let strength = [self.amplitude.x, self.amplitude.y, self.amplitude.z, self.tilt, self.tilt, self.scale][k];
         if strength == 0.0 { 0.0 } else { self.noises[k].value(base) }
     }
 
-    /// Where a point, in the layer's texel coordinates, is bent to, and its height in the shell as a share of the height vector.
+    /// A point after jitter, in the layer's texel coordinates, and its height in the shell as a share of the height vector.
     #[cfg(feature = "bake")]
-    pub fn bend(&self, p: &ShellPoint) -> (DVec3, f64) {
-        let bent = self.at(p);
-        (bent.q, bent.height)
+    pub fn jittered(&self, p: &ShellPoint) -> (DVec3, f64) {
+        let point = self.at(p);
+        (point.q, point.height)
     }
 
-    fn at(&self, p: &ShellPoint) -> Bent {
+    fn at(&self, p: &ShellPoint) -> JitteredPoint {
         let base = DVec3::new(p.q.x, p.q.y, p.q.z - p.rise);
         let n: [f64; 6] = std::array::from_fn(|k| p.mask * self.noise(k, base));
         let longer = 1.0 + self.scale * n[5];
         let lean = [n[3], n[4]].map(|n| p.rise * libm::tan(self.tilt * n));
         let q = base + self.amplitude * DVec3::new(n[0], n[1], n[2]);
-        Bent { q: q + DVec3::new(-lean[0], -lean[1], p.rise / longer), height: p.height / longer }
+        JitteredPoint { q: q + DVec3::new(-lean[0], -lean[1], p.rise / longer), height: p.height / longer }
     }
 
-    /// d(u', v', w') / d(u, v, w), the base and the mask held.
+    /// d(u', v', w') / d(u, v, w) at constant base height and mask.
     fn derivative(&self, p: &ShellPoint) -> DMat3 {
         let base = DVec3::new(p.q.x, p.q.y, p.q.z - p.rise);
         // Value and slope along u and v.
@@ -109,20 +109,20 @@ impl JitterNoise {
         DMat3::from_cols(DVec3::X + along(0), DVec3::Y + along(1), DVec3::new(-lean_u.0, -lean_v.0, 1.0 / longer))
     }
 
-    /// Cut a segment, in the layer's texel coordinates, into chords of the bent way that stray from it by no more than
-    /// `tolerance(t, to_texel)`, in order, until `each` returns false. False if stopped. What is above the shell's top, which is
-    /// `stretch` times lower than the box, is left out.
+    /// Call `each` for chords of the jittered curve of a segment, in the layer's texel coordinates and in order, until it returns false.
+    /// Chords deviate from the curve by at most `tolerance(t, to_texel)`, in cells. Parts above the shell's top are left out; the box is
+    /// `height_stretch` times as high as that. Returns false if stopped.
     pub fn for_each_chord(
         &self,
         segment: &ShellSegment,
-        stretch: f64,
+        height_stretch: f64,
         tolerance: &dyn Fn(f64, &DMat3) -> f64,
         each: &mut dyn FnMut(&ShellSegment) -> bool,
     ) -> bool {
         let finest = self.noises[0].frequency * f64::from(1u32 << (self.noises[0].octaves - 1));
         let cells = ((segment.q1 - segment.q0) * finest).abs();
         let count = (cells.x.max(cells.y) / FIRST_CHORD).ceil().clamp(1.0, MAX_CHORDS);
-        let mut walk = Walk { bend: self, segment, stretch, tolerance, each };
+        let mut walk = ChordSubdivision { noise: self, segment, height_stretch, tolerance, each };
         let mut from = walk.end(segment.t0);
         for i in 1..=count as u32 {
             let t = if f64::from(i) == count {
@@ -141,34 +141,34 @@ impl JitterNoise {
 }
 
 /// One end of a chord.
-struct End {
+struct ChordEnd {
     t: f64,
-    bent: Bent,
+    point: JitteredPoint,
 }
 
-struct Walk<'a> {
-    bend: &'a JitterNoise,
+struct ChordSubdivision<'a> {
+    noise: &'a JitterNoise,
     segment: &'a ShellSegment,
-    stretch: f64,
+    height_stretch: f64,
     tolerance: &'a dyn Fn(f64, &DMat3) -> f64,
     each: &'a mut dyn FnMut(&ShellSegment) -> bool,
 }
 
-impl Walk<'_> {
-    fn end(&self, t: f64) -> End {
-        End { t, bent: self.bend.at(&self.segment.at(t)) }
+impl ChordSubdivision<'_> {
+    fn end(&self, t: f64) -> ChordEnd {
+        ChordEnd { t, point: self.noise.at(&self.segment.at(t)) }
     }
 
-    fn cut(&mut self, from: &End, to: &End, depth: u32) -> bool {
+    fn cut(&mut self, from: &ChordEnd, to: &ChordEnd, depth: u32) -> bool {
         let middle = self.end(0.5 * (from.t + to.t));
         let allowed = (self.tolerance)(middle.t, &self.segment.to_texel);
-        let strays = |at: &End, share: f64| at.bent.q.distance(from.bent.q.lerp(to.bent.q, share)) > allowed;
+        let strays = |at: &ChordEnd, share: f64| at.point.q.distance(from.point.q.lerp(to.point.q, share)) > allowed;
         if depth < MAX_DEPTH && (strays(&middle, 0.5) || strays(&self.end(0.75 * from.t + 0.25 * to.t), 0.25)) {
             return self.cut(from, &middle, depth + 1) && self.cut(&middle, to, depth + 1);
         }
-        let to_texel = self.bend.derivative(&self.segment.at(middle.t)) * self.segment.to_texel;
-        // Below the top: the heights are a chord as the coordinates are.
-        let [a, b] = [from, to].map(|end| end.bent.height * self.stretch - 1.0);
+        let to_texel = self.noise.derivative(&self.segment.at(middle.t)) * self.segment.to_texel;
+        // The chord is clipped at the top; heights are interpolated along it as coordinates are.
+        let [a, b] = [from, to].map(|end| end.point.height * self.height_stretch - 1.0);
         let top = a / (a - b);
         let (mut low, mut high) = (0.0, 1.0);
         match (a <= 0.0, b <= 0.0) {
@@ -177,7 +177,7 @@ impl Walk<'_> {
             (false, true) => low = top,
             (false, false) => return true,
         }
-        let point = |share: f64| (from.t + share * (to.t - from.t), from.bent.q.lerp(to.bent.q, share));
+        let point = |share: f64| (from.t + share * (to.t - from.t), from.point.q.lerp(to.point.q, share));
         let ((t0, q0), (t1, q1)) = (point(low), point(high));
         if t0.is_nan() || t1.is_nan() || t0 >= t1 || !to_texel.is_finite() {
             return true;
@@ -188,7 +188,7 @@ impl Walk<'_> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::shell::Foot;
+    use super::super::shell::HeightInShell;
     use super::*;
 
     fn continuous() -> Continuous {
@@ -264,13 +264,13 @@ mod tests {
     #[test]
     fn chords_follow_the_bent_way() {
         let (continuous, bend) = (continuous(), JitterNoise::new(&continuous()));
-        let stretch = stretch(Some(&continuous));
-        let feet = [Foot { rise: 0.1, height: 0.1 / stretch, mask: 1.0 }; 2];
+        let height_stretch = height_stretch(Some(&continuous));
+        let end_heights = [HeightInShell { rise: 0.1, height: 0.1 / height_stretch, mask: 1.0 }; 2];
         let (q0, q1) = (DVec3::new(-3.0, 1.2, 0.1), DVec3::new(5.0, 2.9, 0.1));
-        let mut segment = ShellSegment { t0: 2.0, t1: 10.0, q0, q1, to_texel: DMat3::IDENTITY, feet };
+        let mut segment = ShellSegment { t0: 2.0, t1: 10.0, q0, q1, to_texel: DMat3::IDENTITY, end_heights };
         for tolerance in [1e-2, 1e-3] {
             let (mut last, mut worst, mut chords) = (2.0, 0.0f64, 0);
-            bend.for_each_chord(&segment, stretch, &|_, _| tolerance, &mut |chord| {
+            bend.for_each_chord(&segment, height_stretch, &|_, _| tolerance, &mut |chord| {
                 assert!(chord.t0 == last && chord.t1 > chord.t0);
                 last = chord.t1;
                 chords += 1;
@@ -285,23 +285,23 @@ mod tests {
             assert!(last == 10.0 && worst < 1.5 * tolerance, "{worst} {chords}");
         }
         // A ray that rises through the top of the box: shorter or longer, it ends at height 1.
-        segment.q1 = DVec3::new(-2.9, 1.3, stretch);
-        segment.feet[1] = Foot { rise: stretch, height: 1.0, mask: 1.0 };
+        segment.q1 = DVec3::new(-2.9, 1.3, height_stretch);
+        segment.end_heights[1] = HeightInShell { rise: height_stretch, height: 1.0, mask: 1.0 };
         let mut end = 0.0;
-        bend.for_each_chord(&segment, stretch, &|_, _| 1e-4, &mut |chord| {
+        bend.for_each_chord(&segment, height_stretch, &|_, _| 1e-4, &mut |chord| {
             end = chord.t1;
             true
         });
-        let height = bend.at(&segment.at(end)).height * stretch;
+        let height = bend.at(&segment.at(end)).height * height_stretch;
         assert!(end < 10.0 && (height - 1.0).abs() < 1e-3, "{end} {height}");
     }
 
     #[test]
     fn endless_segments_are_left_after_a_bound() {
         let bend = JitterNoise::new(&continuous());
-        let feet = [Foot { rise: 0.1, height: 0.1, mask: 1.0 }; 2];
+        let end_heights = [HeightInShell { rise: 0.1, height: 0.1, mask: 1.0 }; 2];
         let q1 = DVec3::new(1e12, 0.0, 0.1);
-        let segment = ShellSegment { t0: 0.0, t1: 1.0, q0: DVec3::ZERO, q1, to_texel: DMat3::IDENTITY, feet };
+        let segment = ShellSegment { t0: 0.0, t1: 1.0, q0: DVec3::ZERO, q1, to_texel: DMat3::IDENTITY, end_heights };
         let mut n = 0;
         bend.for_each_chord(&segment, 1.3, &|_, _| 1.0, &mut |_| {
             n += 1;

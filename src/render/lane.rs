@@ -1,10 +1,11 @@
-//! The rays of a pixel: where its lanes look, and the fine rays that share a lane's work where one is not enough.
+//! The rays of a pixel: its lanes, each with a cone, and the fine rays that sample a lane's part of the pixel where one ray is not
+//! enough.
 
 use super::camera::{Cone, View};
-use super::reference::sampling::{Place, place};
+use super::reference::sampling::{PixelSample, pixel_sample};
 use crate::geom::Ray;
 
-/// How far from its middle a square cone reaches, in widths: half a diagonal.
+/// Radius of a cone with a square cross-section, in widths: half the diagonal.
 pub const REACH: f64 = 0.71;
 
 /// One of a pixel's lanes.
@@ -13,7 +14,8 @@ pub struct Lane {
     /// Pixel, counted from the upper left.
     pub x: u32,
     pub y: u32,
-    /// Number of the lane, and of the pixel's lanes: a power of two. Numbers from that on are of lanes beside them, mirrored.
+    /// Number of the lane, and the number of the pixel's lanes, a power of two. Lanes with numbers from that on are additional ones, at
+    /// mirrored positions.
     pub index: u32,
     pub count: u32,
 }
@@ -25,7 +27,7 @@ impl Lane {
         view.cone(f64::from(self.x) + dx, f64::from(self.y) + dy, unit)
     }
 
-    /// Place in its pixel at which a lane looks: a rotated grid, row i at column bit-reversed i.
+    /// Position of the lane in its pixel: a rotated grid, with row i in the bit-reversed column i.
     fn offset(&self) -> [f64; 2] {
         let bits = self.count.trailing_zeros();
         let row = self.index % self.count;
@@ -42,7 +44,7 @@ impl Lane {
         ((noise + f64::from(self.index)) / f64::from(self.count)) as f32 % 1.0
     }
 
-    /// How many of the pixel's `all` fine rays (a power of two) are the lane's.
+    /// The lane's share of the pixel's `all` fine rays (a power of two).
     pub fn share(&self, all: u32) -> u32 {
         (all / self.count).max(1)
     }
@@ -50,15 +52,15 @@ impl Lane {
     /// The lane's fine rays, [`Lane::share`] of them: over all lanes they fill the pixel evenly.
     pub fn fine(self, view: &View, unit: f64, all: u32) -> impl Iterator<Item = Ray> {
         (0..self.share(all)).map(move |k| {
-            let [dx, dy] = self.place(k, all).in_pixel();
+            let [dx, dy] = self.sample(k, all).in_pixel();
             view.ray(f64::from(self.x) + dx, f64::from(self.y) + dy, unit)
         })
     }
 
-    /// Where the lane's fine ray k looks: where the reference's samples of the pixel do, so that a picture and its reference do not
-    /// differ by that.
-    pub fn place(&self, k: u32, all: u32) -> Place {
-        place(self.x, self.y, self.index * self.share(all) + k)
+    /// The sample of the lane's fine ray k. It is one of the reference's samples of the pixel, so that a picture and its reference do not
+    /// differ in sampling.
+    pub fn sample(&self, k: u32, all: u32) -> PixelSample {
+        pixel_sample(self.x, self.y, self.index * self.share(all) + k)
     }
 }
 
@@ -66,6 +68,6 @@ impl Lane {
 #[derive(Clone, Copy)]
 pub struct FineRays {
     pub lane: Lane,
-    /// Of the whole pixel.
+    /// Number of fine rays of the whole pixel.
     pub all: u32,
 }

@@ -11,13 +11,13 @@ use crate::{Error, Result};
 #[derive(Debug, Clone)]
 pub struct TexelLayer {
     pub layer: Layer,
-    /// Texels that the hash chooses from, at least one.
+    /// Texels that the hash chooses from; at least one.
     pub choices: Vec<TexelChoice>,
     /// Noise that bends its coordinates.
     pub jitter: Option<JitterNoise>,
-    /// Cells that a copy reaches beyond its own, along each axis.
+    /// Number of cells by which a copy may reach beyond its own, along each axis.
     pub reach: [i64; 3],
-    /// How many layers' groups of the shell it lies over, see [`Layer::over`].
+    /// Number of groups of layers that this one is composited over, see [`Layer::over`].
     pub rank: u32,
 }
 
@@ -26,16 +26,16 @@ pub struct TexelLayer {
 pub struct TexelChoice {
     /// Index into the scene's texels.
     pub texel: usize,
-    /// Frames of the texel, in a row from `texel` on, and which of them a cell shows.
+    /// Number of the texel's frames, which follow `texel` in the scene's list, and the rule by which a cell shows one of them.
     pub frames: u32,
     pub cycle: Option<Cycle>,
-    /// The chance of this or an earlier one, rising to 1.
+    /// Cumulative probability of this choice and the earlier ones, rising to 1.
     pub cumulative: f64,
     /// The box of its content, texel space.
     pub content: Aabb,
     /// Multiplies its albedo.
     pub tint: Vec3,
-    /// What else is made of its surfaces: a number of the scene's [`super::phong::PhongTable`].
+    /// Number of its Phong parameters in the scene's [`super::phong::PhongTable`].
     pub phong: u32,
 }
 
@@ -46,28 +46,32 @@ impl TexelChoice {
         TexelChoice { texel: 0, frames: 1, cycle: None, cumulative: 1.0, content, tint: Vec3::ONE, phong: 0 }
     }
 
-    /// The texel that `cell` shows: of one that has frames, one of them.
-    pub fn shown(&self, cell: [i64; 3]) -> usize {
+    /// Index of the texel that `cell` shows: of an animated one, the frame of the moment.
+    pub fn texel_of(&self, cell: [i64; 3]) -> usize {
         let Some(cycle) = self.cycle.filter(|_| self.frames > 1) else { return self.texel };
-        let lot = Cycle::lot(cell);
+        let lot = Cycle::cell_hash(cell);
         let place = DVec3::new(cell[0] as f64, cell[1] as f64, cell[2] as f64);
         self.texel + cycle.frame(self.frames, cycle.ahead(lot, place), lot) as usize
     }
 }
 
-/// The frames of a texel together.
-pub struct Row<'a> {
-    /// What the first says.
+/// What the frames of a texel have in common.
+pub struct TexelFrames<'a> {
+    /// Head of the first frame's file.
     pub info: &'a Info,
-    /// The box of all their contents.
+    /// Bounding box of all frames' contents, texel space.
     pub content: Aabb,
 }
 
-/// The `frames` of a texel, `first` and those behind it; `None` where one of them is not open.
+/// The `frames` of a texel, from `first` on; `None` where one of them is not open.
 ///
 /// # Errors
-/// [`Error::Options`] where they do not cover one box: what stands in it would jump.
-pub fn row<'i>(first: usize, frames: u32, info: impl Fn(usize) -> Option<&'i Info>) -> Result<Option<Row<'i>>> {
+/// [`Error::Options`] where they do not cover the same box: an animation would jump.
+pub fn texel_frames<'i>(
+    first: usize,
+    frames: u32,
+    info: impl Fn(usize) -> Option<&'i Info>,
+) -> Result<Option<TexelFrames<'i>>> {
     let Some(own) = info(first) else { return Ok(None) };
     let mut content = own.content;
     for k in 1..frames as usize {
@@ -79,7 +83,7 @@ pub fn row<'i>(first: usize, frames: u32, info: impl Fn(usize) -> Option<&'i Inf
         }
         content = content.union(next.content);
     }
-    Ok(Some(Row { info: own, content }))
+    Ok(Some(TexelFrames { info: own, content }))
 }
 
 impl TexelLayer {

@@ -1,6 +1,6 @@
-//! Punctual lights (KHR_lights_punctual): where they are seen from a point, and the irradiance that they bring.
+//! Punctual lights (KHR_lights_punctual): their direction from a point, and the irradiance that they bring there.
 
-use super::surround::Sun;
+use super::environment_light::Sun;
 use crate::geom::{Aabb, DVec3, Vec3};
 use crate::scene::{Light, LightKind, Scene};
 
@@ -10,7 +10,7 @@ pub struct PunctualLight {
     /// Linear Rec. 709: irradiance of a directional light, radiant intensity of the others.
     intensity: DVec3,
     position: DVec3,
-    /// Unit: where it shines to.
+    /// Unit direction in which it shines.
     axis: DVec3,
     kind: LightKind,
     /// Metres.
@@ -26,11 +26,11 @@ pub struct PunctualLight {
 pub struct IncidentLight {
     /// Unit, towards the light.
     pub dir: DVec3,
-    /// Infinite for a directional light.
+    /// Distance to the light in the renderer's units; infinite for a directional light.
     pub distance: f64,
-    /// On a surface that faces the light, if nothing stands between.
+    /// Irradiance on a surface that faces the light, if nothing occludes it.
     pub irradiance: Vec3,
-    /// Half of its angular size, radians; 0: a point.
+    /// Half of its angular size, radians; 0 for a point.
     pub radius: f64,
 }
 
@@ -71,7 +71,7 @@ impl PunctualLight {
         (self.kind == LightKind::Directional).then_some(sun)
     }
 
-    /// The light from `x`; `None` where it gives nothing.
+    /// The light as it arrives at `x`, a point of the renderer's space; `None` where it brings nothing.
     pub fn incident(&self, x: DVec3) -> Option<IncidentLight> {
         if self.kind == LightKind::Directional {
             let irradiance = self.intensity.as_vec3();
@@ -84,7 +84,7 @@ impl PunctualLight {
         let metres = distance * self.unit;
         let mut fall = 1.0 / (metres * metres);
         if self.range.is_finite() {
-            // The extension's window, so that the light ends at its range.
+            // The extension's window function, which brings the light to 0 at its range.
             fall *= (1.0 - (metres / self.range).powi(4)).clamp(0.0, 1.0);
         }
         if let LightKind::Spot { inner, outer } = self.kind {
@@ -102,14 +102,14 @@ impl PunctualLight {
     }
 }
 
-/// Photometric units in a radiometric one, as exporters have it (Blender's *Standard* unit of lights): lm / W.
+/// Photometric units per radiometric unit as exporters assume it (Blender's *Standard* unit of lights): lm / W.
 pub const LUMENS_PER_WATT: f64 = 683.0;
 
 /// Irradiance from which on lights count as photometric. A white surface under a light that suits a display gets about π,
 /// and 683 times as much where the same light is given in lux; this is between the two, about as far from either.
 const PHOTOMETRIC: f64 = 100.0;
 
-/// Places of a scene at which its light is looked at.
+/// Most points of a scene at which its irradiance is sampled.
 const PLACES: usize = 1 << 14;
 
 /// The irradiance of a scene's lights, if it is so large that they must be meant in lux and candela: the median over its

@@ -1,49 +1,49 @@
-//! The light that a cone's events reflect: from every light with a shadow ray, and from the sky.
+//! Lighting of a cone's events: light from every light source, tested by shadow rays, and ambient light.
 //!
 //! Based on: E. Heitz et al., *The SGGX Microflake Distribution*, SIGGRAPH 2015 (voxels reflect as their facets do, see
 //! [`crate::march::shade`]). One shadow ray for a group of voxels of one copy: see [`crate::march::shade::ShadowGroup`].
 
 use std::f32::consts::FRAC_1_PI;
 
-use super::cards::{LitPlace, MOST_LIT, openness};
+use super::cards::{LitPlace, MOST_LIT, mesh_transmittance_to_places};
 use super::cells::CopyHit;
 use super::copy_segment::CopySegment;
+use super::environment_light::{moments_of_means, moments_of_normal};
 use super::events::{Event, EventOrigin};
 use super::mesh::{Contact, Surface};
 use super::pixel::{ConeState, Tracer};
 use super::shadow::{SelfHit, ShadowCone, ShadowQuality};
-use super::shared_shadow::{LitGroup, unite};
-use super::sky::InCopy;
+use super::shared_shadow::{LitGroup, merge_small_groups};
+use super::sky::PointInCopy;
 use super::source_mesh::CopyRay;
-use super::surround::{of_means, of_normal};
 use super::trace::TraceEvent;
 use crate::geom::{DMat3, DVec3, Mat3, Ray, Vec3};
 use crate::march::shade::{Look, MAX_FROM_MEAN, Shader};
 use crate::march::transmittance::{DepthChoice, Sink, VoxelHit};
 use crate::volume::octree::VoxelAddress;
 
-/// Contributions below this, where the display's white is 1, are not tested for shadows.
+/// Contributions below this are not tested by shadow rays; the display's white is 1.
 const FAINT: f32 = 1.0 / 256.0;
 
-/// A share of a light below this is taken for none.
+/// A visibility of a light below this counts as 0.
 const DARK_BELOW: f32 = 1.0 / 64.0;
 
-/// How the cone sees a plain surface.
-struct Seen<'a> {
+/// How the cone sees a surface.
+struct SurfaceView<'a> {
     start: SelfHit,
-    /// Of the cone.
+    /// Width of the cone there.
     width: f64,
     /// Share of the cone's light.
     weight: f32,
-    /// Where fine rays see it; empty without them.
+    /// The points at which fine rays see it; empty without fine rays.
     places: &'a [LitPlace],
-    /// Where that is in a copy, if it is on one.
-    copy: Option<InCopy<'a>>,
+    /// Its place in a copy, if it belongs to one.
+    copy: Option<PointInCopy<'a>>,
 }
 
 impl Tracer<'_> {
-    /// Light a triangle of the scene of which the cone sees the share `weight`; `index` is its number among those that let light
-    /// through.
+    /// Light a triangle of the scene; `weight` is its share of the cone's light, and `index` its number among the blended surfaces, if it
+    /// is one.
     pub(super) fn shade_contact(
         &mut self,
         state: &mut ConeState<'_>,
@@ -53,7 +53,7 @@ impl Tracer<'_> {
     ) {
         let width = state.cone.width_at(contact.t);
         let fine = state.fine.zip(index);
-        // Fine rays see it in a part of the pixel.
+        // Fine rays see it only in a part of the pixel.
         let part = fine.map_or(1.0, |(_, index)| f64::from(self.seen_share(index)));
         let world = self.world;
         let surface = world.mesh.surface(&world.scene.model, &state.cone.ray, contact, width * part.sqrt());
@@ -62,15 +62,15 @@ impl Tracer<'_> {
         let metres = contact.t * world.unit;
         self.trace_event(|| TraceEvent::Surface { metres, albedo, normal, through: weight });
         let start = SelfHit { triangle: contact.triangle, copy: None, affine: None };
-        self.shade_surface(state, &surface, Seen { start, width, weight, places: &places, copy: None });
+        self.shade_surface(state, &surface, SurfaceView { start, width, weight, places: &places, copy: None });
     }
 
-    /// Light a triangle of a copy's source, whose event carries its weight.
+    /// Light the triangle of a copy's source that an event records.
     pub(super) fn shade_source(&mut self, state: &mut ConeState<'_>, segment: &CopySegment, event: &Event) {
         let EventOrigin::Source { contact, .. } = event.origin else { return };
         let contact = self.lists.contacts[contact as usize];
         let Some(texel) = &self.world.texels[segment.hit.texel] else { return };
-        // It was read when it was traced.
+        // The source is in memory, since it was traced.
         let Some(source) = texel.source_lod(0.0, state.lod_dither) else { return };
         let t = segment.hit.t0 + contact.t;
         let width = state.cone.width_at(t);
@@ -79,29 +79,29 @@ impl Tracer<'_> {
         let surface = surface.shown(&self.look(segment, &state.cone.ray, t, width));
         let copy_of = Some((segment.hit.texel, segment.hit.cell));
         let start = SelfHit { triangle: contact.triangle, copy: copy_of, affine: segment.affine };
-        let copy = Some(InCopy { segment, t });
-        self.shade_surface(state, &surface, Seen { start, width, weight: event.alpha, places: &[], copy });
+        let copy = Some(PointInCopy { segment, t });
+        self.shade_surface(state, &surface, SurfaceView { start, width, weight: event.alpha, places: &[], copy });
     }
 
-    /// Light a plain surface.
-    fn shade_surface(&mut self, state: &mut ConeState<'_>, surface: &Surface, seen: Seen<'_>) {
+    /// Light a surface of either kind.
+    fn shade_surface(&mut self, state: &mut ConeState<'_>, surface: &Surface, seen: SurfaceView<'_>) {
         let world = self.world;
-        let Seen { start, width, weight, places, copy } = seen;
+        let SurfaceView { start, width, weight, places, copy } = seen;
         let albedo = weight * surface.albedo;
         let before = (state.radiance, state.faint);
         let distance = (surface.point - state.cone.ray.origin).dot(state.cone.ray.dir);
         state.radiance += weight * surface.emission;
         if surface.unlit {
             state.radiance += albedo;
-            state.fade(before, world.surround.air(state.cone.ray.dir, distance), weight);
+            state.apply_air(before, world.environment.aerial_perspective(state.cone.ray.dir, distance), weight);
             return;
         }
         let transmission = weight * surface.transmission;
-        let normals = of_normal(surface.normal);
+        let normals = moments_of_normal(surface.normal);
         let front = self.sky_light(surface.point, surface.normal, width, copy);
         state.radiance += albedo * surface.ambient * front.irradiance(&normals);
         if transmission != Vec3::ZERO {
-            let normals = of_normal(-surface.normal);
+            let normals = moments_of_normal(-surface.normal);
             let behind = self.sky_light_behind(front, surface.point, surface.normal, width, copy);
             state.radiance += transmission * surface.ambient * behind.irradiance(&normals);
         }
@@ -118,17 +118,18 @@ impl Tracer<'_> {
                 let cone = ShadowCone { ray, end: incident.distance, start: Some(start), width, growth };
                 match state.fine.filter(|_| !places.is_empty()) {
                     Some(rays) => {
-                        let open = || openness(world, rays, places, light, &cone);
+                        let open = || mesh_transmittance_to_places(world, rays, places, light, &cone);
                         self.add_light(state, radiance, &cone, FAINT / MOST_LIT as f32, open);
                     }
                     None => self.add_light(state, radiance, &cone, FAINT, || cone.soft_mesh_transmittance(world)),
                 }
             }
         }
-        state.fade(before, world.surround.air(state.cone.ray.dir, distance), weight);
+        state.apply_air(before, world.environment.aerial_perspective(state.cone.ray.dir, distance), weight);
     }
 
-    /// Light voxels of one copy, whose events carry their weights.
+    /// Light the voxels of one copy that events record. Their contributions are added to the cone, or wait in `self.lit` for a shadow ray
+    /// that they share.
     pub(super) fn shade_voxels(&mut self, state: &mut ConeState<'_>, segment: &CopySegment, events: &[Event]) {
         let (world, cone) = (self.world, state.cone);
         let hit = &segment.hit;
@@ -146,7 +147,7 @@ impl Tracer<'_> {
         groups.clear();
         let lights = std::mem::take(&mut self.local_light_dirs);
         let texel = world.texels[hit.texel].as_ref();
-        // The brightness factors make up for light that coarse depths let through, which only shadow rays find.
+        // Brightness factors correct the light that coarse depths let through; that error arises with shadow rays only.
         let calibrated = texel.filter(|_| self.options.shadows);
         let factors = calibrated.map_or(&[][..], |t| &t.tree.brightness_factors()[..]);
         let view = space.local(-cone.ray.dir);
@@ -154,7 +155,7 @@ impl Tracer<'_> {
         if let Some(texel) = texel {
             shader = shader.with_surfaces_of(&texel.tree);
         }
-        shader.normals = world.surround.is_directional(self.options.ambient).then(Default::default);
+        shader.normals = world.environment.is_directional(self.options.ambient).then(Default::default);
         for event in events {
             if let (EventOrigin::Voxel { depth, rank, t, .. }, Some(texel)) = (event.origin, texel) {
                 let voxel = texel.tree.voxel(VoxelAddress { depth, rank });
@@ -170,12 +171,12 @@ impl Tracer<'_> {
         let (albedo, transmission, unlit) = (shader.albedo, shader.transmission, shader.unlit);
         let before = (state.radiance, state.faint);
         match shader.normals {
-            None => state.radiance += unlit + (albedo + transmission) * world.surround.light.flat(),
+            None => state.radiance += unlit + (albedo + transmission) * world.environment.light.mean_irradiance(),
             Some(normals) => {
                 let (normal, square) = normals.means();
-                let of_normals = |normal: Vec3| of_means(normal, square, &space.rotation());
+                let of_normals = |normal: Vec3| moments_of_means(normal, square, &space.rotation());
                 let outward = space.world(normal);
-                let (width, copy) = (cone.width_at(mean), Some(InCopy { segment, t: mean }));
+                let (width, copy) = (cone.width_at(mean), Some(PointInCopy { segment, t: mean }));
                 let front = self.sky_light(middle, outward, width, copy);
                 state.radiance += unlit + albedo * front.irradiance(&of_normals(normal));
                 if transmission != Vec3::ZERO {
@@ -184,7 +185,7 @@ impl Tracer<'_> {
                 }
             }
         }
-        let air = world.surround.air(cone.ray.dir, mean);
+        let air = world.environment.aerial_perspective(cone.ray.dir, mean);
         let through_air = air.map_or(Vec3::ONE, |(through, _)| through);
         let start = Some(SelfHit { triangle: u32::MAX, copy: Some((hit.texel, hit.cell)), affine: segment.affine });
         let facet_size = texel.map_or(0.0, |t| t.tree.info().facet_size as f32);
@@ -198,7 +199,7 @@ impl Tracer<'_> {
             let end = incident.distance - offset.dot(incident.dir);
             let growth = 2.0 * incident.radius;
             let cone = ShadowCone { ray, end, start, width: cone.width_at(t), growth };
-            if self.is_tested(radiance, FAINT) {
+            if self.needs_shadow_ray(radiance, FAINT) {
                 let reach = f64::from(MAX_FROM_MEAN * group.voxel) / segment.scale;
                 let radiance = through_air * radiance;
                 self.lit.push(LitGroup { light: group.light, t, reach, weight: group.weight, radiance, cone });
@@ -206,33 +207,33 @@ impl Tracer<'_> {
                 self.add_light(state, radiance, &cone, FAINT, || 1.0);
             }
         }
-        state.fade(before, air, weight);
+        state.apply_air(before, air, weight);
         self.groups = groups;
         self.local_light_dirs = lights;
     }
 
-    /// What the landscape makes of the surfaces of a copy at the distance `t`, where the cone is `width` wide.
+    /// How the landscape modifies the material of a copy at the distance `t`, where the cone is `width` wide.
     fn look(&self, segment: &CopySegment, ray: &Ray, t: f64, width: f64) -> Look {
         self.world.look(&segment.hit, segment.coords.as_deref(), ray, (t, width))
     }
 
-    /// Whether light that is seen is looked for by a shadow ray.
-    fn is_tested(&self, radiance: Vec3, faint: f32) -> bool {
+    /// Whether a contribution is worth a shadow ray.
+    fn needs_shadow_ray(&self, radiance: Vec3, faint: f32) -> bool {
         self.options.shadows && radiance.max_element() * self.exposure >= faint
     }
 
-    /// Add the light of all groups that wait for their shadow rays.
-    pub(super) fn add_lit(&mut self, state: &mut ConeState<'_>) {
+    /// Cast the shadow rays of all groups that wait for one, and add their light.
+    pub(super) fn add_shadow_groups(&mut self, state: &mut ConeState<'_>) {
         let mut lit = std::mem::take(&mut self.lit);
-        unite(&mut lit);
+        merge_small_groups(&mut lit);
         for LitGroup { radiance, cone, .. } in lit.drain(..) {
-            self.add_tested(state, radiance, &cone, cone.soft_mesh_transmittance(self.world));
+            self.add_shadow_tested(state, radiance, &cone, cone.soft_mesh_transmittance(self.world));
         }
         self.lit = lit;
     }
 
-    /// Add the radiance that is reflected of a light, as far as the light is seen along `cone`, where meshes leave the share
-    /// `through`. Below `faint` it is not looked for.
+    /// Add reflected `radiance`, times the visibility of its light along `cone`. `through` gives the transmittance of meshes. A
+    /// contribution below `faint` is not tested, but collected.
     fn add_light(
         &mut self,
         state: &mut ConeState<'_>,
@@ -245,15 +246,15 @@ impl Tracer<'_> {
             state.radiance += radiance;
             return;
         }
-        if self.is_tested(radiance, faint) {
-            self.add_tested(state, radiance, cone, through());
+        if self.needs_shadow_ray(radiance, faint) {
+            self.add_shadow_tested(state, radiance, cone, through());
         } else {
             state.faint += radiance;
         }
     }
 
-    /// Add light as far as a shadow ray finds it, where meshes leave the share `through`.
-    fn add_tested(&mut self, state: &mut ConeState<'_>, radiance: Vec3, cone: &ShadowCone, through: f32) {
+    /// Add `radiance` times the visibility that a shadow cone finds; `through` is the transmittance of meshes.
+    fn add_shadow_tested(&mut self, state: &mut ConeState<'_>, radiance: Vec3, cone: &ShadowCone, through: f32) {
         let bright = radiance.max_element();
         let seen = self.visibility(cone, through, state.lod_dither);
         state.radiance += seen * radiance;
@@ -263,10 +264,10 @@ impl Tracer<'_> {
         self.trace_event(|| TraceEvent::Shadow { origin, light: radiance.to_array(), seen });
     }
 
-    /// The share of light that comes along a cone, where meshes leave the share `through`.
+    /// The visibility of a light along a cone; `through` is the transmittance of meshes.
     fn visibility(&mut self, cone: &ShadowCone, through: f32, lod_dither: f32) -> f32 {
         self.counts.shadow_rays += 1;
-        // The depth of what is seen by default; a coarser one darkens (see `shadow_start`).
+        // By default the depth by which matter is seen also shades it; a coarser one darkens (see `shadow_start`).
         let bias = (self.options.depth_bias + self.options.shadow_bias) as f32;
         let choice = DepthChoice { bias, lod_dither, finest: u8::MAX };
         cone.transmittance(
@@ -278,7 +279,7 @@ impl Tracer<'_> {
     }
 }
 
-/// Distance of a voxel's event, whatever it is composited over.
+/// Distance of an event without the lead of its layer.
 fn distance(hit: &CopyHit, event: &Event) -> f64 {
     match event.origin {
         EventOrigin::Voxel { t, .. } => hit.t0 + f64::from(t),
@@ -286,8 +287,8 @@ fn distance(hit: &CopyHit, event: &Event) -> f64 {
     }
 }
 
-/// The space in which a copy's voxels are lit: texel space, where the map to it keeps angles; else world space, to which
-/// normals are brought by the cofactor matrix.
+/// The space in which a copy's voxels are lit: texel space, if the map to it is a similarity, else world space, to which the cofactor
+/// matrix takes normals.
 struct ShadingSpace {
     to_texel: DMat3,
     keeps_angles: bool,
@@ -298,18 +299,18 @@ impl ShadingSpace {
         ShadingSpace { to_texel, keeps_angles: is_similarity(&to_texel) }
     }
 
-    /// A unit direction of the world.
+    /// A unit direction of the world in this space.
     fn local(&self, dir: DVec3) -> Vec3 {
         if self.keeps_angles { (self.to_texel * dir).normalize_or_zero() } else { dir }.as_vec3()
     }
 
-    /// To the world, as exactly as is needed of where a shadow ray starts.
+    /// A vector of this space in the world, up to the copy's scale. The precision suffices for starts of shadow rays.
     fn world(&self, v: Vec3) -> DVec3 {
         let (v, m) = (v.as_dvec3(), &self.to_texel);
         if self.keeps_angles { m.transpose() * v / m.x_axis.length().max(f64::MIN_POSITIVE) } else { v }
     }
 
-    /// From where normals are taken to the world.
+    /// Rotation from this space to the world.
     fn rotation(&self) -> DMat3 {
         let m = &self.to_texel;
         if self.keeps_angles {
@@ -319,7 +320,7 @@ impl ShadingSpace {
         }
     }
 
-    /// Texel → world for normals, up to a factor; `None` where normals stay in texel space.
+    /// The map of normals from texel space to the world, up to a factor; `None` where voxels are lit in texel space.
     fn cofactor(&self) -> Option<Mat3> {
         let m = &self.to_texel;
         (!self.keeps_angles).then(|| (m.transpose() * (1.0 / m.x_axis.length().max(f64::MIN_POSITIVE))).as_mat3())

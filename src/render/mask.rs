@@ -1,4 +1,4 @@
-//! How much of a cone's footprint on a textured triangle alpha lets be there.
+//! Mean alpha of a textured triangle over the footprint of a cone, after the cutoff of an alpha mask.
 //!
 //! Based on: F. Crow, *Summed-Area Tables for Texture Mapping*, SIGGRAPH 1984.
 
@@ -22,7 +22,7 @@ pub struct Lookup<'a> {
 }
 
 impl Lookup<'_> {
-    /// Width, in texels, of the square that is as large as the footprint.
+    /// Edge, in texels, of the square that has the footprint's area.
     pub fn footprint(&self) -> f32 {
         (self.widths[0] * self.widths[1]).sqrt()
     }
@@ -46,10 +46,10 @@ impl Lookup<'_> {
     }
 }
 
-/// Tables of the models' materials, each made when it is first asked for: only those that a cutoff cuts ever are.
+/// Summed-area tables of a model's materials with alpha masks, each computed when it is first needed.
 #[derive(Default)]
 pub struct Masks {
-    /// For each material, its index into `tables`; materials that cut the same texture alike share one.
+    /// For each material, its index into `tables`; materials with the same texture, factor and cutoff share a table.
     slots: Vec<usize>,
     tables: Vec<OnceLock<Option<AlphaSums>>>,
 }
@@ -71,7 +71,7 @@ impl Masks {
         Masks { slots, tables: (0..known.len()).map(|_| OnceLock::new()).collect() }
     }
 
-    /// The share of the footprint where the alpha of `material`, the model's material `index`, passes its cutoff.
+    /// The share of the footprint in which the alpha of `material`, which is the model's material `index`, passes its cutoff.
     pub fn share(&self, material: &Material, index: usize, at: &Lookup<'_>) -> f32 {
         let point = |uv, own: f32| material.alpha.share(material.base_color[3] * own * at.texture.alpha(uv));
         if !at.widths.iter().any(|w| *w > 1.0) {
@@ -86,8 +86,8 @@ impl Masks {
     }
 }
 
-/// The mean of `point`, by texture coordinates and the triangle's own alpha, over the footprint, by at most 8 × 8 lookups; for
-/// what no table tells, as where the triangle's own alpha changes what passes.
+/// The mean over the footprint of `point`, a function of the texture coordinates and the triangle's vertex alpha, by at most 8 × 8
+/// lookups. For materials without a table, and where vertex alpha changes what passes the cutoff.
 fn sampled(at: &Lookup<'_>, point: impl Fn([f32; 2], f32) -> f32) -> f32 {
     const MOST: f32 = 8.0;
     let n = at.widths.map(|w| w.ceil().clamp(1.0, MOST) as u32);
@@ -97,7 +97,7 @@ fn sampled(at: &Lookup<'_>, point: impl Fn([f32; 2], f32) -> f32) -> f32 {
     let place = |k: usize, i: u32| {
         let offset = ((i as f32 + 0.5) / n[k] as f32 - 0.5) * at.widths[k] / size[k].max(1.0);
         let uv = at.uv[k] + offset;
-        // What lies beyond the triangle's range is folded back, as in a table.
+        // Coordinates beyond the triangle's range are mirrored back into it, as lookups in a table do.
         let folded = if uv < lo[k] { 2.0 * lo[k] - uv } else { uv.min(2.0 * hi[k] - uv) };
         folded.clamp(lo[k], hi[k])
     };

@@ -13,6 +13,7 @@ mod copies;
 mod copy_segment;
 mod curved;
 mod environment;
+mod environment_light;
 pub mod error;
 mod events;
 #[cfg(feature = "bake")]
@@ -45,7 +46,6 @@ mod source_lod;
 mod source_mesh;
 mod stats;
 pub mod stress;
-mod surround;
 #[cfg(test)]
 mod tests;
 mod tile;

@@ -1,4 +1,4 @@
-//! What a caller chooses about a picture.
+//! Options of a render.
 
 use std::fmt;
 use std::str::FromStr;
@@ -15,36 +15,36 @@ pub struct Options {
     pub crop: Option<CropWindow>,
     /// Camera that the picture is seen from.
     pub camera: CameraChoice,
-    /// What lights the scene from all around; over the file's. By default a clear sky that fits the sun.
+    /// The sky that lights the scene; overrides the file's. By default a clear sky that fits the sun.
     pub sky: Option<Sky>,
-    /// Radiance that an escaped camera ray sees, linear; over the file's.
+    /// Radiance that an escaped camera ray sees, linear; overrides the file's.
     pub background: Option<[f64; 3]>,
     /// Share of the sky that lights a point.
     pub ambient: Ambient,
     /// Where the sun stands; the file's brightest directional light is moved there.
     pub sun: Option<SunPosition>,
-    /// Angular size of directional lights, radians; over the file's. By default the sun's, .53 degrees.
+    /// Angular size of directional lights, radians; overrides the file's. By default the sun's, .53 degrees.
     pub sun_angle: Option<f64>,
-    /// Visibility in haze, metres; over the file's. By default the air is clear.
+    /// Visibility in haze, metres; overrides the file's. By default the air is clear.
     pub haze: Option<f64>,
-    /// Cones a pixel: 1, 2, 4, 8 or 16.
+    /// Cones per pixel: 1, 2, 4, 8 or 16.
     pub lanes: u32,
-    /// Stops: the film is multiplied by 2^exposure.
+    /// Exposure in stops: the film is multiplied by 2^exposure.
     pub exposure: f64,
     /// Factor of the intensity of the file's lights: 1 takes them as radiometric, 1 / [`super::LUMENS_PER_WATT`] as
-    /// photometric. A sky and what shines by itself are not affected.
+    /// photometric. Sky and emission are not affected.
     pub light_scale: f64,
     /// Most bytes that the scene's triangles and shells may take, placed as often as the scene shows them.
     pub memory: u64,
-    /// 0: all cores.
+    /// Number of threads; 0 uses all cores.
     pub threads: usize,
     /// Added to the depth that fits a cone: −1 is one coarser.
     pub depth_bias: f64,
-    /// Added to the depth of what is seen for what shades it: −1 is one coarser, which is faster and darker.
+    /// Added to the depth of shadow rays, besides `depth_bias`: −1 is one coarser, which is faster and darker.
     pub shadow_bias: f64,
     /// Representation of a texel where a pixel is smaller than its finest voxel.
     pub source_lod: SourceLod,
-    /// Whether lights are tested for what stands before them.
+    /// Whether shadow rays are cast.
     pub shadows: bool,
 }
 
@@ -129,13 +129,13 @@ impl Options {
         self.crop.unwrap_or(CropWindow { at: [0, 0], size: self.size })
     }
 
-    /// What measurements and comparisons use: every point sees all of the sky, and the sun has no size.
+    /// Options for measurements and comparisons: every point sees all of the sky, and the sun has no size.
     pub fn measuring() -> Self {
         Options { ambient: Ambient::Constant, sun_angle: Some(0.0), ..Options::default() }
     }
 }
 
-/// Which camera looks.
+/// Choice of the camera.
 #[derive(Debug, Clone, PartialEq)]
 pub enum CameraChoice {
     /// The file's first camera; without one, the scene is framed.
@@ -168,9 +168,9 @@ pub enum SourceLod {
 /// Share of the sky that a point sees.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Ambient {
-    /// All of it: the figure used in comparisons.
+    /// All of it, as in comparisons.
     Constant,
-    /// As much as land and texels leave open.
+    /// The part that land and texels do not hide.
     #[default]
     Occluded,
 }

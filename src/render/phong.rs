@@ -1,4 +1,4 @@
-//! Phong's parameters that layers and copies give their texels, at the places that rays see.
+//! Phong parameters that layers and copies give to their texels, evaluated where rays see them.
 
 use super::cells::CopyHit;
 use super::layer::TexelLayer;
@@ -6,17 +6,17 @@ use super::shell::ShellSegment;
 use crate::geom::{DMat3, DVec3, Vec3};
 use crate::march::shade::Look;
 use crate::scene::Scene;
-use crate::scene::phong::{Factors, Phong, Place};
+use crate::scene::phong::{Factors, Phong, ShadingPoint};
 use crate::volume::Gloss;
 
-/// All that a scene's layers and copies say beyond a constant tint, each once. Number 0 is no change.
+/// The distinct Phong parameters of a scene's layers and copies, numbered from 1, without their constant tints. Number 0 is no change.
 #[derive(Debug, Clone, Default)]
 pub struct PhongTable {
     list: Vec<Phong>,
 }
 
 impl PhongTable {
-    /// Those of the layers of all materials, and of all copies.
+    /// The parameters of all layers and all copies of a scene.
     pub fn new(scene: &Scene) -> PhongTable {
         let mut table = PhongTable::default();
         let shells = scene.model.materials.iter().filter_map(|m| m.shell.as_deref());
@@ -36,7 +36,7 @@ impl PhongTable {
         }
     }
 
-    /// The number of what is said besides a tint; 0 where the table does not have it.
+    /// The number of parameters, apart from their tint; 0 if the table does not contain them.
     pub fn number(&self, phong: &Phong) -> u32 {
         let phong = untinted(phong);
         self.list.iter().position(|p| *p == phong).map_or(0, |i| i as u32 + 1)
@@ -46,13 +46,14 @@ impl PhongTable {
         self.list.get((number as usize).checked_sub(1)?)
     }
 
-    /// Whether it differs from place to place.
+    /// Whether parameters vary from place to place.
     pub fn varies(&self, number: u32) -> bool {
         self.get(number).is_some_and(|p| !p.variations.is_empty())
     }
 
-    /// What surfaces look like of which colours are multiplied by `tint`, at `place`, which is asked for where it matters.
-    pub fn look(&self, number: u32, tint: Vec3, place: impl FnOnce() -> Option<Place>) -> Look {
+    /// The material modifiers by parameters `number` and a `tint` of all colours. `place` gives the point that is shaded; it is called only
+    /// if the parameters vary.
+    pub fn look(&self, number: u32, tint: Vec3, place: impl FnOnce() -> Option<ShadingPoint>) -> Look {
         let Some(phong) = self.get(number) else { return Look::tinted(tint) };
         let mut factors = Factors::ONE;
         if !phong.variations.is_empty()
@@ -75,7 +76,7 @@ fn untinted(phong: &Phong) -> Phong {
     Phong { diffuse: [1.0; 3], ..phong.clone() }
 }
 
-/// Texel coordinates along a straight segment of a ray, as [`Place`] has them.
+/// Texel coordinates along a straight segment of a ray, as [`ShadingPoint`] has them.
 #[derive(Debug, Clone, Copy)]
 pub struct SurfaceCoords {
     t0: f64,
@@ -83,7 +84,7 @@ pub struct SurfaceCoords {
     ground: [DVec3; 2],
     /// Their units per unit of length across the ray.
     ground_scale: f64,
-    /// From them to those of the layer.
+    /// Scale and offset from them to the layer's texel coordinates.
     scale: DVec3,
     offset: DVec3,
 }
@@ -107,13 +108,13 @@ impl SurfaceCoords {
         SurfaceCoords { t0: hit.t0, ground, ground_scale: across, scale: DVec3::ONE, offset: DVec3::ZERO }
     }
 
-    /// The place at t, which is `world` in metres; what is seen there is `width` wide, in the unit of length, of `unit` metres.
-    pub fn at(&self, t: f64, world: DVec3, width: f64, unit: f64) -> Place {
+    /// The point at t, whose world position is `world`, metres; the cone is `width` renderer's units wide there, each of `unit` metres.
+    pub fn at(&self, t: f64, world: DVec3, width: f64, unit: f64) -> ShadingPoint {
         let ground = self.ground[0] + (t - self.t0) * self.ground[1];
         let texel = ground * self.scale + self.offset;
         let ground_width = width * self.ground_scale;
         let widest = self.scale.abs().max_element();
-        Place {
+        ShadingPoint {
             ground: [ground.x, ground.y],
             ground_width,
             texel,
@@ -124,7 +125,7 @@ impl SurfaceCoords {
     }
 }
 
-/// Texel units per unit of length across the unit direction `d`: the root of the ratio of areas.
+/// Scale of the map `m` at right angles to the unit direction `d`: the square root of the ratio of areas.
 pub fn scale_across(m: &DMat3, d: DVec3) -> f64 {
     let along = (*m * d).length();
     if along > 0.0 { (m.determinant().abs() / along).sqrt() } else { 0.0 }

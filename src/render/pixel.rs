@@ -11,7 +11,7 @@ use super::bvh::{Pending, Sweep};
 use super::camera::Cone;
 use super::cells::CopyHit;
 use super::copy_segment::CopySegment;
-use super::events::{Event, EventLists, EventOrigin, Recorder, composite, lead_of, leave_out_faint, sort};
+use super::events::{Event, EventLists, EventOrigin, Recorder, composite, layer_lead, leave_out_faint, sort};
 use super::lane::{FineRays, Lane};
 use super::mesh::Contact;
 use super::options::Options;
@@ -26,26 +26,26 @@ use crate::geom::Vec3;
 use crate::march::shade::ShadowGroup;
 use crate::march::transmittance::{DepthChoice, run};
 
-/// What waits for its turn, and where the ray comes to it.
+/// An item that the traversal has found and not visited yet.
 #[derive(Clone, Copy)]
-struct Waiting {
+struct PendingItem {
     t0: f64,
-    what: Matter,
+    item: TraversalItem,
 }
 
-/// Matter on a ray's way.
+/// What the traversal visits.
 #[derive(Clone, Copy)]
-enum Matter {
-    /// An interval in one layer of a box.
+enum TraversalItem {
+    /// An interval of the ray in one layer of a box.
     Box(BoxInterval),
-    /// An affine copy: the item's number, and the index of its segment in the cone's list.
+    /// An affine copy: its number among the items of [`World::shells`], and the index of its segment in the cone's list.
     Copy { item: u32, segment: u32 },
     /// A triangle that lets light through: its index in the cone's list.
     BlendedSurface(u32),
 }
 
-/// Below this transmittance a cone ends, and what it has met stands for what is behind. With 1/512 a far picture took a tenth
-/// longer, at the same error.
+/// Below this transmittance a cone ends, and what it has met stands for the rest of its light too. With 1/512 a far picture took a
+/// tenth longer, at the same error.
 const CONE_ENDS_BELOW: f32 = 1.0 / 64.0;
 
 /// Traces cones for one thread; keeps its lists from cone to cone.
@@ -53,49 +53,49 @@ pub struct Tracer<'w> {
     pub world: &'w World<'w>,
     pub options: &'w Options,
     pub counts: Counts,
-    /// What radiance is multiplied by in the picture.
+    /// Factor from radiance to the picture's values, 2^stops.
     pub exposure: f32,
     pub trace: Option<Trace>,
-    /// Set where a texel's source was traced; also where the ray missed it, or else edges would be drawn too light.
+    /// Set where a texel's source was traced, also where the ray missed its triangles: else fewer lanes would be taken along edges.
     pub uses_source_geometry: bool,
-    /// Set where a lane's fine rays looked for cards: what other lanes see cannot be told from it.
+    /// Set where a lane looked for cards by fine rays. Other lanes may then see something else, and are not left out.
     pub uses_fine_rays: bool,
     heap: Vec<Pending>,
-    waiting: Vec<Waiting>,
+    pending: Vec<PendingItem>,
     pub(super) lists: EventLists,
     /// Contacts in one copy's source.
     contacts: Vec<Contact>,
     /// Scratch space of [`super::lighting`]: groups of one copy's voxels, and unit directions to the lights in its space.
     pub(super) groups: Vec<ShadowGroup>,
     pub(super) local_light_dirs: Vec<Vec3>,
-    /// What waits for its shadow ray.
+    /// Groups that have no shadow ray yet.
     pub(super) lit: Vec<LitGroup>,
     pub(super) recent_sky: RecentSky,
 }
 
-/// A camera cone on its way: what has been gathered, front to back.
+/// State of one camera cone: what it has gathered so far, front to back.
 pub struct ConeState<'c> {
     pub cone: &'c Cone,
     /// The fine rays by which meshes are seen, where cards are near.
     pub fine: Option<FineRays>,
     /// In [0, 1): chooses between two depths, and between voxels and triangles.
     pub lod_dither: f32,
-    /// Distance behind which a copy was found to let nothing through; infinite without one.
+    /// Distance after which the matter of some copy lets nothing through; infinite as long as none is known.
     pub opaque_at: f64,
-    /// Share of the light that is not stopped by what was composited.
+    /// Transmittance of all that was composited.
     pub transmittance: f32,
     pub radiance: Vec3,
     /// Light too faint to be worth a shadow ray.
     pub faint: Vec3,
-    /// Light that arrived, of what was tested by shadow rays, and how much that was.
+    /// Of the light that shadow rays tested, the part that arrived, and all of it; sums of each group's largest channel.
     pub arrived: f32,
     pub tested: f32,
 }
 
 impl ConeState<'_> {
-    /// What air between the eye and a thing does to its light: `before` it was added, all was as far; `weight` is the
-    /// thing's share of the cone.
-    pub(super) fn fade(&mut self, before: (Vec3, Vec3), air: Option<(Vec3, Vec3)>, weight: f32) {
+    /// Apply the air between the eye and an object to the light that the object has added since `before` (radiance and faint
+    /// light). `air` is its transmittance and the radiance that it adds; `weight` is the object's share of the cone.
+    pub(super) fn apply_air(&mut self, before: (Vec3, Vec3), air: Option<(Vec3, Vec3)>, weight: f32) {
         let Some((through, added)) = air else { return };
         self.radiance = before.0 + through * (self.radiance - before.0) + weight * added;
         self.faint = before.1 + through * (self.faint - before.1);
@@ -113,7 +113,7 @@ impl<'w> Tracer<'w> {
             uses_source_geometry: false,
             uses_fine_rays: false,
             heap: Vec::new(),
-            waiting: Vec::new(),
+            pending: Vec::new(),
             lists: EventLists::default(),
             contacts: Vec::new(),
             groups: Vec::new(),
@@ -136,12 +136,15 @@ impl<'w> Tracer<'w> {
         let lod_dither = lane.lod_dither();
         self.counts.cones += 1;
         self.lists.clear();
-        self.waiting.clear();
+        self.pending.clear();
         let (contact, fine, end) = self.meet_meshes(lane, cone);
         self.uses_fine_rays |= fine.is_some();
         let blended = &self.lists.blended;
-        let waits = |(i, surface): (usize, &Contact)| Waiting { t0: surface.t, what: Matter::BlendedSurface(i as u32) };
-        self.waiting.extend(blended.iter().enumerate().map(waits));
+        let waits = |(i, surface): (usize, &Contact)| PendingItem {
+            t0: surface.t,
+            item: TraversalItem::BlendedSurface(i as u32),
+        };
+        self.pending.extend(blended.iter().enumerate().map(waits));
         let mut state = ConeState {
             cone,
             fine,
@@ -166,10 +169,13 @@ impl<'w> Tracer<'w> {
                     let through = state.transmittance;
                     self.shade_contact(&mut state, &contact, through, None);
                 }
-                None => state.radiance += state.transmittance * world.surround.seen(cone.ray.dir, cone.growth),
+                None => {
+                    state.radiance +=
+                        state.transmittance * world.environment.background_radiance(cone.ray.dir, cone.growth)
+                }
             }
         }
-        // What was not tested is as shaded as what was.
+        // Light that was not tested is taken to be in shadow as often as light that was.
         let visible = if state.tested > 0.0 { state.arrived / state.tested } else { 1.0 };
         (state.radiance + visible * state.faint, alpha)
     }
@@ -180,24 +186,24 @@ impl<'w> Tracer<'w> {
         let mut heap = std::mem::take(&mut self.heap);
         let mut sweep = Sweep::new(&world.shells, &cone.ray, end, &mut heap);
         while state.transmittance > CONE_ENDS_BELOW {
-            let mut first = first_of(&self.waiting);
-            while sweep.next_enter() < first.map_or(f64::INFINITY, |i| self.waiting[i].t0) {
+            let mut first = nearest_pending(&self.pending);
+            while sweep.next_enter() < first.map_or(f64::INFINITY, |i| self.pending[i].t0) {
                 if let Some(item) = sweep.step() {
-                    self.come_to(item, cone, end);
-                    first = first_of(&self.waiting);
+                    self.queue_item(item, cone, end);
+                    first = nearest_pending(&self.pending);
                 }
             }
-            let next = first.map(|i| self.waiting.swap_remove(i));
+            let next = first.map(|i| self.pending.swap_remove(i));
             self.composite_until(state, next.map_or(f64::INFINITY, |w| w.t0));
-            let Some(Waiting { t0, what }) = next else { break };
-            match what {
-                Matter::Box(interval) => self.march_layer(state, &interval),
-                Matter::Copy { item, segment } => {
+            let Some(PendingItem { t0, item }) = next else { break };
+            match item {
+                TraversalItem::Box(interval) => self.march_layer(state, &interval),
+                TraversalItem::Copy { item, segment } => {
                     let CopyHit { t0, t1, .. } = self.lists.copies[segment as usize].hit;
-                    self.enter_box(item, 0, [t0, t1]);
+                    self.count_item(item, 0, [t0, t1]);
                     self.march_copy(state, segment, state.transmittance);
                 }
-                Matter::BlendedSurface(index) => {
+                TraversalItem::BlendedSurface(index) => {
                     let alpha = self.lists.blended[index as usize].alpha;
                     self.lists.events.push(Event { t: t0, alpha, origin: EventOrigin::BlendedSurface(index) });
                 }
@@ -206,16 +212,16 @@ impl<'w> Tracer<'w> {
         self.heap = heap;
     }
 
-    /// Find where the ray is inside of an item: that then waits for its turn.
-    fn come_to(&mut self, item: u32, cone: &Cone, end: f64) {
-        let (world, waiting) = (self.world, &mut self.waiting);
+    /// Find the intervals in which the ray is inside an item, and queue them.
+    fn queue_item(&mut self, item: u32, cone: &Cone, end: f64) {
+        let (world, pending) = (self.world, &mut self.pending);
         match world.item(item) {
             Item::Copy(number) => {
                 let width = ConeWidth { start: cone.width, growth: cone.growth };
                 if let Some(segment) = world.copies.segment(number, &cone.ray, end, width) {
                     let copies = &mut self.lists.copies;
-                    let what = Matter::Copy { item, segment: copies.len() as u32 };
-                    waiting.push(Waiting { t0: segment.hit.t0, what });
+                    let found = TraversalItem::Copy { item, segment: copies.len() as u32 };
+                    pending.push(PendingItem { t0: segment.hit.t0, item: found });
                     copies.push(segment);
                 }
             }
@@ -223,23 +229,24 @@ impl<'w> Tracer<'w> {
                 let layers = world.layers_of(item).len() as u32;
                 shell.spans(&cone.ray, 0.0, end, |t0, t1| {
                     let interval = |layer| BoxInterval { index: item, layer: Some(layer), t0, t1 };
-                    waiting.extend((0..layers).map(|layer| Waiting { t0, what: Matter::Box(interval(layer)) }));
+                    pending
+                        .extend((0..layers).map(|layer| PendingItem { t0, item: TraversalItem::Box(interval(layer)) }));
                 });
             }
         }
     }
 
-    /// Count an item of the scene's hierarchy that is marched.
-    fn enter_box(&mut self, index: u32, layer: u32, interval: [f64; 2]) {
+    /// Count, and trace if asked, an item of the scene's hierarchy that is marched.
+    fn count_item(&mut self, index: u32, layer: u32, interval: [f64; 2]) {
         self.counts.boxes += 1;
         let unit = self.world.unit;
         self.trace_event(|| TraceEvent::Box { index, layer, metres: interval.map(|t| t * unit) });
     }
 
-    /// March one layer of a box: its voxels become events.
+    /// March one layer of a box, and record its voxels as events.
     fn march_layer(&mut self, state: &mut ConeState<'_>, interval: &BoxInterval) {
         let (world, cone) = (self.world, state.cone);
-        self.enter_box(interval.index, interval.layer.unwrap_or(0), [interval.t0, interval.t1]);
+        self.count_item(interval.index, interval.layer.unwrap_or(0), [interval.t0, interval.t1]);
         let mut transmittance = state.transmittance;
         for_each_segment(world, &cone.ray, interval, &|t| cone.width_at(t), &mut |segment| {
             let (copy, events) = (self.lists.copies.len(), self.lists.events.len());
@@ -248,21 +255,21 @@ impl<'w> Tracer<'w> {
             if self.lists.events.len() == events {
                 self.lists.copies.truncate(copy);
             }
-            // No layer leads by more than a width.
+            // No layer's events are moved forward by more than the cone's width.
             transmittance > 0.0 && segment.hit.t1 < state.opaque_at + cone.width_at(segment.hit.t1)
         });
     }
 
-    /// Record what stops light in a copy, of which the ray's segment is in the cone's list, as events; returns the transmittance
-    /// after it.
+    /// Record what stops light in the copy whose segment has the index `copy` in the cone's list. `before` is the transmittance at its
+    /// start; returns that at its end.
     fn march_copy(&mut self, state: &mut ConeState<'_>, copy: u32, before: f32) -> f32 {
         let (world, cone, lod_dither) = (self.world, state.cone, state.lod_dither);
         let CopySegment { hit, march, rank, .. } = &mut self.lists.copies[copy as usize];
         let Some(Some(texel)) = world.texels.get(hit.texel) else { return before };
         let mid_width = march.footprint + 0.5 * march.growth * march.length;
         let width = cone.width_at(0.5 * (hit.t0 + hit.t1));
-        // Copies overlap: what is behind opaque matter of another one is not looked for.
-        let end = state.opaque_at + lead_of(*rank) * width;
+        // Copies overlap: nothing is recorded after the opaque matter of another copy.
+        let end = state.opaque_at + layer_lead(*rank) * width;
         if end <= hit.t0 {
             return before;
         }
@@ -275,8 +282,8 @@ impl<'w> Tracer<'w> {
         }
     }
 
-    /// Record the triangles of a copy's source as events; returns the transmittance after them.
-    /// It sees them `mid_width` wide, in units of length.
+    /// Record the triangles of a copy's source as events. `before` is the transmittance at the copy's start; returns that at its end.
+    /// `mid_width` is the cone's width in the middle of the copy, in units of length.
     fn trace_source(
         &mut self,
         state: &mut ConeState<'_>,
@@ -290,8 +297,8 @@ impl<'w> Tracer<'w> {
         self.uses_source_geometry = true;
         self.contacts.clear();
         let width = |t: f64| f64::from(march.footprint + march.growth * t as f32);
-        // Facets of two layers in one place are apart by rounding alone.
-        let lead = lead_of(segment.rank) * mid_width;
+        // Facets of two layers that lie in one place differ in distance by rounding alone.
+        let lead = layer_lead(segment.rank) * mid_width;
         let end = (hit.t1 - hit.t0, march.opacity_scale);
         let last = source.mesh.nearest_scaled(&source.model, &hit.ray(), end, width, &mut self.contacts);
         if let Some(last) = &last {
@@ -308,19 +315,20 @@ impl<'w> Tracer<'w> {
         }
         if let Some(trace) = &mut self.trace {
             let contacts = self.contacts.len();
-            let (texel, cell, metres) = traced_copy(self.world, segment);
+            let (texel, cell, metres) = describe_copy(self.world, segment);
             trace.push(TraceEvent::Near { texel, cell, metres, contacts, before, after });
         }
         after
     }
 
-    /// Record the voxels of a copy that stop light as events; returns the transmittance after them.
+    /// Record the voxels of a copy that stop light as events. `before` is the transmittance at the copy's start; returns that at its
+    /// end.
     fn march_voxels(&mut self, state: &mut ConeState<'_>, texel: &Texel, copy: u32, before: f32) -> f32 {
         let lod_dither = state.lod_dither;
         let EventLists { events, copies, .. } = &mut self.lists;
         let (first, segment) = (events.len(), &copies[copy as usize]);
         let choice = DepthChoice { bias: self.options.depth_bias as f32, lod_dither, finest: texel.finest };
-        let lead = lead_of(segment.rank) / f64::from(segment.march.dir.length());
+        let lead = layer_lead(segment.rank) / f64::from(segment.march.dir.length());
         let mut recorder = Recorder { events, transmittance: before, copy, t0: segment.hit.t0, lead };
         let (march, stats) = (&segment.march, &mut self.counts.march);
         let after = run(&texel.tree, march, choice, before, CONE_ENDS_BELOW, &mut recorder, stats);
@@ -329,7 +337,7 @@ impl<'w> Tracer<'w> {
         }
         if let Some(trace) = &mut self.trace {
             let recorded = &events[first..];
-            let (texel, cell, metres) = traced_copy(self.world, segment);
+            let (texel, cell, metres) = describe_copy(self.world, segment);
             let depth = recorded.iter().find_map(|e| match e.origin {
                 EventOrigin::Voxel { depth, .. } => Some(depth),
                 EventOrigin::Source { .. } | EventOrigin::BlendedSurface(_) => None,
@@ -339,7 +347,7 @@ impl<'w> Tracer<'w> {
         after
     }
 
-    /// Composite the events before the distance `frontier`.
+    /// Composite the events that lie before the distance `frontier`, at which the next item begins.
     fn composite_until(&mut self, state: &mut ConeState<'_>, frontier: f64) {
         let EventLists { events, composited, .. } = &mut self.lists;
         if events.is_empty() {
@@ -351,7 +359,7 @@ impl<'w> Tracer<'w> {
         composited.extend(events.drain(..count));
     }
 
-    /// Light all that was composited: the voxels of a copy together.
+    /// Light all composited events; those of one copy together, so that its voxels share shadow rays.
     fn shade_composited(&mut self, state: &mut ConeState<'_>) {
         let (mut events, copies) = (std::mem::take(&mut self.lists.composited), std::mem::take(&mut self.lists.copies));
         let share = leave_out_faint(&mut events);
@@ -371,18 +379,18 @@ impl<'w> Tracer<'w> {
             }
         }
         (self.lists.composited, self.lists.copies) = (events, copies);
-        self.add_lit(state);
+        self.add_shadow_groups(state);
         (state.radiance, state.faint) = (state.radiance / share, state.faint / share);
     }
 }
 
-/// Index of the one that begins first.
-fn first_of(waiting: &[Waiting]) -> Option<usize> {
-    (0..waiting.len()).reduce(|best, i| if waiting[i].t0 < waiting[best].t0 { i } else { best })
+/// Index of the item that begins first.
+fn nearest_pending(pending: &[PendingItem]) -> Option<usize> {
+    (0..pending.len()).reduce(|best, i| if pending[i].t0 < pending[best].t0 { i } else { best })
 }
 
 /// A copy as a trace names it: the texel's name, the cell, and the interval in metres.
-fn traced_copy(world: &World<'_>, segment: &CopySegment) -> (String, [i64; 3], [f64; 2]) {
+fn describe_copy(world: &World<'_>, segment: &CopySegment) -> (String, [i64; 3], [f64; 2]) {
     let hit = &segment.hit;
     let name = world.scene.texels.get(hit.texel).map_or(String::new(), |t| t.name.clone());
     (name, hit.cell, [hit.t0 * world.unit, hit.t1 * world.unit])

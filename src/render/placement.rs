@@ -1,4 +1,5 @@
-//! Where the hash puts the copy of a cell: present or not, which texel, turned, mirrored, scaled, displaced and tinted. Normative:
+//! Discrete jitter: a hash of the cell decides whether it holds a copy, of which texel, and how that is turned, mirrored, scaled, displaced
+//! and tinted. Normative:
 //! `format-spec/landscape-1.md`, §1 and §2.
 //!
 //! Based on: F. Neyret, *Synthesizing Verdant Landscapes using Volumetric Textures*, RR-2846, 1996 (discrete jittering);
@@ -24,11 +25,11 @@ pub fn hash(cell: [i64; 3], seed: u32) -> [u32; 4] {
     v
 }
 
-/// The second and third four numbers of a cell come from these seeds.
-fn second(seed: u32) -> u32 {
+/// Seeds of the second and third group of four numbers of a cell.
+fn second_seed(seed: u32) -> u32 {
     !seed
 }
-fn third(seed: u32) -> u32 {
+fn third_seed(seed: u32) -> u32 {
     seed ^ 0x9e37_79b9
 }
 
@@ -38,7 +39,7 @@ fn unit(x: u32) -> f64 {
 
 /// The point about which copies are scaled: the middle of the cube's floor.
 const BASE: DVec3 = DVec3::new(0.5, 0.5, 0.0);
-/// The point about which they are turned.
+/// The point about which copies are turned.
 const CENTRE: DVec3 = DVec3::splat(0.5);
 
 /// The copy of one cell.
@@ -49,20 +50,27 @@ pub struct PlacedCopy {
     pub tint: Vec3,
     /// See [`super::layer::TexelChoice::phong`].
     pub phong: u32,
-    /// Cell → texel: x = linear · y + offset.
+    /// Map from the cell to texel space: x = linear · y + offset.
     pub linear: DMat3,
     pub offset: DVec3,
     /// 1 / its scale.
-    pub zoom: f64,
+    pub inverse_scale: f64,
 }
 
 impl TexelLayer {
-    /// The copy of `cell`, without the flip of a mirrored cell; `None` where there is none.
+    /// The copy of `cell`, without the reflection of a mirrored cell; `None` where the cell is empty.
     pub fn place(&self, cell: [i64; 3]) -> Option<PlacedCopy> {
         let Some(discrete) = &self.layer.discrete else {
             let first = self.choices.first()?;
-            let (texel, tint, phong) = (first.shown(cell), first.tint, first.phong);
-            return Some(PlacedCopy { texel, tint, phong, linear: DMat3::IDENTITY, offset: DVec3::ZERO, zoom: 1.0 });
+            let (texel, tint, phong) = (first.texel_of(cell), first.tint, first.phong);
+            return Some(PlacedCopy {
+                texel,
+                tint,
+                phong,
+                linear: DMat3::IDENTITY,
+                offset: DVec3::ZERO,
+                inverse_scale: 1.0,
+            });
         };
         let h = hash(cell, discrete.seed).map(unit);
         if h[0] >= discrete.presence {
@@ -70,7 +78,7 @@ impl TexelLayer {
         }
         let choice = self.choices.iter().find(|c| h[1] < c.cumulative).or(self.choices.last())?;
         let moved = discrete.displace.iter().any(|&d| d != 0.0) || discrete.mirror.contains(&true);
-        let h2 = if moved { hash(cell, second(discrete.seed)).map(unit) } else { [0.5; 4] };
+        let h2 = if moved { hash(cell, second_seed(discrete.seed)).map(unit) } else { [0.5; 4] };
         let scale = discrete.scale[0] + h[3] * (discrete.scale[1] - discrete.scale[0]);
         let mut turn = orientation(discrete.orientations, h[2]);
         let bits = (8.0 * h2[3]) as u32;
@@ -97,24 +105,24 @@ impl TexelLayer {
         let ramp = self.ramp(discrete, cell);
         let offset = CENTRE - linear * shift;
         let (tint, phong) = (choice.tint * ramp, choice.phong);
-        Some(PlacedCopy { texel: choice.shown(cell), tint, phong, linear, offset, zoom: 1.0 / scale })
+        Some(PlacedCopy { texel: choice.texel_of(cell), tint, phong, linear, offset, inverse_scale: 1.0 / scale })
     }
 
-    /// The colour of the ramp that the hash chooses.
+    /// The tint that the hash chooses from the layer's colour ramp.
     fn ramp(&self, discrete: &Discrete, cell: [i64; 3]) -> Vec3 {
         let [first, .., last] = &discrete.tint[..] else {
             return discrete.tint.first().map_or(Vec3::ONE, |t| Vec3::from_array(t.map(|v| v as f32)));
         };
-        let x = unit(hash(cell, third(discrete.seed))[0]) * (discrete.tint.len() - 1) as f64;
+        let x = unit(hash(cell, third_seed(discrete.seed))[0]) * (discrete.tint.len() - 1) as f64;
         let j = x as usize;
         let [a, b] = [discrete.tint.get(j).unwrap_or(first), discrete.tint.get(j + 1).unwrap_or(last)];
         Vec3::from_array(std::array::from_fn(|k| (a[k] + (x - j as f64) * (b[k] - a[k])) as f32))
     }
 
-    /// How many cells beyond its own the content of a copy may reach, along each axis.
+    /// Number of cells by which the content of a copy may reach beyond its own cell, along each axis.
     pub fn reach(&self) -> [i64; 3] {
         let Some(discrete) = &self.layer.discrete else { return [0; 3] };
-        // What orientations leave of the content's distance from the middle of the cube.
+        // Largest distance of the content from the middle of the cube, along axis k, after any of the orientations.
         let from_middle = |k: usize| {
             let far = |c: &Aabb, k: usize| (c.min[k] - 0.5).abs().max((c.max[k] - 0.5).abs());
             let axes: &[usize] = match discrete.orientations {
@@ -134,7 +142,7 @@ impl TexelLayer {
         std::array::from_fn(|k| match self.layer.wrap[k] {
             CellWrap::Empty => 0,
             _ => {
-                // w is scaled about the floor, which leaves the content in the cube, too.
+                // Along w copies are scaled about the floor of the cell, which keeps the content in the cube as well.
                 let room = if k == 2 { 0.5 } else { discrete.scale[1] * from_middle(k) };
                 (discrete.displace[k] + room - 0.5 - 1e-9).ceil().clamp(0.0, 1e3) as i64
             }
@@ -147,24 +155,26 @@ fn orientation(of: Orientations, h: f64) -> DMat3 {
     let number = |n: f64| (h * n) as usize;
     match of {
         Orientations::Identity => DMat3::IDENTITY,
-        Orientations::W4 => about_w(number(4.0)),
-        Orientations::W8 => about_w(number(8.0)),
-        Orientations::Cube24 => {
-            (0..48).map(cube).filter(|m| m.determinant() > 0.0).nth(number(24.0)).unwrap_or(DMat3::IDENTITY)
-        }
-        Orientations::Cube48 => cube(number(48.0)),
+        Orientations::W4 => w_orientation(number(4.0)),
+        Orientations::W8 => w_orientation(number(8.0)),
+        Orientations::Cube24 => (0..48)
+            .map(signed_permutation)
+            .filter(|m| m.determinant() > 0.0)
+            .nth(number(24.0))
+            .unwrap_or(DMat3::IDENTITY),
+        Orientations::Cube48 => signed_permutation(number(48.0)),
     }
 }
 
-/// Quarter turns about w, after v is mirrored from 4 on.
-fn about_w(i: usize) -> DMat3 {
+/// Orientation i of 8: quarter turns about w, from 4 on after v is mirrored.
+fn w_orientation(i: usize) -> DMat3 {
     let (cos, sin) = [(1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)][i & 3];
     let m = if i >= 4 { -1.0 } else { 1.0 };
     DMat3::from_cols(DVec3::new(cos, sin, 0.0), DVec3::new(-sin * m, cos * m, 0.0), DVec3::Z)
 }
 
-/// A signed permutation of the axes.
-fn cube(i: usize) -> DMat3 {
+/// Orientation i of 48: a signed permutation of the axes.
+fn signed_permutation(i: usize) -> DMat3 {
     const PERMUTATIONS: [[usize; 3]; 6] = [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]];
     let permutation = PERMUTATIONS[(i / 8).min(5)];
     let mut rows = [DVec3::ZERO; 3];

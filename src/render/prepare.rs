@@ -1,7 +1,7 @@
-//! From a scene to what rays need: everything in one space around the camera, with hierarchies over it.
+//! Preparation of a scene for rays: geometry, lights and texels are brought into one space around the camera, and hierarchies are built.
 //!
-//! That space is (world − eye) / unit, with `unit` a power of two about as large as the scene. So neither where a scene
-//! lies nor how large it is changes a picture, and numbers near the camera keep their precision.
+//! That space is (world − eye) / unit, with `unit` a power of two about as large as the scene. So a picture depends neither on the
+//! scene's position nor on its size, and coordinates near the camera keep their precision.
 
 use std::sync::Arc;
 
@@ -11,9 +11,10 @@ use super::camera::View;
 use super::cells;
 use super::cells::{CopyHit, TexelChoice, TexelLayer};
 use super::copies::Copies;
-use super::environment::environment;
+use super::environment::lights_and_environment;
+use super::environment_light::EnvironmentLight;
 use super::faces;
-use super::faces::Bend;
+use super::faces::WindBend;
 use super::jitter;
 use super::light::PunctualLight;
 use super::mesh::{Mesh, MeshBuilder};
@@ -23,7 +24,6 @@ use super::shell::ShellBox;
 use super::sky::store::SkyLight;
 use super::source_lod::LazySource;
 use super::source_mesh::SourceMesh;
-use super::surround::Surround;
 use crate::geom::{Aabb, DAffine3, DVec3, Ray, Vec3};
 use crate::march::shade::Look;
 use crate::scene::shell::{Layer, ShellMaterial, TexelRef, Variant};
@@ -32,18 +32,18 @@ use crate::volume::voxel::voxel_edge;
 use crate::volume::{Info, Octree};
 use crate::{Error, Result, Warnings};
 
-/// A texel with what the scene says of it.
+/// A texel with the scene's choices about it.
 pub struct Texel {
     pub tree: Arc<Octree>,
     /// Deepest depth to be used.
     pub finest: u8,
-    /// The mesh that it was baked from, if that is to be seen where a pixel is smaller than the finest voxel.
+    /// The mesh that it was baked from, if that is to be traced where a pixel is smaller than the finest voxel.
     pub source: Option<Arc<LazySource>>,
 }
 
 impl Texel {
-    /// The source, where a cone `width` cube edges wide is to see it instead of voxels; `lod_dither` in [0, 1) decides
-    /// where it might be either.
+    /// The source, if a cone `width` cube edges wide is to trace it instead of voxels; `lod_dither` in [0, 1) decides where both are
+    /// possible.
     pub fn source_lod(&self, width: f32, lod_dither: f32) -> Option<&SourceMesh> {
         let source = self.source.as_ref()?;
         let finest = self.tree.finest()?.min(usize::from(self.finest));
@@ -62,36 +62,36 @@ pub enum Item<'w> {
 pub struct World<'a> {
     pub scene: &'a Scene,
     pub view: View,
-    /// Of all that may be seen, world space; may be empty.
+    /// Bounding box of the scene, world space; may be empty.
     pub bounds: Aabb,
     /// Metres in a unit of length.
     pub unit: f64,
     pub mesh: Mesh,
     /// The boxes that no affine copy fills.
     pub boxes: Vec<ShellBox>,
-    /// Bilinear patches that two prisms stand for.
+    /// Number of bilinear patches that are represented by two prisms.
     pub split_patches: u64,
-    /// Rigid copies, and after them what fills boxes alone.
+    /// Rigid copies, followed by copies that fill a box alone.
     pub copies: AffineCopies,
-    /// What layers and copies make of surfaces.
+    /// Phong parameters of layers and copies.
     pub phongs: PhongTable,
     /// For each box, its index into `layers`.
     pub box_layers: Vec<u32>,
-    /// Over the boxes, and after them the copies.
+    /// Hierarchy over the boxes, which come first, and the copies.
     pub shells: Bvh,
-    /// The layers of each material that has some, grouped by the range of the height vectors that they fill.
+    /// Groups of layers of one material that fill the same range of the height vectors.
     pub layers: Vec<Vec<TexelLayer>>,
     /// As the scene's texels; `None` for those that nothing uses.
     pub texels: Vec<Option<Texel>>,
     pub lights: Vec<PunctualLight>,
-    pub surround: Surround,
+    pub environment: EnvironmentLight,
     pub sky: SkyLight,
     pub warnings: Warnings,
-    /// Choices that were made for want of better, a line each.
+    /// Notes about choices that neither caller nor file made, a line each.
     pub notes: Vec<String>,
 }
 
-/// The meshes that the scene's texels were baked from, to be read when they are first seen.
+/// The meshes that the scene's texels were baked from, each to be read when a cone first needs it.
 pub fn sources(scene: &Scene) -> Vec<Option<Arc<LazySource>>> {
     let source = |said: &TexelRef| {
         let path = said.geometry.clone()?;
@@ -100,7 +100,7 @@ pub fn sources(scene: &Scene) -> Vec<Option<Arc<LazySource>>> {
     scene.texels.iter().map(source).collect()
 }
 
-/// Which texels any shell or copy of the scene uses.
+/// For each texel of the scene, whether a shell or a copy uses it.
 pub fn used_texels(scene: &Scene) -> Vec<bool> {
     let mut used = vec![false; scene.texels.len()];
     for instance in &scene.model.instances {
@@ -118,12 +118,13 @@ pub fn used_texels(scene: &Scene) -> Vec<bool> {
     used
 }
 
-/// A texel and, where its copies show different frames, all of these.
+/// Mark a texel as used and, if its copies show different frames, all of these.
 fn use_frames(scene: &Scene, texel: usize, used: &mut [bool]) {
     let following = scene.texels.get(texel).map_or(0, |t| t.following as usize);
     used.iter_mut().skip(texel).take(1 + following).for_each(|slot| *slot = true);
 }
 
+/// The part of a number, and the shell that its material carries; `None` without a shell.
 pub fn shell_of(scene: &Scene, part: usize) -> Option<(&Part, &ShellMaterial)> {
     let part = scene.model.parts.get(part)?;
     let material = scene.model.materials.get(part.material)?;
@@ -142,7 +143,7 @@ impl<'a> World<'a> {
         let bounds = copies.bounds().filter(finite).fold(bounds(scene), Aabb::union);
         let view = view(scene, &bounds, options, &mut notes)?;
         let reach = (bounds.min - view.eye).abs().max((bounds.max - view.eye).abs()).max_element();
-        // 2^k, exact, and within what f64 squares without loss.
+        // A power of two, so that the division is exact, and small enough that its square is finite.
         let unit = if reach.is_finite() && reach > 0.0 {
             libm::exp2(libm::log2(reach).ceil().clamp(-300.0, 300.0))
         } else {
@@ -159,7 +160,7 @@ impl<'a> World<'a> {
                 warnings.add(format!("texel {:?} has no material {name:?} for a palette to restyle", said.name));
             }
         }
-        let (lights, surround) = environment(scene, options, view.eye, unit, &mut notes)?;
+        let (lights, environment) = lights_and_environment(scene, options, view.eye, unit, &mut notes)?;
         let content = |texel: &Option<Texel>| texel.as_ref().map_or(Aabb::EMPTY, |t| t.tree.info().content);
         let contents = texels.iter().map(content);
         let sky = sky(&bounds, view.eye, unit);
@@ -178,7 +179,7 @@ impl<'a> World<'a> {
             lights,
             view,
             texels,
-            surround,
+            environment,
             sky,
             warnings: Warnings::default(),
             notes: Vec::new(),
@@ -194,7 +195,7 @@ impl<'a> World<'a> {
         Ok(world)
     }
 
-    /// From now on, texels are seen near by as the meshes `sources`, or as voxels where there is none.
+    /// From now on texels near the camera are traced as the meshes `sources`, or marched as voxels where there is none.
     pub fn show_sources(&mut self, sources: &[Option<Arc<LazySource>>]) {
         for (texel, source) in self.texels.iter_mut().zip(sources) {
             texel.iter_mut().for_each(|texel| texel.source.clone_from(source));
@@ -202,9 +203,9 @@ impl<'a> World<'a> {
         self.sky = sky(&self.bounds, self.view.eye, self.unit);
     }
 
-    /// Bring instances into the renderer's space, as triangles and boxes.
+    /// Bring instances into the renderer's space as triangles and boxes, and build the hierarchies.
     fn place(&mut self, copies: &Copies<'_>, warnings: &mut Warnings) -> Result<()> {
-        // The boxes of rigid copies are worked out again where they are needed: kept, those of a million take 50 MB.
+        // Bounding boxes of rigid copies are computed again below: stored, those of a million copies take 50 MB.
         if !copies.bounds().all(|b| finite(&b)) {
             return Err(Error::Options("the scene's copies are too large to be rendered".into()));
         }
@@ -222,7 +223,7 @@ impl<'a> World<'a> {
             let mut curved = Vec::new();
             if let Some(shell) = shell {
                 let wind = model.materials.get(part.material).and_then(|m| m.wind);
-                let bend = wind.map(|wind| Bend { wind, eye: self.view.eye, unit: self.unit });
+                let bend = wind.map(|wind| WindBend { wind, eye: self.view.eye, unit: self.unit });
                 let ranges = layer_ranges(shell);
                 let first = match first_layers[part.material] {
                     Some(first) => first,
@@ -237,14 +238,15 @@ impl<'a> World<'a> {
                     }
                 };
                 for (group, &range) in (first..).zip(&ranges) {
-                    // What is wrong with a shell is said once, not for each of its ranges.
+                    // A shell's warnings are counted once, and not for each of its ranges.
                     let mut again = Warnings::default();
                     let warnings = if group == first { &mut *warnings } else { &mut again };
                     let layers = self.layers.get(group as usize).map_or(&[][..], Vec::as_slice);
                     let take = &mut |shell: ShellBox| {
                         lost += usize::from(!finite(&shell.bounds()));
                         let (copies, phongs) = (&mut self.copies, &self.phongs);
-                        if !matches!(&shell, ShellBox::Prism(p) if copies.fill(p, layers, phongs, &mut filled)) {
+                        if !matches!(&shell, ShellBox::Prism(p) if copies.add_whole_box(p, layers, phongs, &mut filled))
+                        {
                             self.boxes.push(shell);
                         }
                     };
@@ -275,7 +277,8 @@ impl<'a> World<'a> {
         Ok(())
     }
 
-    /// What the scene makes of the surfaces of a copy, at the distance `t` of `ray`, over `width`; `coords`: where that varies.
+    /// How the scene modifies the material of a copy at the distance `t` of `ray`, averaged over `width`. `coords` gives texel coordinates
+    /// along the ray, where the parameters vary.
     pub fn look(&self, hit: &CopyHit, coords: Option<&SurfaceCoords>, ray: &Ray, (t, width): (f64, f64)) -> Look {
         self.phongs.look(hit.phong, hit.tint, || {
             let metres = ray.at(t) * self.unit + self.view.eye;
@@ -283,7 +286,7 @@ impl<'a> World<'a> {
         })
     }
 
-    /// Number of boxes over bilinear patches; where all of a patch is affine, its box is a prism.
+    /// Number of boxes over bilinear patches, without those whose map is affine and which are prisms.
     pub fn patches(&self) -> u64 {
         self.boxes.iter().filter(|b| matches!(b, ShellBox::Patch(_))).count() as u64
     }
@@ -293,7 +296,7 @@ impl<'a> World<'a> {
         self.boxes.len() + self.copies.len()
     }
 
-    /// What item `index` of `shells` is: a box, or the number of a copy.
+    /// Item `index` of `shells`: a box, or the number of a copy.
     #[inline]
     pub fn item(&self, index: u32) -> Item<'_> {
         let index = index as usize;
@@ -307,13 +310,13 @@ impl<'a> World<'a> {
     }
 }
 
-/// Bytes of memory per placed triangle, as measured while hierarchies are built, and per vertex of a plain mesh; and, roughly, per
-/// triangle of a shell and range of its layers.
+/// Bytes of memory per placed triangle and per vertex of a plain mesh, measured while hierarchies are built, and roughly per triangle of a
+/// shell and range of its layers.
 const TRIANGLE_MEMORY: u64 = 360;
 const VERTEX_MEMORY: u64 = 24;
 const BOX_MEMORY: u64 = 1200;
 
-/// Check that the scene's instances fit into memory, all placed.
+/// Check that the scene's instances fit into the allowed memory.
 fn check_memory(scene: &Scene, allowed: u64) -> Result<()> {
     let mut needed = 0u64;
     for instance in &scene.model.instances {
@@ -333,11 +336,12 @@ fn check_memory(scene: &Scene, allowed: u64) -> Result<()> {
     Err(Error::Limit { what, needed, allowed })
 }
 
-/// What is to be found of light from all around, in the space around `eye`.
+/// Empty caches of sky visibility for the space around `eye`.
 fn sky(bounds: &Aabb, eye: DVec3, unit: f64) -> SkyLight {
     SkyLight::new(&Aabb::new((bounds.min - eye) / unit, (bounds.max - eye) / unit))
 }
 
+/// Whether a box is finite in single precision.
 pub fn finite(b: &Aabb) -> bool {
     b.min.as_vec3().is_finite() && b.max.as_vec3().is_finite()
 }
@@ -347,7 +351,7 @@ fn relative(transform: DAffine3, eye: DVec3, unit: f64) -> DAffine3 {
     DAffine3 { matrix3: transform.matrix3 * (1.0 / unit), translation: (transform.translation - eye) / unit }
 }
 
-/// The box of all that may be seen, world space.
+/// Bounding box of the scene's meshes and shells, world space.
 pub fn bounds(scene: &Scene) -> Aabb {
     let mut bounds = Aabb::EMPTY;
     for instance in &scene.model.instances {
@@ -441,9 +445,9 @@ pub fn view(scene: &Scene, bounds: &Aabb, options: &Options, notes: &mut Vec<Str
     camera.map_or_else(framed, of_file)
 }
 
-/// The part of the height vectors that a layer fills, and how much higher its boxes are.
+/// Lower and upper share of the height vectors that a layer fills, and the factor by which its boxes are higher.
 fn range_of(layer: &Layer) -> ([f64; 2], f64) {
-    (layer.skin_range, jitter::stretch(layer.continuous.as_ref()))
+    (layer.skin_range, jitter::height_stretch(layer.continuous.as_ref()))
 }
 
 /// The ranges of a shell's layers, each once.
@@ -457,7 +461,7 @@ pub fn layer_ranges(shell: &ShellMaterial) -> Vec<([f64; 2], f64)> {
     ranges
 }
 
-/// The layers of `shell` that fill `range`; `info(i)`: what the file of the scene's texel i says, if it is open.
+/// The layers of `shell` that fill `range`; `info(i)` gives the head of the scene's texel i, if it is open.
 pub fn layers_in<'i>(
     (scene, phongs): (&Scene, &PhongTable),
     shell: &ShellMaterial,
@@ -488,7 +492,7 @@ pub fn layers_in<'i>(
                     let frames = said.map_or(1, |t| t.following + 1);
                     let missing =
                         || Error::Options(format!("the scene's shells use texel {texel}, which is not there"));
-                    let content = cells::row(texel, frames, info)?.ok_or_else(missing)?.content;
+                    let content = cells::texel_frames(texel, frames, info)?.ok_or_else(missing)?.content;
                     let cycle = said.and_then(|t| t.cycle);
                     cumulative += weight / total;
                     let phong = phong.within(&layer.phong);

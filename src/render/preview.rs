@@ -1,4 +1,4 @@
-//! A quick look at one texel: three lit orthographic views and three slices on a sheet.
+//! Preview of one texel: a sheet of three lit orthographic views and three slices.
 
 use crate::geom::{Aabb, Vec2, Vec3};
 use crate::volume::octree::Octree;
@@ -19,7 +19,7 @@ pub struct Sheet {
     pub rgb: Vec<[u8; 3]>,
 }
 
-/// View of a tile of the sheet: where its pixels start, and which way its rays go.
+/// The view of one tile of the sheet: the rectangle on which its rays start, and their direction.
 struct View {
     /// Rightward and downward edge of the tile, texel space.
     right: Vec3,
@@ -32,12 +32,12 @@ struct View {
     lit: bool,
 }
 
-/// Across and down the sheet.
+/// Number of tiles across and down the sheet.
 const TILES: [usize; 2] = [3, 2];
 const MARGIN: f32 = 1.03;
-/// Sunlight from the upper left of each view, behind the viewer's shoulder: along (right, down, into).
+/// Direction to the sun in each view, along (right, down, into): from the upper left, behind the viewer's shoulder.
 const TO_SUN: [f32; 3] = [-0.45, -0.75, -0.55];
-/// Irradiance / π of the sun and radiance of the sky: together they show white facets that face the sun as white.
+/// Irradiance / π of the sun, and radiance of the sky: they add up to 1, so a white facet that faces the sun is white.
 const SUN: f32 = 0.75;
 const SKY: f32 = 0.25;
 const BACKGROUND: f32 = 0.9;
@@ -88,7 +88,7 @@ fn shade(tree: &Octree, view: &View, at: Vec2, pixel: f32) -> Vec3 {
     let edge = view.right.length();
     let origin = view.centre + view.right * at.x + view.down * at.y;
     let footprint = pixel * edge;
-    let stretch =
+    let segment =
         MarchSegment { origin, dir: view.into, length: view.reach, footprint, growth: 0.0, opacity_scale: 1.0 };
     let choice = DepthChoice::default();
     let mut stats = MarchStats::default();
@@ -98,13 +98,13 @@ fn shade(tree: &Octree, view: &View, at: Vec2, pixel: f32) -> Vec3 {
     let lights = if view.lit { &to_sun[..] } else { &[] };
     let mut shader = Shader::new(-view.into, lights, None, Vec3::ONE, tree.brightness_factors(), &mut groups);
     shader = shader.with_surfaces_of(tree);
-    let t = march(tree, &stretch, choice, 1.0, &mut shader, &mut stats);
+    let t = march(tree, &segment, choice, 1.0, &mut shader, &mut stats);
     shader.finish();
     let ambient = if view.lit { SKY } else { 1.0 };
     let mut radiance = (shader.albedo + shader.transmission) * ambient + shader.unlit + BACKGROUND * t;
     for group in &groups {
         let origin = group.position + group.start(tree.info().facet_size as f32, to_sun[0]);
-        let shadow = MarchSegment { origin, dir: to_sun[0], length: 2.0, ..stretch };
+        let shadow = MarchSegment { origin, dir: to_sun[0], length: 2.0, ..segment };
         radiance +=
             group.energy * (SUN * transmittance_from_own_matter(tree, &shadow, choice, 1.0 / 256.0, &mut stats));
     }

@@ -1,4 +1,4 @@
-//! A ray's way through one box of a shell: the straight segments in the copies of texels that it passes, ready to be marched.
+//! The path of a ray through one box of a shell, as straight segments in the copies of texels that it crosses, ready to be marched.
 //!
 //! Based on: S. Porumbescu et al., *Shell Maps*, SIGGRAPH 2005 (a straight ray is a curve in texture space, here a chain of
 //! chords); J. Amanatides, *Ray Tracing with Cones*, SIGGRAPH 1984 (the footprint, and so how far a chord may stray).
@@ -22,12 +22,13 @@ pub struct BoxInterval {
     pub t1: f64,
 }
 
-/// Distance by which a chord may stray from the ray's path, in widths of the cone.
-const MAX_STRAY: f64 = 0.25;
-/// And in bilinear patches, and where noise bends the way: a tenth of the voxel that is read, which is about as wide as the cone.
-const MAX_BENT_STRAY: f64 = 0.1;
-/// The stray that is always allowed, in cells: finer than a voxel of depth 10.
-const FREE_STRAY: f64 = 1.0 / 4096.0;
+/// Largest deviation of a chord from the ray's exact path, in widths of the cone.
+const CHORD_TOLERANCE: f64 = 0.25;
+/// The same in boxes over bilinear patches and under continuous jitter: a tenth of the voxel that is read, which is about as wide as the
+/// cone.
+const BENT_CHORD_TOLERANCE: f64 = 0.1;
+/// A deviation that is always allowed, in cells: a quarter of a voxel of depth 10.
+const MIN_TOLERANCE: f64 = 1.0 / 4096.0;
 
 /// Calls `each` for the segments of `ray` in an interval, in order along the ray for each layer, until it returns false.
 /// Returns false if it was stopped. `width_at(t)` is the width of the ray's cone.
@@ -42,9 +43,9 @@ pub fn for_each_segment(
     let Some(shell) = world.boxes.get(index as usize) else { return true };
     let layers = world.layers_of(index);
     let layers = layer.map_or(layers, |layer| layers.get(layer as usize).map_or(&[], std::slice::from_ref));
-    let stray = if matches!(shell, ShellBox::Patch(_)) { MAX_BENT_STRAY } else { MAX_STRAY };
-    let tolerance = |t: f64, m: &DMat3| (stray * width_at(t) * scale_across(m, ray.dir)).max(FREE_STRAY);
-    let bent = |t: f64, m: &DMat3| (MAX_BENT_STRAY * width_at(t) * scale_across(m, ray.dir)).max(FREE_STRAY);
+    let stray = if matches!(shell, ShellBox::Patch(_)) { BENT_CHORD_TOLERANCE } else { CHORD_TOLERANCE };
+    let tolerance = |t: f64, m: &DMat3| (stray * width_at(t) * scale_across(m, ray.dir)).max(MIN_TOLERANCE);
+    let bent = |t: f64, m: &DMat3| (BENT_CHORD_TOLERANCE * width_at(t) * scale_across(m, ray.dir)).max(MIN_TOLERANCE);
     shell.for_each_segment(ray, t0, t1, &tolerance, &mut |segment| {
         layers.iter().all(|layer| {
             let across = || scale_across(&segment.to_texel, ray.dir);
@@ -61,7 +62,7 @@ pub fn for_each_segment(
 
 /// The space of a layer's cells along one segment of a ray.
 struct CellSpace {
-    /// World → cell, the linear part.
+    /// Linear part of the map from the renderer's space to the cells.
     to_cell: DMat3,
     /// Cells per unit of length across the ray.
     scale: f64,
@@ -77,7 +78,7 @@ impl CellSpace {
         CellSpace { to_cell, scale: scale_across(&to_cell, dir), opacity_scale, rank }
     }
 
-    /// A copy's segment, ready to be marched; `None` where it passes by the texel's content.
+    /// A copy's segment, ready to be marched; `None` where it misses the texel's content.
     fn segment(
         &self,
         world: &World<'_>,
@@ -89,7 +90,7 @@ impl CellSpace {
         if hit.misses(&texel.tree.info().content) {
             return None;
         }
-        let scale = self.scale * hit.zoom;
+        let scale = self.scale * hit.inverse_scale;
         let (w0, w1) = (width_at(hit.t0), width_at(hit.t1));
         let length = hit.t1 - hit.t0;
         let march = MarchSegment {

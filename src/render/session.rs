@@ -1,5 +1,5 @@
-//! One scene, many pictures: texels stay open, and a picture is made window by window, so that whoever waits for it can show
-//! a part, or turn to another view.
+//! Sessions render many pictures of one scene: texels stay open, and a picture is rendered window by window, so that a viewer can show parts
+//! of it at once, or change the camera in between.
 
 use std::sync::Arc;
 
@@ -15,7 +15,7 @@ use crate::scene::{Projection, Scene};
 use crate::volume::Octree;
 use crate::{Error, Result, Warnings, par};
 
-/// A scene whose texels are open. What is decoded of them stays in memory, and so do their sources' triangles.
+/// A scene whose texels are open. Decoded voxels and the triangles of sources stay in memory.
 pub struct Session<'a> {
     scene: &'a Scene,
     trees: Vec<Option<Arc<Octree>>>,
@@ -38,7 +38,7 @@ impl<'a> Session<'a> {
     pub fn prepare(&self, options: Options) -> Result<Prepared<'a>> {
         let options = Options { crop: None, ..options };
         check(&options)?;
-        // The session's own sources come in place of some that would be read anew.
+        // Prepared without sources, since the session has them already and adds them below.
         let plain = Options { source_lod: SourceLod::Voxels, ..options.clone() };
         let world = par::with_threads(options.threads, || World::new(self.scene, self.trees.clone(), &plain))??;
         let mut prepared = Prepared { world, options: plain, sources: self.sources.clone() };
@@ -48,7 +48,7 @@ impl<'a> Session<'a> {
     }
 }
 
-/// From where a picture is seen.
+/// The camera of a picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Viewpoint {
     /// World space, metres.
@@ -73,9 +73,9 @@ impl Prepared<'_> {
         Viewpoint { eye: view.place(), ahead: view.ahead(), projection: view.projection() }
     }
 
-    /// Turn to another picture: from now on the camera, `size`, `lanes` and `source_lod` are those of `options`, whose other
-    /// members have to be as before. It takes no time. Where the camera stands elsewhere than when all was prepared, pictures may
-    /// differ by roundings from those of a scene that is prepared for it, the more so the further away that is.
+    /// Change the picture: from now on the camera, `size`, `lanes` and `source_lod` are those of `options`, whose other fields have to be as
+    /// before. Nothing is prepared anew. If the camera has moved, pictures may differ by rounding from those of a scene that is prepared for
+    /// the new position, the more so the further it has moved (see [`Prepared::distance`]).
     ///
     /// # Errors
     /// `Options` where there is no such camera or picture.
@@ -89,8 +89,8 @@ impl Prepared<'_> {
         Ok(())
     }
 
-    /// How far the camera of `options` stands from where all was prepared for, in units about as long as from there to the scene's
-    /// farthest corner. At 0 pictures are those of a scene that is prepared for that camera.
+    /// Distance of the camera of `options` from the position for which the scene was prepared, in units of about the distance from there to the
+    /// scene's farthest corner. At 0, pictures are the same as those of a scene that is prepared for that camera.
     ///
     /// # Errors
     /// `Options` where there is no such camera.
@@ -106,12 +106,12 @@ impl Prepared<'_> {
         }
     }
 
-    /// The box of all that may be seen, world space, metres; may be empty.
+    /// Bounding box of the scene, world space, metres; may be empty.
     pub fn bounds(&self) -> Aabb {
         self.world.bounds
     }
 
-    /// What was mended or left out.
+    /// Warnings about what was mended or left out.
     pub fn warnings(&self) -> &Warnings {
         &self.world.warnings
     }
@@ -128,13 +128,13 @@ impl Prepared<'_> {
         failure.map_or(Ok(film), |error| Err(Error::Failed(error.to_string())))
     }
 
-    /// The point that is seen at pixel (x, y), world space, metres: where less than half of the light comes from beyond.
-    /// `None` outside of the picture, or where nothing is.
+    /// The point that is seen at pixel (x, y), world space, metres: where more than half of the light has been stopped. `None` outside of the
+    /// picture, or where the background shows.
     pub fn point(&self, x: u32, y: u32) -> Option<DVec3> {
         if x >= self.options.size[0] || y >= self.options.size[1] {
             return None;
         }
-        // Other lanes go beside the pixel's middle.
+        // A single lane goes through the pixel's middle.
         let options = Options { lanes: 1, ..self.options.clone() };
         let mut tracer = Tracer::new(&self.world, &options);
         tracer.trace = Some(Trace::new());
@@ -145,7 +145,7 @@ impl Prepared<'_> {
     }
 }
 
-/// Distance of the first thing that stops more than half of what comes to it.
+/// Distance, metres, of the nearest copy or surface that stops more than half of the light that reaches it.
 fn nearest(trace: &Trace) -> Option<f64> {
     let met = trace.iter().filter_map(|event| match event {
         TraceEvent::Cell { metres, before, after, .. } | TraceEvent::Near { metres, before, after, .. } => {

@@ -1,4 +1,4 @@
-//! Cones towards lights and the sky: the share of their light that comes through meshes and texels.
+//! Shadow cones towards lights and towards sectors of the sky: the transmittance of meshes and texels along them.
 //!
 //! Based on: J. Amanatides, *Ray Tracing with Cones*, SIGGRAPH 1984.
 
@@ -44,32 +44,31 @@ impl SelfHit {
     }
 }
 
-/// A cone towards a light or a part of the sky.
+/// A cone towards a light or a sector of the sky.
 #[derive(Clone, Copy)]
 pub struct ShadowCone {
     pub ray: Ray,
     /// Distance to the light.
     pub end: f64,
     pub start: Option<SelfHit>,
-    /// Width at the start, and what it grows by per unit of the ray's t.
+    /// Width at the start, and its growth per unit of the ray's t.
     pub width: f64,
     pub growth: f64,
 }
 
-/// Depths that shadow rays read, and where they end.
+/// Level of detail of shadow rays, and the transmittance at which they end.
 #[derive(Clone, Copy)]
 pub struct ShadowQuality {
     pub choice: DepthChoice,
     /// A transmittance below this counts as 0.
     pub stop_below: f32,
-    /// Whether triangles of a texel's source are met where the cone is smaller than its voxels.
+    /// Whether a texel's source is traced where the cone is narrower than its voxels.
     pub source_geometry: bool,
-    /// What is not there.
+    /// Matter that the cone ignores.
     pub left_out: Option<LeftOut>,
 }
 
-/// A copy that a cone does not see; and what is of cyclic texels in the cells around it, as many on either side along each axis
-/// as `around` says.
+/// A copy that a cone ignores, together with the cyclic texels of up to `around` cells on either side along each axis.
 #[derive(Clone, Copy)]
 pub struct LeftOut {
     pub texel: usize,
@@ -86,18 +85,19 @@ impl LeftOut {
 }
 
 impl ShadowCone {
-    /// The share of light that comes through the scene's meshes along the cone's ray.
+    /// Transmittance of the scene's meshes along the cone's central ray.
     pub fn mesh_transmittance(&self, world: &World<'_>) -> f32 {
         let skip = SelfHit::mesh_triangle(self.start);
         world.mesh.transmittance_of_overlapping(&world.scene.model, &self.ray, self.end, skip, self.width)
     }
 
-    /// The same for light as large as the cone grows: few rays, and more where they differ, or where cards are near.
+    /// Transmittance of the scene's meshes over the whole light, whose angular size is the cone's growth: by a few rays, and by more where
+    /// these differ or where cards are near.
     pub fn soft_mesh_transmittance(&self, world: &World<'_>) -> f32 {
         const RAYS: usize = 16;
-        // The last ones are next to the rim, and no two neighbours of them are more than 85 degrees apart: where they see the
-        // same, an edge hides a tenth of the light at the most from the others. (Every fourth ray lies near one line, and an
-        // edge along it is not seen.)
+        // The rays that are cast first are the last of the spiral. They lie next to the light's rim, and neighbours among them are at most
+        // 85 degrees apart: where all of them agree, an edge hides at most a tenth of the light from the others. (Tried: every fourth ray.
+        // Those lie near one line, and an edge along it is missed.)
         const FIRST: usize = 5;
         const CARD_RAYS: usize = 64;
         if world.mesh.is_empty() {
@@ -108,7 +108,7 @@ impl ShadowCone {
         let radius = 0.5 * self.growth;
         let (across, other) = self.ray.dir.any_orthonormal_pair();
         let size = libm::tan(radius);
-        // Even over the disc (H. Vogel 1979), from the middle outwards.
+        // Vogel's spiral, evenly spread over the disc (H. Vogel 1979), from the middle outwards.
         let towards = |i: usize, count: usize| {
             let (sin, cos) = libm::sincos(2.399_963_23 * i as f64);
             let reach = size * ((i as f64 + 0.5) / count as f64).sqrt();
@@ -118,7 +118,7 @@ impl ShadowCone {
         let (model, skip) = (&world.scene.model, SelfHit::mesh_triangle(self.start));
         let mut cards = 1.0;
         if has_cards {
-            // They cover as they do over the whole width of the cone; what is solid may be the ground that the cone starts on.
+            // Starts are spread over the cone's width for cards alone: other triangles may be the ground that the cone starts on.
             let mut bundle = Bundle::new(self.ray);
             for i in 0..CARD_RAYS {
                 let ray = towards(i, CARD_RAYS);
@@ -151,7 +151,7 @@ impl ShadowCone {
         cards * (sum + (0..RAYS).filter(|i| !is_first(i)).map(one).sum::<f32>()) / RAYS as f32
     }
 
-    /// The share of light that comes through all texels, times the share `through` that meshes leave.
+    /// `through`, the transmittance of meshes, times the transmittance of all texels along the cone.
     pub fn transmittance(
         &self,
         world: &World<'_>,
@@ -163,7 +163,7 @@ impl ShadowCone {
             return 0.0;
         }
         let width = ConeWidth { start: self.width, growth: self.growth };
-        // What most often stops the light is the copy that the ray starts in.
+        // The copy that the ray starts in is tested first, since it stops the light most often.
         let own = self.start.and_then(|start| start.affine);
         if let Some(number) = own
             && let Some(segment) = world.copies.segment(number as usize, &self.ray, self.end, width)
@@ -200,7 +200,7 @@ impl ShadowCone {
         if is_open { through } else { 0.0 }
     }
 
-    /// The share of light that one copy lets through, where `through` arrives.
+    /// Transmittance of one copy; `through` is the transmittance before it.
     fn segment_transmittance(
         &self,
         world: &World<'_>,
@@ -214,7 +214,7 @@ impl ShadowCone {
         if quality.left_out.is_some_and(|left_out| left_out.holds(hit, texel.tree.info())) {
             return 1.0;
         }
-        // By the width in the middle, as a camera's cone does.
+        // As for camera cones, the width in the middle decides between voxels and the source.
         let mid_width = march.footprint + 0.5 * march.growth * march.length;
         let near = || texel.source_lod(mid_width, quality.choice.lod_dither);
         if let Some(source) = quality.source_geometry.then(near).flatten() {

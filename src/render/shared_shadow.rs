@@ -1,28 +1,29 @@
-//! Light that waits for a shadow ray until a cone has seen all that it sees, so that what lies close together can share one, whichever
-//! copy it is of: where copies overlap, each leaves small groups of voxels at the end of its own.
+//! Shadow rays that several copies share. A cone first collects the groups of voxels of all copies; then groups that lie close
+//! together and are too small for a shadow ray of their own are merged, whichever copy they belong to. Where copies overlap, each
+//! leaves such a small group at its end.
 
 use super::shadow::ShadowCone;
 use crate::geom::Vec3;
 use crate::march::shade::GROUP_WEIGHT;
 
-/// What a light adds to a cone's radiance where it is seen.
+/// Radiance that one light adds to a cone if no occluder is found, and the shadow cone by which that is tested.
 #[derive(Clone, Copy)]
 pub struct LitGroup {
     /// Index into the world's lights.
     pub light: usize,
     /// The camera ray's parameter.
     pub t: f64,
-    /// How far from it along the ray what shares its shadow ray may lie.
+    /// Largest distance along the ray to a group that may share its shadow ray.
     pub reach: f64,
-    /// Share of the camera ray's light that it is about: see [`crate::march::shade::ShadowGroup::weight`].
+    /// Share of the camera ray's light, see [`crate::march::shade::ShadowGroup::weight`].
     pub weight: f32,
     pub radiance: Vec3,
     pub cone: ShadowCone,
 }
 
-/// Unite groups of one light that are too small for a shadow ray of their own with those next to them along the ray. The heavier
-/// one's ray stands for both.
-pub fn unite(groups: &mut Vec<LitGroup>) {
+/// Merge groups of one light that are too small for a shadow ray of their own with their neighbours along the ray. The shadow cone
+/// of the heavier one stands for both.
+pub fn merge_small_groups(groups: &mut Vec<LitGroup>) {
     groups.sort_by(|a, b| a.light.cmp(&b.light).then(a.t.total_cmp(&b.t)));
     let mut kept = 0usize;
     for i in 0..groups.len() {
@@ -70,12 +71,12 @@ mod tests {
             group(0, 9.0, 0.1),
         ];
         let all: f32 = groups.iter().map(|g| g.radiance.x).sum();
-        unite(&mut groups);
+        merge_small_groups(&mut groups);
         let found: Vec<(usize, f64)> = groups.iter().map(|g| (g.light, g.t)).collect();
         assert_eq!(found, [(0, 2.4), (0, 3.0), (0, 3.2), (0, 9.0), (1, 1.6)]);
         assert!(groups.iter().all(|g| g.cone.ray.origin.x == g.t));
         assert!((groups.iter().map(|g| g.radiance.x).sum::<f32>() - all).abs() < 1e-6);
         assert!((groups[0].weight - 0.33).abs() < 1e-6);
-        unite(&mut Vec::new());
+        merge_small_groups(&mut Vec::new());
     }
 }

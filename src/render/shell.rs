@@ -1,14 +1,14 @@
-//! The boxes of a shell: one for each face, between the face and its copy pushed out by the height vectors; where a ray
-//! is inside, and the texel coordinates that it runs through there.
+//! The boxes of a shell: one for each face, between the face and its copy that is pushed out by the height vectors. They tell where a ray is
+//! inside, and its path in texel coordinates.
 //!
 //! Based on: S. Porumbescu, B. Budge, L. Feng, K. Joy, *Shell Maps*, SIGGRAPH 2005 (a shell over a surface as texture space);
 //! F. Neyret, *Synthesizing Verdant Landscapes using Volumetric Textures*, RR-2846, 1996 (boxes on faces);
 //! S. Ogaki, *Nonlinear Ray Tracing for Displacement and Shell Mapping*, SIGGRAPH Asia 2023 (height along the ray is the
 //! root of a cubic).
 //!
-//! Watertight: a wall is stored with its ends in a fixed order, so both its boxes compute the very same crossings; a
-//! crossing is never computed again from a moved origin; and which segments between crossings are inside is decided at
-//! their middles, so that a crossing found twice or on a rim does no harm.
+//! Boxes are watertight. A wall is stored with its ends in a fixed order, so both its boxes compute identical crossings. A crossing is never
+//! computed again from another origin. And whether a segment between two crossings is inside is decided at its middle, so that a crossing
+//! that is found twice, or on a rim, does no harm.
 
 mod corner;
 mod patch;
@@ -16,7 +16,7 @@ mod trilinear;
 mod wall;
 
 use crate::geom::{Aabb, DAffine3, DMat3, DVec3, Ray};
-pub use corner::{Corner, Foot, MOST_CELLS, ShellPoint, ShellSegment};
+pub use corner::{Corner, HeightInShell, MOST_CELLS, ShellPoint, ShellSegment};
 pub use patch::{PatchBox, PatchFault};
 use wall::{Crossings, RIM, Wall, quadratic, wall_plane};
 
@@ -25,11 +25,11 @@ use wall::{Crossings, RIM, Wall, quadratic, wall_plane};
 struct Plane {
     n: DVec3,
     c: f64,
-    /// Turned against the stored order of the edge: then its points do not belong to the box (they do to the neighbour).
-    turned: bool,
+    /// Whether the plane itself is outside of the box: of the two boxes that share a wall, one is open there.
+    open: bool,
 }
 
-/// A box whose height vectors agree and whose dw is constant: a prism, on which texel coordinates are affine.
+/// A prism: a box whose height vectors agree and whose dw is constant, so that texel coordinates are affine.
 #[derive(Debug, Clone)]
 pub struct Prism {
     planes: [Plane; 6],
@@ -44,12 +44,12 @@ pub struct Prism {
     mask_offset: f64,
     dw: f64,
     bounds: Aabb,
-    /// Of the corners' texel coordinates.
+    /// Bounding box of the corners' texel coordinates.
     cover: Aabb,
 }
 
 impl Prism {
-    /// The prism over a convex face of 3 or 4 corners in a plane; `None` where it is not one, or has no volume.
+    /// The prism over a plane convex face of 3 or 4 corners; `None` where the height vectors or dw differ, or there is no volume.
     pub fn new(face: &[Corner]) -> Option<Prism> {
         let [a, b, c, ..] = face else { return None };
         if face.len() > 4 || face.iter().any(|f| f.h != a.h || f.dw != a.dw) {
@@ -64,13 +64,13 @@ impl Prism {
         let offset = a.q - to_texel * a.p;
         let up = inverse.transpose().z_axis;
         let base = up.dot(a.p);
-        let mut planes = [Plane { n: -up, c: -base, turned: false }; 6];
-        planes[1] = Plane { n: up, c: 1.0 + base, turned: true };
+        let mut planes = [Plane { n: -up, c: -base, open: false }; 6];
+        planes[1] = Plane { n: up, c: 1.0 + base, open: true };
         let centre = face.iter().map(|f| f.p).sum::<DVec3>() / face.len() as f64;
         for (k, f) in face.iter().enumerate() {
             let (n, c) = wall_plane(f, &face[(k + 1) % face.len()]);
-            let turned = n.dot(centre) > c;
-            planes[2 + k] = if turned { Plane { n: -n, c: -c, turned } } else { Plane { n, c, turned } };
+            let open = n.dot(centre) > c;
+            planes[2 + k] = if open { Plane { n: -n, c: -c, open } } else { Plane { n, c, open } };
         }
         let mask = inverse.transpose() * DVec3::new(b.jitter - a.jitter, c.jitter - a.jitter, 0.0);
         let bounds = Aabb::around(face.iter().flat_map(|f| [f.p, f.p + f.h]));
@@ -90,22 +90,22 @@ impl Prism {
         })
     }
 
-    /// The map to texel coordinates.
+    /// The map from the renderer's space to texel coordinates.
     pub fn to_texel(&self) -> DAffine3 {
         DAffine3 { matrix3: self.to_texel, translation: self.offset }
     }
 
-    /// The box around its texel coordinates.
+    /// Bounding box of its texel coordinates.
     pub fn cover(&self) -> Aabb {
         self.cover
     }
 
-    /// Whether the prism leaves out a part of `content`, by more than `room`: a box, and a length, in the space that `place` leads
-    /// from.
+    /// Whether a part of the box `content` lies outside of the prism by more than the length `room`. Both are in a space from which `place`
+    /// leads to the renderer's.
     pub fn cuts(&self, content: &Aabb, place: &DAffine3, room: f64) -> bool {
-        let turned = place.matrix3.transpose();
+        let normals_to_place = place.matrix3.transpose();
         self.planes[..self.count].iter().any(|plane| {
-            let n = turned * plane.n;
+            let n = normals_to_place * plane.n;
             let farthest = n.dot(content.centre()) + n.abs().dot(0.5 * content.size());
             farthest - (plane.c - plane.n.dot(place.translation)) > room * n.length()
         })
@@ -118,7 +118,7 @@ impl Prism {
                 t1 = t1.min(room / along);
             } else if along < 0.0 {
                 t0 = t0.max(room / along);
-            } else if room < 0.0 || (room == 0.0 && plane.turned) {
+            } else if room < 0.0 || (room == 0.0 && plane.open) {
                 return None;
             }
         }
@@ -129,13 +129,13 @@ impl Prism {
         self.to_texel * x + self.offset
     }
 
-    fn foot(&self, x: DVec3) -> Foot {
+    fn height_at(&self, x: DVec3) -> HeightInShell {
         let height = self.up.dot(x) + self.floor;
-        Foot { rise: height * self.dw, height, mask: (self.mask.dot(x) + self.mask_offset).clamp(0.0, 1.0) }
+        HeightInShell { rise: height * self.dw, height, mask: (self.mask.dot(x) + self.mask_offset).clamp(0.0, 1.0) }
     }
 }
 
-/// A box of any heights over a triangle; its walls are bilinear patches.
+/// A box over a triangle with any height vectors; its walls are bilinear patches.
 #[derive(Debug, Clone)]
 pub struct TwistedBox {
     corners: [Corner; 3],
@@ -145,12 +145,12 @@ pub struct TwistedBox {
     bounds: Aabb,
 }
 
-/// A place in a box: weights of corners 1 and 2, and the height W in [0, 1].
+/// Parameters of a point in a box over a triangle: barycentric weights of corners 1 and 2, and the height W in [0, 1].
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct BoxPoint {
     b: [f64; 2],
     w: f64,
-    /// Distance outside the box, a share of its size; ≤ 0 inside.
+    /// Distance outside of the box in these parameters; ≤ 0 inside.
     outside: f64,
 }
 
@@ -187,13 +187,13 @@ impl TwistedBox {
         (1.0 - at.b[0] - at.b[1]) * top(a) + at.b[0] * top(b) + at.b[1] * top(c)
     }
 
-    fn foot(&self, at: BoxPoint) -> Foot {
+    fn height_at(&self, at: BoxPoint) -> HeightInShell {
         let [a, b, c] = &self.corners;
         let mix = |of: fn(&Corner) -> f64| (1.0 - at.b[0] - at.b[1]) * of(a) + at.b[0] * of(b) + at.b[1] * of(c);
-        Foot { rise: at.w * mix(|k| k.dw), height: at.w, mask: mix(|k| k.jitter).clamp(0.0, 1.0) }
+        HeightInShell { rise: at.w * mix(|k| k.dw), height: at.w, mask: mix(|k| k.jitter).clamp(0.0, 1.0) }
     }
 
-    /// World → texel, the linear part, there.
+    /// Linear part of the map from the renderer's space to texel coordinates at a point.
     fn to_texel(&self, at: BoxPoint) -> DMat3 {
         let [a, b, c] = &self.corners;
         let dw = (1.0 - at.b[0] - at.b[1]) * a.dw + at.b[0] * b.dw + at.b[1] * c.dw;
@@ -201,7 +201,7 @@ impl TwistedBox {
         DMat3::from_cols(up(b), up(c), dw * DVec3::Z) * self.edges(at).inverse()
     }
 
-    /// The place of a point: of the heights at which the triangle's plane holds it, the one least outside.
+    /// Parameters of a position. Of the up to three heights at which it lies in the plane of the triangle, the solution that is least outside.
     fn locate(&self, x: DVec3) -> Option<BoxPoint> {
         let [a, b, c] = &self.corners;
         let (r, [n0, n1, n2]) = (x - a.p, self.normal);
@@ -239,7 +239,7 @@ impl TwistedBox {
         Some((place, self.texel(place)))
     }
 
-    /// Cut [t0, t1] until the coordinates in the middle and at a quarter of a piece are within `tolerance` of the chord.
+    /// Subdivide [t0, t1] until the texel coordinates in the middle and at a quarter of each segment are within `tolerance` of the chord.
     fn for_each_segment(
         &self,
         ray: &Ray,
@@ -249,8 +249,8 @@ impl TwistedBox {
         each: &mut dyn FnMut(&ShellSegment) -> bool,
     ) -> bool {
         let (Some((from, q0)), Some((to, q1))) = (self.along(ray, t0), self.along(ray, t1)) else { return true };
-        let feet = [self.foot(from), self.foot(to)];
-        self.cut(ray, ShellSegment { t0, t1, q0, q1, to_texel: DMat3::IDENTITY, feet }, 0, tolerance, each)
+        let end_heights = [self.height_at(from), self.height_at(to)];
+        self.cut(ray, ShellSegment { t0, t1, q0, q1, to_texel: DMat3::IDENTITY, end_heights }, 0, tolerance, each)
     }
 
     fn cut(
@@ -279,14 +279,14 @@ impl TwistedBox {
             piece.to_texel = to_texel;
             return each(&piece);
         }
-        let ([from, to], foot) = (piece.feet, self.foot(place));
-        let left = ShellSegment { t1: mid, q1: q, feet: [from, foot], ..piece };
-        let right = ShellSegment { t0: mid, q0: q, feet: [foot, to], ..piece };
+        let ([from, to], height) = (piece.end_heights, self.height_at(place));
+        let left = ShellSegment { t1: mid, q1: q, end_heights: [from, height], ..piece };
+        let right = ShellSegment { t0: mid, q0: q, end_heights: [height, to], ..piece };
         self.cut(ray, left, depth + 1, tolerance, each) && self.cut(ray, right, depth + 1, tolerance, each)
     }
 }
 
-/// Roots of k0 + k1 x + k2 x² + k3 x³ in [0, 1] and a rim around it, by bisection-guarded Newton between the extrema.
+/// Roots of k0 + k1 x + k2 x² + k3 x³ in [0, 1] and a rim around it, by Newton's method guarded by bisection, between the extrema.
 fn cubic_in_unit(k: [f64; 4]) -> [Option<f64>; 3] {
     const LO: f64 = -RIM;
     const HI: f64 = 1.0 + RIM;
@@ -374,8 +374,9 @@ impl ShellBox {
         }
     }
 
-    /// The straight pieces of [t0, t1], which lies in one of [`ShellBox::spans`], in order, until `each` returns false.
-    /// `tolerance(t, to_texel)` is how far a piece may stray from the true path, in texel units. False if stopped.
+    /// Call `each` for straight segments that approximate the ray in texel coordinates over [t0, t1], which lies in one of [`ShellBox::spans`],
+    /// in order, until it returns false. `tolerance(t, to_texel)` is the largest deviation from the exact path, in texel units. Returns false if
+    /// stopped.
     pub fn for_each_segment(
         &self,
         ray: &Ray,
@@ -387,8 +388,8 @@ impl ShellBox {
         match self {
             ShellBox::Prism(b) => {
                 let (from, to) = (ray.at(t0), ray.at(t1));
-                let feet = [b.foot(from), b.foot(to)];
-                each(&ShellSegment { t0, t1, q0: b.texel(from), q1: b.texel(to), to_texel: b.to_texel, feet })
+                let end_heights = [b.height_at(from), b.height_at(to)];
+                each(&ShellSegment { t0, t1, q0: b.texel(from), q1: b.texel(to), to_texel: b.to_texel, end_heights })
             }
             ShellBox::Twisted(b) => b.for_each_segment(ray, t0, t1, tolerance, each),
             ShellBox::Patch(b) => b.for_each_segment(ray, t0, t1, tolerance, each),

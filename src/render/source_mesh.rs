@@ -1,5 +1,5 @@
-//! The mesh that a texel was baked from, in texel space; what crosses a cyclic border wraps around. References trace nothing else, and
-//! pictures where a pixel is smaller than the finest voxel.
+//! The mesh that a texel was baked from, in texel space; parts that cross a cyclic border wrap around. Reference pictures trace only these
+//! meshes, and other pictures trace them where a pixel is smaller than the finest voxel.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -21,10 +21,10 @@ pub struct SourceMesh {
     pub mesh: Mesh,
 }
 
-/// A ray as a copy of the source has it.
+/// A ray in the texel space of a copy.
 #[derive(Debug, Clone, Copy)]
 pub struct CopyRay {
-    /// In texel space, from where the ray enters the copy, at `t0`.
+    /// The ray in texel space, from its entry into the copy, which is at `t0` of the ray in the renderer's space.
     pub ray: Ray,
     pub t0: f64,
     /// The renderer's space → texel space, the linear part.
@@ -45,7 +45,7 @@ impl SourceMesh {
         }
         let read = gltf::ReadOptions {
             contained: true,
-            // Voxels have none, and triangles near the camera look as they do.
+            // Voxels have no emission, and triangles near the camera must look as voxels do.
             emission: false,
             time: pose.map(|p| p.time),
             animations: pose.map_or_else(Vec::new, |p| p.animations.clone()),
@@ -95,7 +95,7 @@ impl SourceMesh {
     }
 }
 
-/// Let light through those of a model's materials that say nothing of it, where the texel does: it was baked so.
+/// Give materials without a transmission of their own the one with which the texel was baked.
 fn let_through(model: &mut Model, info: &Info) {
     let Some(table) = SurfaceTable::new(info) else { return };
     for material in model.materials.iter_mut().filter(|m| m.transmission.is_none() && !m.unlit) {
@@ -113,7 +113,7 @@ fn let_through(model: &mut Model, info: &Info) {
     }
 }
 
-/// Show a model's materials in the colours of `palette`, by their names.
+/// Apply a palette to a model's materials, by their names.
 pub fn restyle(model: &mut Model, palette: &Palette) {
     if palette.is_plain() {
         return;
@@ -126,11 +126,11 @@ pub fn restyle(model: &mut Model, palette: &Palette) {
         material.base_color = [r, g, b, alpha];
         if let Some(through) = material.transmission.as_mut().filter(|through| !through.of_base) {
             through.color = style.of(Vec3::from_array(through.color)).to_array();
-            // A new colour is that of both sides.
+            // A new colour replaces that of both sides.
             through.color_texture = through.color_texture.take().filter(|_| style.keep);
         }
         if let Some(texture) = material.texture.as_mut().filter(|_| !style.keep) {
-            // Its alpha stays.
+            // The texture's alpha is kept.
             let own = &*texture.texture;
             let texels = own.texels.iter().map(|t| [255, 255, 255, t[3]]).collect();
             let mut white = Texture::new(own.name.clone(), own.width, own.height, texels);
@@ -143,7 +143,7 @@ pub fn restyle(model: &mut Model, palette: &Palette) {
     }
 }
 
-/// Shifts by which something in `bounds` has to be repeated so that what leaves the cube along a cyclic axis comes in at the other side.
+/// Translations by which an object in `bounds` has to be repeated, so that its parts beyond a cyclic border re-enter on the other side.
 fn shifts(bounds: &Aabb, cyclic: [bool; 3]) -> Vec<DVec3> {
     let steps = |k: usize| {
         let [before, after] = [cyclic[k] && bounds.max[k] > 1.0, cyclic[k] && bounds.min[k] < 0.0];

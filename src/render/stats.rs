@@ -1,4 +1,4 @@
-//! What a render did: counts of what its rays met, time by stage, memory.
+//! Statistics of a render: counts of what its rays met, time by stage, memory.
 
 use std::time::Duration;
 
@@ -9,7 +9,7 @@ use crate::march::transmittance::MarchStats;
 pub struct Counts {
     /// Camera cones.
     pub cones: u64,
-    /// Stretches of a ray inside a shell's box.
+    /// Intervals of rays inside shells' boxes, and segments in affine copies.
     pub boxes: u64,
     /// Copies whose source's triangles were traced instead of voxels.
     pub near_copies: u64,
@@ -17,7 +17,7 @@ pub struct Counts {
     pub shadow_rays: u64,
     /// Cones towards the sky.
     pub sky_cones: u64,
-    /// Camera and shadow rays together.
+    /// Marches of camera rays and shadow rays together.
     pub march: MarchStats,
 }
 
@@ -38,23 +38,23 @@ impl Counts {
 pub struct Stats {
     /// Counts of all threads together.
     pub counts: Counts,
-    /// Boxes in the scene, triangles apart.
+    /// Boxes and affine copies in the scene.
     pub shell_boxes: u64,
     /// Those of them that are over bilinear patches.
     pub patches: u64,
     /// Bilinear patches that are collapsed or folded: two prisms each stand for them.
     pub split_patches: u64,
-    /// Bytes of the `.vtex` files that were read, of those that they have.
+    /// Bytes that were read from `.vtex` files.
     pub bytes_read: u64,
     /// Size of the `.vtex` files, in bytes.
     pub bytes_in_files: u64,
-    /// Pages of voxels decoded (a page holds 4096), and voxels in them.
+    /// Decoded pages of voxels, each of up to 4096.
     pub bricks: u64,
     /// Voxels in the decoded pages.
     pub voxels: u64,
     /// Deepest depth of which voxels were decoded.
     pub deepest: usize,
-    /// Triangles of texels' sources that were read for what is near.
+    /// Triangles of texels' sources that were read for copies near the camera.
     pub near_triangles: u64,
     /// Stage and wall-clock time, in order.
     pub times: Vec<(&'static str, Duration)>,

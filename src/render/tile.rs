@@ -1,4 +1,4 @@
-//! Tiles: parts of a picture in files of their own that say where they belong, and the picture that is put together from them.
+//! Tiles: parts of a picture in files of their own that record their position in it, and the assembly of the picture from them.
 //!
 //! A tile is a `.png` or `.exr` as the picture itself would be, with the text `X,Y,W,H of WIDTHxHEIGHT in PICTURE` under the
 //! name `vtex:tile`: in a PNG a tEXt chunk, in an EXR an attribute of the layer. There its data window also lies in the
@@ -29,7 +29,7 @@ pub struct Tile {
     pub window: CropWindow,
     /// Width and height of the picture.
     pub whole: [u32; 2],
-    /// What tells the picture from others, such as a digest of the scene and the options; one word.
+    /// Identity of the picture, such as a digest of the scene and the options; one word.
     pub picture: String,
 }
 
@@ -41,7 +41,7 @@ impl std::fmt::Display for Tile {
 }
 
 impl Tile {
-    /// `None` where the text is not a tile's, or the tile not within its picture.
+    /// `None` where the text does not describe a tile, or the tile is not within its picture.
     fn parse(text: &str) -> Option<Tile> {
         let [window, "of", whole, "in", picture] = text.split(' ').collect::<Vec<_>>()[..] else { return None };
         let (width, height) = whole.split_once('x')?;
@@ -96,7 +96,7 @@ impl Tile {
     }
 }
 
-/// A tile's pixels, as its file has them.
+/// A tile's pixels in the form in which its file stores them.
 enum Pixels {
     Rgb8(Vec<u8>),
     Linear(Vec<[f32; 4]>),
@@ -127,8 +127,8 @@ fn read(path: &Path) -> Result<(Tile, Pixels)> {
     Ok((tile, pixels))
 }
 
-/// Put tiles together to the picture that they are parts of, which has the bytes that it would have if it were made whole. All
-/// files have the extension of `output`. Returns the picture's width and height.
+/// Assemble a picture from its tiles; the file has the same bytes as if the picture had been rendered whole. All files must have the extension
+/// of `output`. Returns the picture's width and height.
 ///
 /// # Errors
 /// `Options` where there are no tiles or the extensions differ; `Input` where a file is no tile, belongs to another picture than
@@ -164,7 +164,7 @@ pub fn stitch(tiles: &[PathBuf], output: &Path) -> Result<[u32; 2]> {
     Ok(first.whole)
 }
 
-/// That a tile is of the picture that `placed` are of, and none of them lies where it does.
+/// Check that a tile belongs to the same picture as the tiles in `placed`, and overlaps none of them.
 fn check_fits(path: &Path, tile: &Tile, placed: &[(&Path, Tile)]) -> Result<()> {
     let Some((first_path, first)) = placed.first() else { return Ok(()) };
     let wrong = |what: String| Err(Error::input(path, "", what));
@@ -184,7 +184,7 @@ fn check_fits(path: &Path, tile: &Tile, placed: &[(&Path, Tile)]) -> Result<()> 
 
 /// The first pixel, row by row, that is in none of the windows.
 fn first_gap(windows: &[CropWindow], [width, height]: [u32; 2]) -> Option<[u32; 2]> {
-    // Above it is the picture's border or a window.
+    // The pixel above the first gap is outside of the picture, or the last row of a window.
     let rows: BTreeSet<u32> = windows.iter().map(|w| w.at[1] + w.size[1]).chain([0]).filter(|&y| y < height).collect();
     rows.into_iter().find_map(|y| {
         let crossing = windows.iter().filter(|w| (w.at[1]..w.at[1] + w.size[1]).contains(&y));
@@ -201,14 +201,14 @@ fn first_gap(windows: &[CropWindow], [width, height]: [u32; 2]) -> Option<[u32; 
     })
 }
 
-/// The picture while it is put together.
+/// The picture while it is assembled.
 struct Canvas {
     size: [u32; 2],
     pixels: Pixels,
 }
 
 impl Canvas {
-    /// Empty, of the kind of `like`.
+    /// An empty canvas whose pixels have the same form as `like`.
     fn new(size: [u32; 2], like: &Pixels) -> Result<Canvas> {
         let count = u64::from(size[0]) * u64::from(size[1]);
         if count > image_io::MAX_PIXELS {

@@ -1,4 +1,4 @@
-//! Tone curves: from radiance without an upper end to what a display shows.
+//! Tone mapping: from unbounded radiance to the range of a display.
 //!
 //! Based on: T. Sobotka, *AgX*, 2022, with the curve as B. Wrensch's polynomial (*Minimal AgX Implementation*, 2023); Khronos
 //! Group, *PBR Neutral Tone Mapper*, 2024.
@@ -7,25 +7,25 @@ use glam::{DMat3, DVec3};
 
 use super::film::Film;
 
-/// How radiance becomes what a display shows. White is 1 in both.
+/// Tone curve from radiance to the display's linear values. White is 1 in both.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Tone {
-    /// As it is, clipped at white.
+    /// No curve: values are clipped at white.
     #[default]
     None,
-    /// Bright colours run to white by and by, as on film: 0.18 stays a middle grey, white is reached at 16.
+    /// Bright colours fade to white gradually, as on film: 0.18 stays a middle grey, and white is reached at 16.
     Agx,
-    /// Colours below 0.76 stay as they are but for .04 of black; brighter ones are pressed below 1.
+    /// Colours below 0.76 keep their values, less .04; brighter ones are compressed below 1.
     Neutral,
 }
 
 impl Tone {
-    /// Radiance that comes out as white, or nearly.
+    /// Radiance that is mapped to white, or nearly so.
     pub fn white(self) -> f32 {
         if self == Tone::None { 1.0 } else { 4.0 }
     }
 
-    /// The curve at a colour, linear Rec. 709 before and after; what is negative or no number counts as 0.
+    /// Apply the curve to a colour, linear Rec. 709 before and after; negative values and NaN count as 0.
     pub fn curve(self, rgb: [f32; 3]) -> [f32; 3] {
         let clean = rgb.map(|c| if c > 0.0 { f64::from(c).min(1e30) } else { 0.0 });
         match self {
@@ -35,7 +35,7 @@ impl Tone {
         }
     }
 
-    /// The curve at every pixel.
+    /// Apply the curve to every pixel.
     pub fn apply(self, film: &mut Film) {
         if self != Tone::None {
             for p in &mut film.pixels {
@@ -51,7 +51,7 @@ fn columns(m: [[f64; 3]; 3]) -> DMat3 {
 }
 
 fn agx(rgb: DVec3) -> DVec3 {
-    // Rec. 709 → Rec. 2020, whose primaries are drawn together.
+    // Rec. 709 → Rec. 2020, whose primaries are then moved inwards.
     let wide = columns([[0.6274, 0.0691, 0.0164], [0.3293, 0.9195, 0.0880], [0.0433, 0.0113, 0.8956]]);
     let inset = columns([
         [0.856_627_153_315_983, 0.137_318_972_929_847, 0.111_898_212_999_95],

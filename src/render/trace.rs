@@ -1,4 +1,4 @@
-//! What one pixel's rays met, for `--pixel x,y`.
+//! A record of what the rays of one pixel met, as the option `--pixel` prints it.
 
 /// Everything in the order in which it was met.
 pub type Trace = Vec<TraceEvent>;

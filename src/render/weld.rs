@@ -1,9 +1,9 @@
-//! What is the same: vertices at one position, and triangles that share an edge. Found by hashing, which a million quads need: two
-//! sorts took 44 % of their set-up.
+//! Welding: groups of vertices at one position, and pairs of triangles that share an edge. Both are found by hashing, since sorting took
+//! 44 % of the set-up of a million quads.
 
 use crate::scene::Part;
 
-/// Marks what has no partner, and places of a table that are not used.
+/// Marks a triangle without a partner, and an empty slot of a table.
 pub const NONE: u32 = u32::MAX;
 
 /// An open-addressing table of numbers, whose keys are kept elsewhere.
@@ -17,7 +17,7 @@ impl Table {
         Table { slots: vec![NONE; (2 * n).next_power_of_two()] }
     }
 
-    /// The slot that holds a number of the same key as is looked for, or the empty one where it would be put.
+    /// The slot of the number whose key is looked for, or the empty slot where it belongs. `is_same` compares keys.
     fn slot(&mut self, hash: u64, is_same: impl Fn(u32) -> bool) -> &mut u32 {
         let mask = self.slots.len() - 1;
         // The upper bits of a product depend on all bits.
@@ -50,9 +50,9 @@ pub fn by_position(part: &Part) -> Vec<u32> {
     (0..part.positions.len() as u32).map(first).collect()
 }
 
-/// For each of `n` triangles the other one with which it is one face, or [`NONE`]. `edge(i)`: the ends of the edge that triangle i
-/// may share, the lower first, if it may; `join(i, j)`: whether two that share it are one face. Those that follow each other are asked
-/// first, as most quads are written so; of the others, in order for each edge until one is found.
+/// For each of `n` triangles the partner with which it forms one face, or [`NONE`]. `edge(i)` gives the edge that triangle i may share, as
+/// its two vertices with the lower number first, or `None`; `join(i, j)` tells whether two triangles with the same edge form a face. Pairs
+/// of successive triangles are tried first, since most files write quads so, then other pairs with the same edge in order.
 pub fn partners(n: usize, edge: impl Fn(u32) -> Option<[u32; 2]>, join: impl Fn(u32, u32) -> bool) -> Vec<u32> {
     let mut partner = vec![NONE; n];
     let mut left = n;

@@ -3,7 +3,7 @@
 use glam::DQuat;
 
 use super::shell::Variant;
-use super::wind::Moment;
+use super::wind::WindField;
 use crate::geom::{DAffine3, DMat3, DVec3};
 use crate::volume::Info;
 
@@ -30,7 +30,7 @@ pub struct CopySet {
     /// How far ahead each is on the way through its texel's frames, shares of it; as the texel's animation has it where absent.
     pub phases: Vec<f32>,
     /// What they lean in.
-    pub wind: Option<Moment>,
+    pub wind: Option<WindField>,
 }
 
 impl CopySet {

@@ -94,7 +94,7 @@ impl Cycle {
     }
 
     /// The lot of a cell.
-    pub fn lot(cell: [i64; 3]) -> u64 {
+    pub fn cell_hash(cell: [i64; 3]) -> u64 {
         cell.iter().fold(0, |lot, &k| SplitMix64::new(lot ^ k as u64).bits())
     }
 }
@@ -125,7 +125,7 @@ mod tests {
     #[test]
     fn phases() {
         let cycle = |phase| Cycle { phase, seed: 4, ..Cycle::default() };
-        let ahead = |phase, x: i64| cycle(phase).ahead(Cycle::lot([x, 0, 0]), DVec3::X * x as f64);
+        let ahead = |phase, x: i64| cycle(phase).ahead(Cycle::cell_hash([x, 0, 0]), DVec3::X * x as f64);
         assert_eq!(ahead(Phase::Global, 9), 0.0);
         let mean: f64 = (0..1000).map(|x| ahead(Phase::PerCell, x)).sum::<f64>() / 1000.0;
         // Standard deviation of the mean of 1000 numbers in [0, 1): .009.

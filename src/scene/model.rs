@@ -125,7 +125,7 @@ pub struct Material {
     /// The `VTEX_volumetric_texture` extension, where the material carries it.
     pub shell: Option<Arc<super::shell::ShellMaterial>>,
     /// What the height vectors of its shell bend in.
-    pub wind: Option<super::wind::Moment>,
+    pub wind: Option<super::wind::WindField>,
 }
 
 impl Default for Material {

@@ -91,7 +91,7 @@ pub struct PhongNoise {
 
 /// Where a surface is, as [`Variation`]s see it.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Place {
+pub struct ShadingPoint {
     /// The mesh's texel coordinates (u, v) below it, and the width of what is seen there.
     pub ground: [f64; 2],
     /// See `ground`.
@@ -126,7 +126,7 @@ impl Factors {
 
 impl Variation {
     /// Multiply `factors` by those of a place.
-    pub fn apply(&self, place: &Place, factors: &mut Factors) {
+    pub fn apply(&self, place: &ShadingPoint, factors: &mut Factors) {
         let average = |image: &TextureRef| {
             let [[a, b, _], [c, d, _]] = image.transform;
             let texels = f64::from(image.texture.width) * f64::from(image.texture.height);
@@ -152,7 +152,7 @@ impl Variation {
 }
 
 impl PhongNoise {
-    fn apply(&self, place: &Place, factors: &mut Factors) {
+    fn apply(&self, place: &ShadingPoint, factors: &mut Factors) {
         let (at, width) = match self.space {
             NoiseSpace::Texel => (place.texel, place.texel_width),
             NoiseSpace::World => (place.world, place.world_width),
@@ -175,13 +175,13 @@ mod tests {
     use super::*;
     use crate::scene::Texture;
 
-    fn place(u: f64, v: f64, width: f64) -> Place {
+    fn place(u: f64, v: f64, width: f64) -> ShadingPoint {
         let texel = DVec3::new(0.3, 0.6, 0.2);
         let world = DVec3::new(2.5, 1.25, 0.75);
-        Place { ground: [u, v], ground_width: width, texel, texel_width: width, world, world_width: width }
+        ShadingPoint { ground: [u, v], ground_width: width, texel, texel_width: width, world, world_width: width }
     }
 
-    fn factors(variation: &Variation, place: &Place) -> Factors {
+    fn factors(variation: &Variation, place: &ShadingPoint) -> Factors {
         let mut factors = Factors::ONE;
         variation.apply(place, &mut factors);
         factors

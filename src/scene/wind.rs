@@ -37,7 +37,7 @@ const CONTRAST: f64 = 1.6;
 
 /// Wind at a moment.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Moment {
+pub struct WindField {
     wind: Wind,
     /// How far gusts have come, metres.
     travel: f64,
@@ -46,18 +46,18 @@ pub struct Moment {
 
 impl Wind {
     /// `time`: seconds.
-    pub fn at(self, time: f64) -> Moment {
+    pub fn at(self, time: f64) -> WindField {
         // Twice as wide along the wind's lattice as gusts are apart: noise has its crests about two cells from each other.
         let frequency = DVec3::splat(2.0 / self.gust_scale);
         let noise =
             Noise { seed: self.seed, frequency, origin: DVec3::ZERO, period: [0; 3], octaves: 2, turbulence: false };
-        Moment { wind: self, travel: self.speed * time, noise }
+        WindField { wind: self, travel: self.speed * time, noise }
     }
 }
 
-impl Moment {
+impl WindField {
     /// Tangent of the lean at a place, world space, metres: ≥ 0, continuous in place and time.
-    pub fn push(&self, at: DVec3) -> f64 {
+    pub fn lean_tangent(&self, at: DVec3) -> f64 {
         if self.wind.strength <= 0.0 {
             return 0.0;
         }
@@ -71,15 +71,15 @@ impl Moment {
     /// A height vector at a place, bent: as long as before, turned towards where the wind blows.
     pub fn bend(&self, at: DVec3, height: DVec3) -> DVec3 {
         let length = height.length();
-        let push = self.push(at);
-        if push <= 0.0 || !length.is_normal() {
+        let lean = self.lean_tangent(at);
+        if lean <= 0.0 || !length.is_normal() {
             return height;
         }
-        (height / length + push * self.wind.direction).try_normalize().map_or(height, |way| length * way)
+        (height / length + lean * self.wind.direction).try_normalize().map_or(height, |way| length * way)
     }
 
     /// How a rigid copy leans whose foot is at `foot` and whose own up is `up` (both world space): a map of directions about
-    /// the foot, which keeps those across `up`, and takes `up` where [`Moment::bend`] takes it.
+    /// the foot, which keeps those across `up`, and takes `up` where [`WindField::bend`] takes it.
     pub fn lean(&self, foot: DVec3, up: DVec3) -> DMat3 {
         let Some(up) = up.try_normalize() else { return DMat3::IDENTITY };
         let moved = self.bend(foot, up) - up;
@@ -108,11 +108,11 @@ mod tests {
             let bent = moment.bend(at, height);
             assert!((bent.length() - height.length()).abs() < 1e-12);
             assert!(bent.dot(wind().direction) >= height.dot(wind().direction));
-            let push = moment.push(at);
-            // Straight up, the lean is the push itself.
+            let lean = moment.lean_tangent(at);
+            // Straight up, the lean is the lean itself.
             let up = moment.bend(at, DVec3::Y);
-            assert!((up.dot(wind().direction) / up.y - push).abs() < 1e-12);
-            (least, most) = (least.min(push), most.max(push));
+            assert!((up.dot(wind().direction) / up.y - lean).abs() < 1e-12);
+            (least, most) = (least.min(lean), most.max(lean));
         }
         // Gusts and lulls about the strength.
         assert!(least < 0.25 && most > 0.75 && most < 0.5 * (1.0 + 1.04 * CONTRAST), "{least} {most}");
@@ -125,12 +125,12 @@ mod tests {
         let (mut moved, mut stayed) = (0.0, 0.0);
         for i in 0..400 {
             let at = DVec3::new(f64::from(i) * 0.83, 0.0, f64::from(i % 20) * 1.9);
-            moved += (later.push(at + 0.3 * wind().direction) - now.push(at)).abs();
-            stayed += (later.push(at) - now.push(at)).abs();
+            moved += (later.lean_tangent(at + 0.3 * wind().direction) - now.lean_tangent(at)).abs();
+            stayed += (later.lean_tangent(at) - now.lean_tangent(at)).abs();
             // The noise's slope is at most 3.76 a cell of 4 m in each octave, of which the second is twice as steep and half as
             // high: a step of time moves 3 m/s along the wind and a quarter of that along the third axis.
             let slope = 0.5 * CONTRAST * 2.0 * (2.0 / 3.0) * 3.76 / 4.0 * 3.0 * (1.0 + CHANGE);
-            let step = (wind().at(2.001).push(at) - now.push(at)).abs();
+            let step = (wind().at(2.001).lean_tangent(at) - now.lean_tangent(at)).abs();
             assert!(step <= 1e-3 * slope, "{step}");
         }
         assert!(moved < 0.5 * stayed, "{moved} {stayed}");
@@ -155,9 +155,9 @@ mod tests {
     /// Frozen: landscapes look the same for ever. The numbers are those of `format-spec/landscape-1.md`.
     #[test]
     fn vectors() {
-        for (at, time, push) in VECTORS {
-            let got = wind().at(time).push(DVec3::from_array(at));
-            assert!((got - push).abs() < 1e-12, "{at:?} {time}: {got}");
+        for (at, time, lean) in VECTORS {
+            let got = wind().at(time).lean_tangent(DVec3::from_array(at));
+            assert!((got - lean).abs() < 1e-12, "{at:?} {time}: {got}");
         }
     }
 

@@ -12,7 +12,9 @@ use super::source::SourceArgs;
 use super::{Ui, outputs, ui};
 use crate::format::{Limits, Reader};
 use crate::geom::{Aabb, DVec3};
-use crate::render::error::{Areas, DepthError, Facet, Opacity, Options, Soft, Spread, Truth, measure};
+use crate::render::error::{
+    DepthError, ErrorStats, Facet, GroundTruth, MediumBox, Opacity, Options, ProjectedAreas, measure,
+};
 use crate::scene::files::sha256;
 use crate::source;
 use crate::source::Placement;
@@ -124,12 +126,12 @@ pub fn against(
     let soft = |m: &source::Medium| {
         let (low, edge) = (DVec3::from(m.at.map(f64::from)), f64::from(1u32 << m.levels));
         let bounds = Aabb::new((low + edge * m.lo) / side, (low + edge * m.hi) / side);
-        Soft { bounds, extinction: m.extinction * side, flat: m.flat, normal: m.normal, albedo: m.albedo }
+        MediumBox { bounds, extinction: m.extinction * side, flat: m.flat, normal: m.normal, albedo: m.albedo }
     };
-    // Areas are of facets alone.
-    let areas = media.is_empty().then(|| Areas::new(areas));
+    // Projected areas are of facets alone.
+    let areas = media.is_empty().then(|| ProjectedAreas::new(areas));
     let soft = media.iter().map(soft).collect();
-    let truth = Truth::new(pieces.into_iter().map(facet).collect(), soft, &look);
+    let truth = GroundTruth::new(pieces.into_iter().map(facet).collect(), soft, &look);
     measure(tree, &truth, areas, options, ui)
 }
 
@@ -209,7 +211,7 @@ fn table(args: &Args, depths: &[DepthError]) -> String {
     out
 }
 
-fn spread(s: &Spread) -> String {
+fn spread(s: &ErrorStats) -> String {
     format!("{:>5.3} {:>6.3} {:>+7.3}", s.mean, s.p95, s.bias)
 }
 

@@ -38,7 +38,7 @@ fn isotropic(rho: f64, correlation: u8) -> Voxel {
     Voxel { rate: voxel::encode_rate(rho), correlation, ..Voxel::default() }
 }
 
-fn stretch(origin: Vec3, to: Vec3) -> MarchSegment {
+fn segment(origin: Vec3, to: Vec3) -> MarchSegment {
     MarchSegment { origin, dir: to - origin, length: 1.0, footprint: 1e-9, growth: 0.0, opacity_scale: 1.0 }
 }
 
@@ -71,10 +71,10 @@ fn a_slab_is_exact() {
         let (a, b) = (Vec3::new(-0.2, 0.3, 0.1), Vec3::new(1.3, 0.45, 0.8));
         let inside = (b - a).length() / 1.5;
         let want = (-0.25 * inside).exp();
-        let got = through(&tree, &stretch(a, b));
+        let got = through(&tree, &segment(a, b));
         // The rate's code is exact; lengths of up to 50 pieces are rounded to 1e-7 each, times the rate .25.
         assert!((got - want).abs() < 2e-6, "{depth}: {got} {want}");
-        let back = through(&tree, &stretch(b, a));
+        let back = through(&tree, &segment(b, a));
         assert!((got - back).abs() < 2e-6, "{depth}: {got} {back}");
     }
 }
@@ -88,7 +88,7 @@ fn a_ray_that_starts_on_matter_meets_less_of_its_own_block() {
     let rho = f64::from(voxel::rate_table()[voxel::encode_rate(0.1) as usize]);
     for correlation in [0, 5, 15] {
         let tree = tree(full(3, isotropic(rho, correlation)));
-        let s = stretch(Vec3::new(0.125, 0.3, 0.3), Vec3::new(1.2, 0.3, 0.3));
+        let s = segment(Vec3::new(0.125, 0.3, 0.3), Vec3::new(1.2, 0.3, 0.3));
         let c = f64::from(correlation) / 15.0;
         // Three voxels of the block that it starts in, then a whole one, where the law is as ever.
         let want = libm::exp(-3.0 * (1.0 - c) * rho) * crate::volume::opacity::advance_f64(1.0, 4.0 * rho, c);
@@ -99,7 +99,7 @@ fn a_ray_that_starts_on_matter_meets_less_of_its_own_block() {
     // Matter that is met further on is not the ray's own.
     let code = morton::encode([6, 2, 2]);
     let lone = tree(sparse(3, &[code], &[isotropic(rho, 15)], Voxel::default()));
-    let s = stretch(Vec3::new(0.51, 0.3, 0.3), Vec3::new(1.2, 0.3, 0.3));
+    let s = segment(Vec3::new(0.51, 0.3, 0.3), Vec3::new(1.2, 0.3, 0.3));
     assert_eq!(leave(&lone, &s), through(&lone, &s));
     // A solid's inside is in the way wherever a ray starts.
     let solid = tree(full(3, Voxel { rate: voxel::RATE_MAX, correlation: 15, ..Voxel::default() }));
@@ -110,13 +110,13 @@ fn a_ray_that_starts_on_matter_meets_less_of_its_own_block() {
 fn a_slab_does_not_depend_on_how_it_is_cut() {
     let tree = tree(full(4, isotropic(0.05, 0)));
     let (a, b) = (Vec3::new(0.0, 0.2, 0.9), Vec3::new(1.0, 0.7, 0.0));
-    let whole = through(&tree, &stretch(a, b));
+    let whole = through(&tree, &segment(a, b));
     let split: f32 =
-        (0..7).map(|i| through(&tree, &stretch(a.lerp(b, i as f32 / 7.0), a.lerp(b, (i + 1) as f32 / 7.0)))).product();
+        (0..7).map(|i| through(&tree, &segment(a.lerp(b, i as f32 / 7.0), a.lerp(b, (i + 1) as f32 / 7.0)))).product();
     // Seven stretches, each end rounded to 6e-8 of the cube = 1e-6 voxels of rate .05.
     assert!((whole - split).abs() < 1e-6, "{whole} {split}");
     // The unit of t is the caller's.
-    let s = stretch(a, b);
+    let s = segment(a, b);
     let far = MarchSegment { dir: s.dir * 1e-6, length: 1e6, ..s };
     assert!((whole - through(&tree, &far)).abs() < 1e-6);
 }
@@ -131,10 +131,10 @@ fn a_sheet_of_disjoint_matter_becomes_opaque() {
     voxel.ndf = facet.encode();
     let tree = tree(sparse(4, &codes, &vec![voxel; codes.len()], voxel));
     for to in [Vec3::new(0.3, 0.7, -0.5), Vec3::new(0.9, 0.1, -0.5), Vec3::new(0.31, 0.71, 0.2)] {
-        assert_eq!(through(&tree, &stretch(Vec3::new(0.3, 0.7, 1.0), to)), 0.0, "{to}");
+        assert_eq!(through(&tree, &segment(Vec3::new(0.3, 0.7, 1.0), to)), 0.0, "{to}");
     }
     // Edge-on, the facets are not seen.
-    let along = through(&tree, &stretch(Vec3::new(0.0, 0.3, 0.34), Vec3::new(1.0, 0.3, 0.34)));
+    let along = through(&tree, &segment(Vec3::new(0.0, 0.3, 0.34), Vec3::new(1.0, 0.3, 0.34)));
     assert!(along > 0.99, "{along}");
 }
 
@@ -145,7 +145,7 @@ fn blocks_multiply() {
     let tree = tree(full(5, isotropic(rho, 15)));
     for n in 1..=8 {
         let to = Vec3::new(n as f32 / 8.0, 0.4, 0.4);
-        let got = through(&tree, &stretch(Vec3::new(0.0, 0.4, 0.4), to));
+        let got = through(&tree, &segment(Vec3::new(0.0, 0.4, 0.4), to));
         let want = (1.0 - 4.0 * rho as f32).powi(n);
         assert!((got - want).abs() < 1e-5, "{n}: {got} {want}");
     }
@@ -176,7 +176,7 @@ fn a_wall_is_crossed_once() {
         }
         seen += 1;
         let mut record = Record::default();
-        let s = stretch(a, b);
+        let s = segment(a, b);
         let t = march(&tree, &s, DepthChoice::default(), 1.0, &mut record, &mut MarchStats::default());
         assert_eq!(t, 0.0, "{a} {b}");
         let total: f32 = record.0.iter().map(|r| r.1).sum();
@@ -256,7 +256,7 @@ fn a_line_in_a_face_belongs_to_the_voxel_above() {
         let tree = tree(sparse(depth, &codes, &voxels, voxel));
         for y in [0.0, 0.125, 0.5, 0.875, 1.0] {
             for [from, to] in [[-0.0077493694, 0.016960958], [0.3, 0.3], [0.5, 0.2]] {
-                let s = stretch(Vec3::new(from, y, 0.0), Vec3::new(to, y, 1.1050864));
+                let s = segment(Vec3::new(from, y, 0.0), Vec3::new(to, y, 1.1050864));
                 let found = chords(depth, &codes, &voxels, &s);
                 assert_eq!(found.is_empty(), y == 1.0);
                 let (got, want) = (through(&tree, &s), oracle(&codes, &voxels, &found, &s, depth));
@@ -282,7 +282,7 @@ proptest! {
         let b = if axis < 3 { let mut b = a; b[axis] = 1.3; b } else { b };
         prop_assume!((b - a).length() > 1e-3);
         let tree = tree(sparse(depth, &codes, &voxels, Voxel::default()));
-        let s = stretch(a, b);
+        let s = segment(a, b);
         let found = chords(depth, &codes, &voxels, &s);
         let mut record = Record::default();
         let mut stats = MarchStats::default();
@@ -316,7 +316,7 @@ proptest! {
         let (codes, voxels): (Vec<u64>, Vec<Voxel>) = cells.into_iter().unzip();
         prop_assume!((b - a).length() > 1e-3);
         let tree = tree(sparse(4, &codes, &voxels, Voxel::default()));
-        let s = stretch(a, b);
+        let s = segment(a, b);
         let (part, whole) = (through(&tree, &MarchSegment { length: cut, ..s }), through(&tree, &s));
         prop_assert!((0.0..=1.0).contains(&whole) && whole <= part, "{part} {whole}");
     }
@@ -348,7 +348,7 @@ proptest! {
         ];
         depths.resize(depth + 1, Depth::default());
         let terminal = tree(Volume { info: info(Model::Coverage), depths });
-        let s = stretch(a, b);
+        let s = segment(a, b);
         let (want, got) = (through(&expanded, &s), through(&terminal, &s));
         // Up to 90 pieces of which each end is rounded to 2e-7 of the cube, at 1.5 per cube edge.
         prop_assert!((want - got).abs() < 5e-5, "{want} {got}");
@@ -377,7 +377,7 @@ fn even_and_odd_depths_agree() {
         })
         .collect();
     let tree = tree(Volume { info: info(Model::Coverage), depths });
-    let s = stretch(Vec3::new(0.1, 0.0, 0.3), Vec3::new(0.9, 1.0, 0.35));
+    let s = segment(Vec3::new(0.1, 0.0, 0.3), Vec3::new(0.9, 1.0, 0.35));
     let want = through(&tree, &s);
     for d in 0..6 {
         let got = transmittance(&tree, &s, at_depth(d), 0.0, &mut MarchStats::default());
@@ -422,7 +422,7 @@ fn wide_instructions_change_no_bit() {
         crate::simd::PLAIN_ONLY.store(plain, std::sync::atomic::Ordering::Relaxed);
         let one = |i: u32| {
             let at = |k: f32| (0.37 * k * i as f32).fract();
-            let s = stretch(Vec3::new(at(1.0), at(2.0), at(3.0)), Vec3::new(at(5.0), at(7.0), at(11.0)));
+            let s = segment(Vec3::new(at(1.0), at(2.0), at(3.0)), Vec3::new(at(5.0), at(7.0), at(11.0)));
             through(&tree, &MarchSegment { footprint: at(13.0) / 8.0, growth: 0.05, ..s }).to_bits()
         };
         let found = (0..500).map(one).collect();
@@ -441,7 +441,7 @@ fn neyret_opacity_is_isotropic() {
     let mut volume = full(3, voxel);
     volume.info.model = Model::Neyret;
     let tree = tree(volume);
-    let got = through(&tree, &stretch(Vec3::new(0.5, 0.0, 0.5), Vec3::new(0.5, 1.0, 0.5)));
+    let got = through(&tree, &segment(Vec3::new(0.5, 0.0, 0.5), Vec3::new(0.5, 1.0, 0.5)));
     assert!((got - (-0.5f32).exp()).abs() < 1e-6, "{got}");
 }
 
@@ -449,7 +449,7 @@ fn neyret_opacity_is_isotropic() {
 fn what_is_left_of_an_opaque_ray_goes_to_its_last_voxel() {
     let tree = tree(full(5, isotropic(1.0, 0)));
     let mut record = Record::default();
-    let s = stretch(Vec3::new(0.0, 0.4, 0.4), Vec3::new(1.0, 0.4, 0.4));
+    let s = segment(Vec3::new(0.0, 0.4, 0.4), Vec3::new(1.0, 0.4, 0.4));
     let t = march(&tree, &s, DepthChoice::default(), 0.5, &mut record, &mut MarchStats::default());
     let total: f32 = record.0.iter().map(|r| r.1).sum();
     assert_eq!(t, 0.0);

@@ -2,18 +2,18 @@
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
-use super::atmosphere::{Atmosphere, DIP};
-use super::spectrum::{Colours, Spectrum, luminance};
+use super::atmosphere::{Atmosphere, HORIZON_DIP};
+use super::spectrum::{RgbWeights, Spectrum, luminance};
 use crate::geom::DVec3;
 
-/// Columns from the sun's side to the other, and rows from straight down to straight up; denser near the sun and the
-/// horizon. The sky is the same on both sides of the sun's meridian.
+/// Size of the table: columns of azimuth from the sun to the opposite side, and rows of elevation from the nadir to the zenith. Both are
+/// denser near the sun and near the horizon. The sky is symmetric about the sun's meridian.
 const AROUND: usize = 48;
 const POLAR: usize = 96;
 
-/// Radiance by direction, linear Rec. 709, +y up; the sun's disc is apart from it.
+/// Radiance of a clear sky by direction, linear Rec. 709, +y up, without the sun's disc.
 pub struct ClearSky {
-    /// Unit, level: where the sun stands.
+    /// Unit horizontal direction towards the sun.
     towards: DVec3,
     table: Vec<DVec3>,
 }
@@ -22,7 +22,7 @@ impl ClearSky {
     /// The sky of a sun in the unit direction `sun`. Luminances times 683 are cd / m².
     pub fn new(sun: DVec3, turbidity: f64) -> ClearSky {
         let air = Atmosphere::new(turbidity);
-        let colours = Colours::new();
+        let colours = RgbWeights::new();
         let sin_sun = sun.y.clamp(-1.0, 1.0);
         let across = (1.0 - sin_sun * sin_sun).sqrt();
         let radiance = |row: usize, column: usize, from_above: Spectrum| {
@@ -53,18 +53,19 @@ impl ClearSky {
 
     /// Irradiance of that sun on what faces it, without the sky; luminances times 683 are lux.
     pub fn sunlight(sun: DVec3, turbidity: f64) -> DVec3 {
-        Colours::new().rgb(&Atmosphere::unscattered(turbidity).sun(sun.y.clamp(-1.0, 1.0)))
+        RgbWeights::new().rgb(&Atmosphere::without_multiple_scattering(turbidity).sun(sun.y.clamp(-1.0, 1.0)))
     }
 
-    /// The sky times such a factor that the sun's irradiance has the luminance `wanted`. A sun that is lower than 2 degrees
-    /// counts as if it stood there: its own light ends where the sky's does not.
+    /// The factor of the sky at which the sun's irradiance has the luminance `wanted`. A sun below 2 degrees counts as if it stood at 2
+    /// degrees, since its own light vanishes there while the sky's does not.
     pub fn scale(sun: DVec3, turbidity: f64, wanted: f64) -> f64 {
         const LEAST: f64 = 0.034_9;
-        let found = luminance(Colours::new().rgb(&Atmosphere::unscattered(turbidity).sun(sun.y.max(LEAST))));
+        let found =
+            luminance(RgbWeights::new().rgb(&Atmosphere::without_multiple_scattering(turbidity).sun(sun.y.max(LEAST))));
         wanted / found.max(1e-9)
     }
 
-    /// Towards a unit direction.
+    /// Radiance from a unit direction.
     pub fn radiance(&self, dir: DVec3) -> DVec3 {
         let level = (dir.x * dir.x + dir.z * dir.z).sqrt();
         let cos = if level > 0.0 { (dir.dot(self.towards) / level).clamp(-1.0, 1.0) } else { 1.0 };
@@ -87,12 +88,12 @@ impl ClearSky {
 fn elevation(row: f64) -> f64 {
     let v = 2.0 * row / (POLAR - 1) as f64 - 1.0;
     let elevation = FRAC_PI_2 * v * v.abs();
-    if v < 0.0 { elevation * (1.0 - DIP / FRAC_PI_2) - DIP } else { elevation }
+    if v < 0.0 { elevation * (1.0 - HORIZON_DIP / FRAC_PI_2) - HORIZON_DIP } else { elevation }
 }
 
 /// The row of an elevation.
 fn row(elevation: f64) -> f64 {
-    let below = (elevation + DIP).min(0.0) / (1.0 - DIP / FRAC_PI_2);
+    let below = (elevation + HORIZON_DIP).min(0.0) / (1.0 - HORIZON_DIP / FRAC_PI_2);
     let elevation = if elevation > 0.0 { elevation } else { below };
     let v = (elevation.abs() / FRAC_PI_2).sqrt().copysign(elevation);
     (v + 1.0) * 0.5 * (POLAR - 1) as f64

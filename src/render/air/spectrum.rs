@@ -12,7 +12,7 @@ pub const COUNT: usize = 8;
 pub const WAVELENGTHS: [f64; COUNT] = [400.0, 440.0, 480.0, 520.0, 560.0, 600.0, 640.0, 680.0];
 /// W / m² / nm, facing the sun, outside of the atmosphere.
 pub const SUN: Spectrum = Spectrum([1.68, 1.86, 1.98, 1.87, 1.84, 1.745, 1.60, 1.48]);
-/// m² a molecule.
+/// Absorption cross section of ozone, m² per molecule.
 pub const OZONE: [f64; COUNT] = [1.5e-27, 1.6e-26, 7.8e-26, 2.1e-25, 4.2e-25, 5.0e-25, 2.7e-25, 1.2e-25];
 
 /// A value for each wavelength; in between it is linear, beyond the ends constant.
@@ -114,11 +114,11 @@ impl Mul<f64> for Spectrum {
     }
 }
 
-/// From spectra to linear Rec. 709.
-pub struct Colours([DVec3; COUNT]);
+/// For each wavelength its contribution to linear Rec. 709.
+pub struct RgbWeights([DVec3; COUNT]);
 
-impl Colours {
-    pub fn new() -> Colours {
+impl RgbWeights {
+    pub fn new() -> RgbWeights {
         let mut xyz = [DVec3::ZERO; COUNT];
         for nm in 360..=780 {
             let at = (f64::from(nm) - WAVELENGTHS[0]) / 40.0;
@@ -135,13 +135,14 @@ impl Colours {
             DVec3::new(-1.537_138_5, 1.876_010_8, -0.204_025_9),
             DVec3::new(-0.498_531_4, 0.041_556_0, 1.057_225_2),
         );
-        Colours(xyz.map(|v| to_rgb * v))
+        RgbWeights(xyz.map(|v| to_rgb * v))
     }
 
-    /// Its luminance is the integral with the eye's sensitivity, whose top is 1: 683 times that is lux, or cd / m².
+    /// Linear Rec. 709 of a spectrum. Its luminance is the integral of the spectrum times the luminosity function, whose maximum is 1;
+    /// 683 times that is in lux, or cd / m².
     pub fn rgb(&self, spectrum: &Spectrum) -> DVec3 {
         let sum: DVec3 = self.0.iter().zip(spectrum.0).map(|(weight, v)| v * *weight).sum();
-        // What is more saturated than the display's colours.
+        // Colours outside of the gamut are clipped.
         sum.max(DVec3::ZERO)
     }
 }
@@ -159,7 +160,7 @@ fn matching(nm: f64) -> DVec3 {
     )
 }
 
-/// Of linear Rec. 709.
+/// Luminance of linear Rec. 709.
 pub fn luminance(rgb: DVec3) -> f64 {
     rgb.dot(DVec3::new(0.2126, 0.7152, 0.0722))
 }

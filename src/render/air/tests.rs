@@ -4,7 +4,7 @@ use std::f64::consts::{FRAC_PI_2, PI};
 
 use super::atmosphere::{Atmosphere, TURBIDITY};
 use super::clear::ClearSky;
-use super::spectrum::{COUNT, Colours, OZONE, SUN, WAVELENGTHS, luminance};
+use super::spectrum::{COUNT, OZONE, RgbWeights, SUN, WAVELENGTHS, luminance};
 use crate::geom::DVec3;
 
 fn at(elevation: f64, azimuth: f64) -> DVec3 {
@@ -79,7 +79,7 @@ fn colours_are_of_daylight() {
     let low = kelvin(ClearSky::sunlight(at(3.0, 0.0), 2.5));
     assert!((1500.0..3500.0).contains(&low), "{low}");
     // White is white: D65's own colour by the weights, to the tents' 40 nm.
-    let flat = Colours::new().rgb(&super::spectrum::Spectrum::splat(1.0));
+    let flat = RgbWeights::new().rgb(&super::spectrum::Spectrum::splat(1.0));
     // The equal-energy illuminant in Rec. 709: (1.205, .948, .909).
     let ratio = flat / luminance(flat);
     assert!((ratio - DVec3::new(1.205, 0.948, 0.909)).abs().max_element() < 0.02, "{ratio}");
@@ -115,7 +115,7 @@ fn light_is_not_made_and_the_sky_is_even() {
             let sun = at(altitude, 77.0);
             let sky = ClearSky::new(sun, turbidity);
             let direct = ClearSky::sunlight(sun, turbidity);
-            let above = luminance(Colours::new().rgb(&SUN)) * sun.y.max(0.0);
+            let above = luminance(RgbWeights::new().rgb(&SUN)) * sun.y.max(0.0);
             let ground = luminance(direct) * sun.y.max(0.0) + luminance(irradiance(&sky));
             // At and below the horizon the air above is lit nevertheless: by at most 1500 lx (see below).
             assert!(ground < above + 1500.0 / 683.0, "{turbidity} {altitude}: {ground} of {above}");

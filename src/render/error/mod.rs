@@ -1,12 +1,12 @@
-//! How far a texel is from its source: opacity, normals, colour and shadows against rays cast through the source's own
+//! The error of a texel against its source: opacity, normals, colour and shadows, compared with rays cast through the source's own
 //! facets, depth by depth, in 26 directions.
 //!
 //! Based on: E. Heitz, F. Neyret, *Representing Appearance and Pre-filtering Subpixel Data in Sparse Voxel Octrees*, HPG 2012
 //! (what a prefiltered voxel has to agree with is the mean over a pixel); G. Loubet, F. Neyret, *Hybrid Mesh-Volume LoDs*,
 //! EG 2017.
 //!
-//! A pixel is a square across the direction, anywhere over the texel and turned anyhow; both sides are the means over the
-//! same rays through it (a box filter). A pixel that neither side covers is background and does not count.
+//! A pixel is a square at right angles to the direction, at a random position over the texel and randomly rotated. Texel and source
+//! are both averaged over the same rays through it (a box filter). A pixel that neither covers is background and does not count.
 
 mod options;
 mod pixels;
@@ -14,8 +14,8 @@ mod sigma;
 mod truth;
 
 pub use options::{Options, SUN};
-pub use sigma::Areas;
-pub use truth::{Facet, Look, Soft, Truth};
+pub use sigma::ProjectedAreas;
+pub use truth::{Facet, FacetAppearance, GroundTruth, MediumBox};
 
 use serde::Serialize;
 
@@ -25,23 +25,23 @@ use crate::volume::Octree;
 use crate::{Error, Result, par};
 use pixels::{Batch, Pixel};
 
-/// A distribution of errors: mean and 95th percentile of their size, and their mean with the sign (texel − truth).
+/// Statistics of errors, which are texel − ground truth: mean and 95th percentile of their magnitude, and their signed mean.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
-pub struct Spread {
-    /// Mean of the errors' sizes.
+pub struct ErrorStats {
+    /// Mean magnitude.
     pub mean: f64,
-    /// 95th percentile of the errors' sizes.
+    /// 95th percentile of the magnitude.
     pub p95: f64,
-    /// Mean of the errors with their signs.
+    /// Signed mean.
     pub bias: f64,
 }
 
-impl Spread {
-    /// Spread of errors with weights ≥ 0.
-    fn of(mut errors: Vec<(f64, f64)>) -> Spread {
+impl ErrorStats {
+    /// Statistics of pairs of an error and its weight, ≥ 0.
+    fn of(mut errors: Vec<(f64, f64)>) -> ErrorStats {
         let total: f64 = errors.iter().map(|e| e.1).sum();
         if total.is_nan() || total <= 0.0 {
-            return Spread::default();
+            return ErrorStats::default();
         }
         errors.sort_by(|a, b| a.0.abs().total_cmp(&b.0.abs()));
         let mut left = 0.95 * total;
@@ -49,7 +49,7 @@ impl Spread {
             left -= e.1;
             left <= 0.0
         });
-        Spread {
+        ErrorStats {
             mean: errors.iter().map(|e| e.0.abs() * e.1).sum::<f64>() / total,
             p95: p95.map_or(0.0, |e| e.0.abs()),
             bias: errors.iter().map(|e| e.0 * e.1).sum::<f64>() / total,
@@ -62,16 +62,16 @@ impl Spread {
 pub struct Opacity {
     /// |ΔT| over pixels; a positive bias is too opaque.
     #[serde(flatten)]
-    pub spread: Spread,
-    /// Covered area over the true one: all directions together, and the least and the most of any.
+    pub spread: ErrorStats,
+    /// Ratio of the covered area to the true one, over all directions together.
     pub area: f64,
-    /// Least ratio of any direction.
+    /// Least such ratio of any one direction.
     pub area_least: f64,
-    /// Greatest ratio of any direction.
+    /// Greatest such ratio of any one direction.
     pub area_most: f64,
-    /// Part of |ΔT| that is due to the finite number of rays: half the mean difference between the errors by each half of them.
+    /// The part of |ΔT| that is due to the finite number of rays: half the mean difference between the errors by each half of them.
     pub noise: f64,
-    /// Rays a pixel, on the average, and pixels that are not background.
+    /// Mean number of rays per pixel.
     pub rays: f64,
     /// Pixels that are not background.
     pub pixels: u64,
@@ -87,24 +87,24 @@ pub struct DepthError {
     /// Pixels as wide as a voxel.
     pub opacity: Opacity,
     /// The same by one ray through the pixel's middle, as a picture of one lane takes it.
-    pub one_ray: Spread,
+    pub one_ray: ErrorStats,
     /// Pixels four voxels wide; not at depths 0 and 1, where those are as large as the texel.
     pub opacity_at_4: Option<Opacity>,
     /// Projected area of a voxel's normals along 13 axes, over its mean, against that of the facets in it.
-    pub sigma: Option<Spread>,
+    pub sigma: Option<ErrorStats>,
     /// Colour of what is seen, mean over the channels; pixels by coverage.
-    pub albedo: Spread,
+    pub albedo: ErrorStats,
     /// Mean of max(0, n·l) over what is seen, l being [`SUN`] and no shadows; pixels by coverage.
-    pub shading: Spread,
+    pub shading: ErrorStats,
     /// Share of that light that is not in the shadow; pixels by the light.
-    pub shadow: Spread,
+    pub shadow: ErrorStats,
     /// Both together, as a picture shows it: with the factors of light that the texel has for its depths.
-    pub light: Spread,
+    pub light: ErrorStats,
 }
 
 /// 26 unit directions through the faces, edges and corners of the cube.
 fn directions(turned: bool) -> [DVec3; 26] {
-    // Half a right angle about an axis that no plane of the cube's symmetry holds.
+    // A turn by 45 degrees about an axis that lies in no mirror plane of the cube.
     let turn = if turned {
         DMat3::from_axis_angle(DVec3::new(0.37, 0.61, 0.70).normalize(), std::f64::consts::FRAC_PI_4)
     } else {
@@ -121,8 +121,8 @@ fn directions(turned: bool) -> [DVec3; 26] {
 /// `Options` where a number is out of range, and what reading the texel gives.
 pub fn measure(
     tree: &Octree,
-    truth: &Truth<'_>,
-    areas: Option<Areas>,
+    truth: &GroundTruth<'_>,
+    areas: Option<ProjectedAreas>,
     options: &Options,
     progress: &dyn Progress,
 ) -> Result<Vec<DepthError>> {
@@ -152,7 +152,7 @@ pub fn measure(
         };
         let (own, pixels) = at(1.0, true);
         let mut error = DepthError { depth, voxels: tree.count(depth) as u64, opacity: own, ..DepthError::default() };
-        error.one_ray = Spread::of(pixels.iter().map(|p| (p.one_ray - p.truth.opacity, 1.0)).collect());
+        error.one_ray = ErrorStats::of(pixels.iter().map(|p| (p.one_ray - p.truth.opacity, 1.0)).collect());
         appearance(&pixels, &mut error);
         error.opacity_at_4 = (depth >= 2).then(|| at(4.0, false).0);
         error.sigma = areas.as_ref().map(|a| sigma::compare(tree, depth, a));
@@ -178,7 +178,7 @@ fn opacity(directions: &[Vec<Pixel>]) -> Opacity {
     let (least, most) = areas.fold((f64::INFINITY, 0.0f64), |(lo, hi), a| (lo.min(a), hi.max(a)));
     let whole = area(&pixels);
     Opacity {
-        spread: Spread::of(pixels.iter().map(|p| (p.texel.opacity - p.truth.opacity, 1.0)).collect()),
+        spread: ErrorStats::of(pixels.iter().map(|p| (p.texel.opacity - p.truth.opacity, 1.0)).collect()),
         area: if whole.is_finite() { whole } else { 0.0 },
         area_least: if least.is_finite() { least } else { 0.0 },
         area_most: most,
@@ -190,25 +190,25 @@ fn opacity(directions: &[Vec<Pixel>]) -> Opacity {
 
 /// Colour, shading and shadow over pixels.
 fn appearance(pixels: &[Pixel], error: &mut DepthError) {
-    /// Below this coverage a pixel says nothing of what covers it.
+    /// Pixels of less coverage are left out, since the mean over what covers them is too noisy.
     const SEEN: f64 = 1.0 / 64.0;
     let seen = || pixels.iter().filter(|p| p.texel.cover > SEEN && p.truth.cover > SEEN);
-    let mut albedo = Spread::default();
+    let mut albedo = ErrorStats::default();
     for k in 0..3 {
         let of = |p: &Pixel| (p.texel.albedo[k] / p.texel.cover - p.truth.albedo[k] / p.truth.cover, p.truth.cover);
-        let one = Spread::of(seen().map(of).collect());
+        let one = ErrorStats::of(seen().map(of).collect());
         albedo.mean += one.mean / 3.0;
         albedo.p95 += one.p95 / 3.0;
         albedo.bias += one.bias / 3.0;
     }
     error.albedo = albedo;
     let shading = |p: &Pixel| (p.texel.lit / p.texel.cover - p.truth.lit / p.truth.cover, p.truth.cover);
-    error.shading = Spread::of(seen().map(shading).collect());
+    error.shading = ErrorStats::of(seen().map(shading).collect());
     let light = |p: &Pixel| (p.texel.light / p.texel.cover - p.truth.light / p.truth.cover, p.truth.cover);
-    error.light = Spread::of(seen().map(light).collect());
+    error.light = ErrorStats::of(seen().map(light).collect());
     let lit = seen().filter(|p| p.texel.lit > SEEN && p.truth.lit > SEEN);
     let shadow = |p: &Pixel| (p.texel.open / p.texel.lit - p.truth.open / p.truth.lit, p.truth.lit);
-    error.shadow = Spread::of(lit.map(shadow).collect());
+    error.shadow = ErrorStats::of(lit.map(shadow).collect());
 }
 
 #[cfg(test)]

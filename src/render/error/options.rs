@@ -5,15 +5,15 @@ use crate::geom::DVec3;
 /// Options of the measurement.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Options {
-    /// Pixels a direction, depth and size, 1 … 100 000.
+    /// Number of pixels per direction, depth and pixel size, 1 … 100 000.
     pub pixels: u32,
-    /// Rays a pixel at the least, and at the most where it takes so many for [`Options::noise`]; powers of two, 2 … 65 536.
+    /// Least number of rays per pixel, and the most that are cast to reach [`Options::noise`]; powers of two, 2 … 65 536.
     pub rays: [u32; 2],
-    /// The noise of |ΔT| that is good enough.
+    /// Noise of |ΔT| below which no more rays are cast.
     pub noise: f64,
-    /// Turn the 26 directions, so that none of them is one that a bake measures along.
+    /// Rotate the 26 directions, so that none of them is one along which a bake measures.
     pub turned: bool,
-    /// Depths to measure, finest first.
+    /// Number of depths to measure, counted from the finest.
     pub depths: usize,
     /// Seed of the rays.
     pub seed: u32,

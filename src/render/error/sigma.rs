@@ -1,24 +1,24 @@
-//! The normals of voxels against the facets in them, by projected areas.
+//! Error of the distribution of normals: projected areas of voxels against those of the facets in them.
 
-use super::Spread;
+use super::ErrorStats;
 use crate::geom::directions13;
 use crate::volume::{Octree, Sggx};
 
 /// Projected areas of the facets in each voxel along the 13 axes ([`crate::geom::AXES13`]), with the voxel's Morton code;
 /// in any one unit.
 #[derive(Debug, Clone, Default)]
-pub struct Areas {
+pub struct ProjectedAreas {
     voxels: Vec<(u64, [f32; 13])>,
 }
 
-impl Areas {
-    /// Areas by voxel, in any order; a voxel that comes again adds up.
-    pub fn new(mut voxels: Vec<(u64, [f32; 13])>) -> Areas {
+impl ProjectedAreas {
+    /// From pairs of a voxel's Morton code and its areas, in any order; those of one voxel are added.
+    pub fn new(mut voxels: Vec<(u64, [f32; 13])>) -> ProjectedAreas {
         voxels.sort_by_key(|v| v.0);
-        Areas { voxels }.merged()
+        ProjectedAreas { voxels }.merged()
     }
 
-    fn merged(mut self) -> Areas {
+    fn merged(mut self) -> ProjectedAreas {
         self.voxels.dedup_by(|next, kept| {
             let same = next.0 == kept.0;
             if same {
@@ -30,15 +30,15 @@ impl Areas {
     }
 
     /// Areas of the voxels twice as wide.
-    pub fn coarser(mut self) -> Areas {
+    pub fn coarser(mut self) -> ProjectedAreas {
         self.voxels.iter_mut().for_each(|v| v.0 >>= 3);
         self.merged()
     }
 }
 
-/// Over the voxels of `depth` in which facets are: the mean over axes of |projected area of the normals − of the facets|,
-/// each over its own mean. The bias is 0.
-pub fn compare(tree: &Octree, depth: usize, areas: &Areas) -> Spread {
+/// Error over the voxels of `depth` that hold facets: the sum over 13 axes of |projected area of the normals − of the facets|, each
+/// relative to its own sum over the axes. The bias is 0.
+pub fn compare(tree: &Octree, depth: usize, areas: &ProjectedAreas) -> ErrorStats {
     let axes = directions13().map(|w| w.as_vec3());
     let errors = areas.voxels.iter().filter_map(|(code, truth)| {
         let voxel = tree.voxel(tree.find(depth, *code)?);
@@ -51,5 +51,5 @@ pub fn compare(tree: &Octree, depth: usize, areas: &Areas) -> Spread {
         }
         Some((own.iter().zip(&truth).map(|(a, b)| (a / all - b / all_truth).abs()).sum::<f64>(), 1.0))
     });
-    Spread { bias: 0.0, ..Spread::of(errors.collect()) }
+    ErrorStats { bias: 0.0, ..ErrorStats::of(errors.collect()) }
 }

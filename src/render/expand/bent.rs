@@ -1,10 +1,11 @@
-//! Triangles of texels' sources as shells bend them: cut at the borders of regions and of cells, and taken to the world.
+//! Bent geometry: the triangles of texels' sources as shells deform them, clipped at the borders of regions and of cells, and mapped to the
+//! world.
 
 use std::collections::{BTreeMap, HashMap};
 
-use super::clip::{HalfSpace, Point, clip};
-use super::region::{Prism, Region};
-use super::source::{Seen, SourceTriangle, SourceTriangles};
+use super::clip::{ClipVertex, HalfSpace, clip};
+use super::region::{FacePrism, Region};
+use super::source::{SourceTriangle, SourceTriangles, VisitedTriangles};
 use crate::geom::{Aabb, DAffine3, DMat3, DVec3, Vec3};
 use crate::render::cells::TexelLayer;
 use crate::render::faces::Face;
@@ -12,12 +13,12 @@ use crate::render::mesh::cofactor;
 use crate::scene::Part;
 use crate::scene::shell::CellWrap;
 
-/// What bent triangles are of: a texel, a part of its source's model, and what multiplies their colour, as bits.
-pub type Key = (usize, usize, [u32; 3]);
+/// Identity of a mesh of bent triangles: a texel, a part of its source's model, and the bits of the tint.
+pub type BentKey = (usize, usize, [u32; 3]);
 
-/// Triangles of one kind, in the world relative to an origin.
+/// Bent triangles of one identity; positions in the world, relative to an origin.
 #[derive(Debug, Default)]
-pub struct Piece {
+pub struct BentMesh {
     pub positions: Vec<[f32; 3]>,
     pub normals: Vec<[f32; 3]>,
     pub uvs: Vec<[f32; 2]>,
@@ -25,26 +26,26 @@ pub struct Piece {
     pub triangles: Vec<[u32; 3]>,
 }
 
-/// All of them.
+/// All meshes of bent triangles.
 #[derive(Debug, Default)]
-pub struct Pieces(pub BTreeMap<Key, Piece>);
+pub struct BentMeshes(pub BTreeMap<BentKey, BentMesh>);
 
-impl Pieces {
+impl BentMeshes {
     /// Number of triangles.
     pub fn len(&self) -> u64 {
         self.0.values().map(|p| p.triangles.len() as u64).sum()
     }
 
-    /// Bytes that they take in memory.
+    /// Bytes of memory that they take.
     pub fn bytes(&self) -> u64 {
-        let of = |p: &Piece| {
+        let of = |p: &BentMesh| {
             12 * (p.positions.len() + p.normals.len() + p.triangles.len()) + 8 * p.uvs.len() + 16 * p.colors.len()
         };
         self.0.values().map(|p| of(p) as u64).sum()
     }
 
-    /// Add what another has, after one's own.
-    pub fn append(&mut self, other: Pieces) {
+    /// Append the triangles of another.
+    pub fn append(&mut self, other: BentMeshes) {
         for (key, mut more) in other.0 {
             let own = self.0.entry(key).or_default();
             let first = own.positions.len() as u32;
@@ -57,55 +58,55 @@ impl Pieces {
     }
 }
 
-/// What multiplies a copy's colour: as it is, or in steps of a twelfth of a stop, which are 3 % at the most.
+/// The bits of a copy's tint: exact, or rounded to steps of a twelfth of a stop, which is an error of at most 3 %.
 pub fn tint_bits(tint: Vec3, exact: bool) -> [u32; 3] {
     let steps = |t: f32| (12.0 * libm::log2(f64::from(t))).round() / 12.0;
     let value = |t: f32| if exact || t <= 0.0 { t } else { libm::exp2(steps(t)) as f32 };
     tint.to_array().map(|t| value(t).to_bits())
 }
 
-/// Cuts sources' triangles. One a thread.
-pub struct Cutter<'a> {
+/// Clips the triangles of sources and maps them into shells. Each thread has one.
+pub struct ShellClipper<'a> {
     sources: &'a [Option<SourceTriangles>],
-    /// What world positions are relative to.
+    /// Origin of the world positions.
     origin: DVec3,
-    seen: Seen,
-    polygon: Vec<Point>,
-    room: Vec<Point>,
-    spaces: Vec<HalfSpace>,
-    /// Corners of the source that are there already: by instance and vertex.
+    seen: VisitedTriangles,
+    polygon: Vec<ClipVertex>,
+    room: Vec<ClipVertex>,
+    half_spaces: Vec<HalfSpace>,
+    /// Vertices of the source that have been written already, by instance and vertex.
     shared: HashMap<(u32, u32), u32>,
-    pub out: Pieces,
+    pub out: BentMeshes,
 }
 
 /// One copy in one region.
-struct Placed<'a> {
+struct CopyInRegion<'a> {
     texel: usize,
     source: &'a SourceTriangles,
     tint: [u32; 3],
     to_world: DAffine3,
 }
 
-impl<'a> Cutter<'a> {
-    pub fn new(sources: &'a [Option<SourceTriangles>], origin: DVec3) -> Cutter<'a> {
-        Cutter {
+impl<'a> ShellClipper<'a> {
+    pub fn new(sources: &'a [Option<SourceTriangles>], origin: DVec3) -> ShellClipper<'a> {
+        ShellClipper {
             sources,
             origin,
-            seen: Seen::default(),
+            seen: VisitedTriangles::default(),
             polygon: Vec::new(),
             room: Vec::new(),
-            spaces: Vec::new(),
+            half_spaces: Vec::new(),
             shared: HashMap::new(),
-            out: Pieces::default(),
+            out: BentMeshes::default(),
         }
     }
 
-    /// Add what a layer has in the shell over one face, to within `tolerance` cells; no more than `most` triangles beyond what
-    /// there is, and false where there are more.
+    /// Add the triangles of a layer in the shell over one face, to within `tolerance` cells. Returns false where that would be more than `most`
+    /// triangles.
     pub fn face(&mut self, face: &Face, layer: &TexelLayer, tolerance: f64, most: u64) -> bool {
         let end = self.out.len().saturating_add(most);
         let mut room_left = true;
-        Prism { face, layer }.regions(tolerance, &mut |region| {
+        FacePrism { face, layer }.regions(tolerance, &mut |region| {
             if room_left {
                 self.region(region, layer);
                 room_left = self.out.len() <= end;
@@ -123,46 +124,46 @@ impl<'a> Cutter<'a> {
                     let Some((copy, to_texel)) = layer.placed([u, v, w]) else { continue };
                     let Some(Some(source)) = self.sources.get(copy.texel) else { continue };
                     let back = to_texel.inverse();
-                    self.spaces.clear();
-                    self.spaces.extend(region.spaces.iter().map(|s| s.before(&back)));
-                    self.spaces.extend(borders([u, v, w], layer).iter().map(|s| s.before(&back)));
+                    self.half_spaces.clear();
+                    self.half_spaces.extend(region.half_spaces.iter().map(|s| s.preimage(&back)));
+                    self.half_spaces.extend(borders([u, v, w], layer).iter().map(|s| s.preimage(&back)));
                     if layer.reach != [0; 3] {
-                        self.spaces.extend(cube());
+                        self.half_spaces.extend(cube());
                     }
                     let to_world = region.to_world * back;
                     let bounds = region.bounds.transformed(to_texel).intersection(reached(layer, &to_texel, [u, v, w]));
                     let tint = tint_bits(copy.tint, exact);
-                    self.copy(&Placed { texel: copy.texel, source, tint, to_world }, &bounds);
+                    self.copy(&CopyInRegion { texel: copy.texel, source, tint, to_world }, &bounds);
                 }
             }
         }
     }
 
-    /// The source of a cyclic texel as its cube cuts it, in texel space.
+    /// Add the source of a cyclic texel, clipped at its cube, in texel space.
     pub fn cube_of(&mut self, texel: usize, tint: [u32; 3]) {
         let Some(Some(source)) = self.sources.get(texel) else { return };
-        self.spaces.clear();
-        self.spaces.extend(cube());
+        self.half_spaces.clear();
+        self.half_spaces.extend(cube());
         let to_world = DAffine3::from_translation(self.origin);
-        self.copy(&Placed { texel, source, tint, to_world }, &Aabb::UNIT);
+        self.copy(&CopyInRegion { texel, source, tint, to_world }, &Aabb::UNIT);
     }
 
-    fn copy(&mut self, placed: &Placed<'_>, bounds: &Aabb) {
+    fn copy(&mut self, placed: &CopyInRegion<'_>, bounds: &Aabb) {
         self.shared.clear();
         let mut seen = std::mem::take(&mut self.seen);
         placed.source.for_each(bounds, &mut seen, &mut |_, triangle| self.triangle(placed, triangle));
         self.seen = seen;
     }
 
-    fn triangle(&mut self, placed: &Placed<'_>, triangle: &SourceTriangle) {
-        let corner = |k: usize| Point {
+    fn triangle(&mut self, placed: &CopyInRegion<'_>, triangle: &SourceTriangle) {
+        let corner = |k: usize| ClipVertex {
             x: triangle.corners[k],
             b: [f64::from(u8::from(k == 1)), f64::from(u8::from(k == 2))],
             corner: k as u8,
         };
         self.polygon.clear();
         self.polygon.extend([corner(0), corner(1), corner(2)]);
-        clip(&mut self.polygon, &mut self.room, &self.spaces);
+        clip(&mut self.polygon, &mut self.room, &self.half_spaces);
         if self.polygon.len() < 3 {
             return;
         }
@@ -201,19 +202,19 @@ impl<'a> Cutter<'a> {
     }
 }
 
-/// A triangle of a source, for the attributes of what becomes of it.
+/// A triangle of a source, from which the attributes of clipped vertices are interpolated.
 struct SourcePart<'a> {
     part: &'a Part,
     indices: [u32; 3],
-    /// The set of texture coordinates that its material uses.
+    /// The set of texture coordinates that the material uses.
     tex_coord: Option<usize>,
-    /// How normals turn.
+    /// The map of normals.
     turn: DMat3,
 }
 
 impl SourcePart<'_> {
-    /// Add a vertex with the weights `b` of the corners 1 and 2; its index.
-    fn add(&self, piece: &mut Piece, at: DVec3, b: [f64; 2]) -> u32 {
+    /// Add a vertex with the weights `b` of the corners 1 and 2. Returns its index.
+    fn add(&self, piece: &mut BentMesh, at: DVec3, b: [f64; 2]) -> u32 {
         let weights = [1.0 - b[0] - b[1], b[0], b[1]];
         let index = piece.positions.len() as u32;
         piece.positions.push(at.as_vec3().to_array());
@@ -246,7 +247,7 @@ fn has_area(positions: &[[f32; 3]], [a, b, c]: [u32; 3]) -> bool {
     (at(b) - at(a)).cross(at(c) - at(a)).length_squared() > 0.0
 }
 
-/// The cells whose copies may be seen in a box of texel coordinates, from the lowest to the highest.
+/// Lowest and highest of the cells whose copies may reach into a box of texel coordinates.
 fn cells(bounds: &Aabb, layer: &TexelLayer) -> [[i64; 3]; 2] {
     let at = |k: usize, x: f64, by: i64| match layer.layer.wrap[k] {
         CellWrap::Empty => 0,
@@ -258,23 +259,23 @@ fn cells(bounds: &Aabb, layer: &TexelLayer) -> [[i64; 3]; 2] {
     ]
 }
 
-/// Where what `cell` holds ends, in the layer's texel coordinates: at the cell's own borders, but for copies that reach over
-/// them only at those of axes along which there is nothing else.
+/// The half-spaces that bound the copy of `cell`, in the layer's texel coordinates: the cell's own borders. For copies that reach over their
+/// cells, only those along axes without repetition.
 fn borders(cell: [i64; 3], layer: &TexelLayer) -> Vec<HalfSpace> {
-    let mut spaces = Vec::with_capacity(6);
+    let mut half_spaces = Vec::with_capacity(6);
     for k in 0..3 {
         let empty = layer.layer.wrap[k] == CellWrap::Empty;
         if layer.reach == [0; 3] || empty {
             let low = cell[k] as f64;
             let n = DVec3::from_array(std::array::from_fn(|i| f64::from(u8::from(i == k))));
-            spaces.push(HalfSpace { n: -n, c: -low, closed: true });
-            spaces.push(HalfSpace { n, c: low + 1.0, closed: empty });
+            half_spaces.push(HalfSpace { n: -n, c: -low, closed: true });
+            half_spaces.push(HalfSpace { n, c: low + 1.0, closed: empty });
         }
     }
-    spaces
+    half_spaces
 }
 
-/// The box, in texel space, of what a copy may show.
+/// Bounding box, in texel space, of the part of a copy that may be visible.
 fn reached(layer: &TexelLayer, to_texel: &DAffine3, cell: [i64; 3]) -> Aabb {
     if layer.reach != [0; 3] {
         return Aabb::UNIT;
@@ -284,7 +285,7 @@ fn reached(layer: &TexelLayer, to_texel: &DAffine3, cell: [i64; 3]) -> Aabb {
     Aabb::new(own.min - 1e-9, own.max + 1e-9)
 }
 
-/// The cube of a texel: what lies in its upper faces is of the next.
+/// The half-spaces of a texel's cube. Its upper faces along u and v belong to the next cube.
 fn cube() -> [HalfSpace; 6] {
     [DVec3::X, DVec3::Y, DVec3::Z, DVec3::NEG_X, DVec3::NEG_Y, DVec3::NEG_Z].map(|n| {
         let upper = n.element_sum() > 0.0;

@@ -1,4 +1,4 @@
-//! Convex pieces of triangles: what of a triangle lies in a convex region.
+//! Clipping of triangles to convex regions.
 //!
 //! Based on: I. Sutherland, G. Hodgman, *Reentrant Polygon Clipping*, CACM 1974.
 
@@ -21,14 +21,14 @@ impl HalfSpace {
     }
 
     /// The half-space of the points that `map` takes into this one.
-    pub fn before(&self, map: &DAffine3) -> HalfSpace {
+    pub fn preimage(&self, map: &DAffine3) -> HalfSpace {
         HalfSpace { n: map.matrix3.transpose() * self.n, c: self.c - self.n.dot(map.translation), closed: self.closed }
     }
 }
 
-/// A corner of a piece: where it is, and the weights of the triangle's corners 1 and 2 there.
+/// A vertex of a clipped triangle: its position, and its barycentric weights of the triangle's corners 1 and 2.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Point {
+pub struct ClipVertex {
     pub x: DVec3,
     pub b: [f64; 2],
     /// The triangle's corner that this is; 3 where it is none.
@@ -39,11 +39,11 @@ pub struct Point {
 /// are themselves of size 1.
 const IN_PLANE: f64 = 1e-10;
 
-/// Leave of `polygon` what lies in all of `spaces`; nothing where less than a triangle is left. `room` is scratch space.
-pub fn clip(polygon: &mut Vec<Point>, room: &mut Vec<Point>, spaces: &[HalfSpace]) {
+/// Clip `polygon` to the intersection of `spaces`; it becomes empty where less than a triangle is left. `room` is scratch space.
+pub fn clip(polygon: &mut Vec<ClipVertex>, room: &mut Vec<ClipVertex>, spaces: &[HalfSpace]) {
     for space in spaces {
         let slack = IN_PLANE * space.n.length();
-        let beyond = |p: &Point| space.n.dot(p.x) - space.c;
+        let beyond = |p: &ClipVertex| space.n.dot(p.x) - space.c;
         let (mut most, mut least) = (f64::NEG_INFINITY, f64::INFINITY);
         for d in polygon.iter().map(beyond) {
             (most, least) = (most.max(d), least.min(d));
@@ -76,9 +76,9 @@ pub fn clip(polygon: &mut Vec<Point>, room: &mut Vec<Point>, spaces: &[HalfSpace
     }
 }
 
-fn between(a: &Point, b: &Point, share: f64) -> Point {
+fn between(a: &ClipVertex, b: &ClipVertex, share: f64) -> ClipVertex {
     let mix = |k: usize| a.b[k] + share * (b.b[k] - a.b[k]);
-    Point { x: a.x.lerp(b.x, share), b: [mix(0), mix(1)], corner: 3 }
+    ClipVertex { x: a.x.lerp(b.x, share), b: [mix(0), mix(1)], corner: 3 }
 }
 
 #[cfg(test)]
@@ -86,8 +86,8 @@ mod tests {
     use super::*;
     use crate::geom::DMat3;
 
-    fn triangle() -> Vec<Point> {
-        let at = |x: DVec3, b, corner| Point { x, b, corner };
+    fn triangle() -> Vec<ClipVertex> {
+        let at = |x: DVec3, b, corner| ClipVertex { x, b, corner };
         vec![
             at(DVec3::ZERO, [0.0, 0.0], 0),
             at(DVec3::new(2.0, 0.0, 0.0), [1.0, 0.0], 1),
@@ -95,7 +95,7 @@ mod tests {
         ]
     }
 
-    fn area(polygon: &[Point]) -> f64 {
+    fn area(polygon: &[ClipVertex]) -> f64 {
         let fan = |k: usize| 0.5 * (polygon[k].x - polygon[0].x).cross(polygon[k + 1].x - polygon[0].x).z;
         (1..polygon.len().saturating_sub(1)).map(fan).sum()
     }
@@ -130,7 +130,7 @@ mod tests {
         let map = DAffine3 { matrix3: DMat3::from_rotation_x(0.3) * 2.0, translation: DVec3::new(1.0, 2.0, 3.0) };
         let space = HalfSpace::shared(DVec3::new(0.3, -1.0, 0.7), 0.4);
         let x = DVec3::new(0.9, -0.2, 0.6);
-        let (before, after) = (space.before(&map), map.transform_point3(x));
+        let (before, after) = (space.preimage(&map), map.transform_point3(x));
         assert!(((before.n.dot(x) - before.c) - (space.n.dot(after) - space.c)).abs() < 1e-12);
     }
 }

@@ -1,5 +1,5 @@
-//! A landscape as explicit triangles, for other renderers: rigid copies as instances of their sources' meshes, and what shells
-//! bend as triangles of its own, cut where the shell cuts it.
+//! Expansion of a landscape to explicit triangles, for other renderers: rigid copies become instances of their sources' meshes, and copies
+//! that shells bend become triangles of their own, clipped where the shell clips them.
 //!
 //! Based on: J. Kajiya, T. Kay, *Rendering Fur with Three Dimensional Textures*, SIGGRAPH 1989 (what stands in texture space,
 //! and the world); S. Porumbescu et al., *Shell Maps*, SIGGRAPH 2005 (the inverse map: geometry of texture space put into a shell).
@@ -13,11 +13,11 @@ mod view;
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 
-use self::bent::{Cutter, Key, Pieces, tint_bits};
+use self::bent::{BentKey, BentMeshes, ShellClipper, tint_bits};
 use self::source::SourceTriangles;
 use self::view::Frustum;
 use super::copies::Copies;
-use super::faces::{Bend, Face, faces};
+use super::faces::{Face, WindBend, faces};
 use super::layer::TexelLayer;
 use super::options::CameraChoice;
 use super::phong::PhongTable;
@@ -31,20 +31,20 @@ use crate::scene::{Instance, Material, Model, Part, Scene};
 use crate::volume::Octree;
 use crate::{Error, Result, Warnings, par};
 
-/// Choices about an expansion.
+/// Options of an expansion.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ExpandOptions {
-    /// Keep what this camera may see, in a picture of so many pixels, which tell its shape; `None`: everything.
+    /// Keep only what this camera may see, in a picture of this width and height (pixels), which give its aspect ratio; `None` keeps everything.
     pub view: Option<(CameraChoice, [u32; 2])>,
-    /// And what is so many metres beside its view.
+    /// Margin around the view, metres, within which objects are kept as well.
     pub margin: f64,
-    /// How far, in cells of the texel, bent triangles may lie from where the shell has them; above 0.
+    /// Largest deviation of bent triangles from the shell's exact map, in cells of the texel; above 0.
     pub tolerance: f64,
-    /// Most triangles that are stored; those of instances count once.
+    /// Most triangles to store; those of an instanced mesh count once.
     pub max_triangles: u64,
     /// Most bytes of memory for them.
     pub max_bytes: u64,
-    /// Threads; 0: one a core.
+    /// Number of threads; 0 uses all cores.
     pub threads: usize,
 }
 
@@ -61,7 +61,7 @@ impl Default for ExpandOptions {
     }
 }
 
-/// How much an expansion makes.
+/// Size of an expansion.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Amount {
     /// Rigid copies.
@@ -70,9 +70,9 @@ pub struct Amount {
     pub faces: u64,
     /// Triangles that are stored for copies, each mesh once.
     pub rigid_triangles: u64,
-    /// Triangles that are stored for what shells bend.
+    /// Triangles that are stored for bent copies.
     pub bent_triangles: u64,
-    /// Triangles that are seen: those of each copy counted.
+    /// Triangles that are shown: those of an instanced mesh count for each copy.
     pub shown_triangles: u64,
 }
 
@@ -81,20 +81,20 @@ pub struct Amount {
 pub struct Expanded {
     /// Its ground, cameras and lights as they were, and the texels' matter.
     pub model: Model,
-    /// How much that is.
+    /// Its size.
     pub amount: Amount,
     /// Warnings about what was mended or left out, counted.
     pub warnings: Warnings,
-    /// What the result does not say, a line each.
+    /// Notes about what the result cannot express, a line each.
     pub notes: Vec<String>,
 }
 
-/// Bytes of a bent triangle while it is made and held, about: its corners, of which neighbours share some, with normals and
-/// texture coordinates, and its indices.
+/// Approximate bytes of a bent triangle in memory: its indices, and its share of vertices, some of which neighbours share, with normals and
+/// texture coordinates.
 const BENT_BYTES: u64 = 90;
 /// Bytes of an instance of one part of a mesh.
 const INSTANCE_BYTES: u64 = 160;
-/// So many tints of copies, at the most, are kept as they are; more are rounded.
+/// Most different tints of copies that are kept exactly; if there are more, they are rounded.
 const EXACT_TINTS: usize = 16;
 
 /// Parts of a model, with their maps into texel space.
@@ -106,7 +106,7 @@ struct ShellFaces {
     faces: Vec<Face>,
 }
 
-/// An expansion, found out but not made.
+/// A planned expansion: what is kept and an estimate of its size, without any triangles yet.
 pub struct Plan<'a> {
     scene: &'a Scene,
     options: ExpandOptions,
@@ -117,18 +117,18 @@ pub struct Plan<'a> {
     kept: Vec<u32>,
     shells: Vec<ShellFaces>,
     origin: DVec3,
-    /// How much it will be; the number of bent triangles is an estimate.
+    /// Its size; the number of bent triangles is an estimate.
     pub amount: Amount,
     warnings: Warnings,
     notes: Vec<String>,
 }
 
 impl<'a> Plan<'a> {
-    /// Read what the scene's texels were baked from, and find what is kept of it.
+    /// Read the meshes that the scene's texels were baked from, and decide what is kept of the scene.
     ///
     /// # Errors
     /// `Options` where a number is out of range, a texel that is used names no geometry, or there is no such camera; as
-    /// [`super::render`] where a file cannot be read; `Limit` where it would be too much.
+    /// [`super::render`] where a file cannot be read; `Limit` where the expansion would exceed a limit.
     pub fn new(scene: &'a Scene, options: &ExpandOptions) -> Result<Plan<'a>> {
         if !(options.tolerance > 0.0 && options.margin >= 0.0) {
             return Err(Error::Options("the tolerance must be above 0, and the margin at least 0".into()));
@@ -198,7 +198,7 @@ impl<'a> Plan<'a> {
         amount
     }
 
-    /// That so many triangles are within the limits.
+    /// Check that these numbers of triangles are within the limits.
     fn check(&self, rigid: u64, bent: u64) -> Result<()> {
         let limit = |what: &str, needed: u64, allowed: u64| {
             let what = format!("{what} (fewer: option `camera`; more: option `max_triangles`, option `memory`)");
@@ -213,10 +213,10 @@ impl<'a> Plan<'a> {
         limit("the expanded landscape's bytes of memory", bytes, self.options.max_bytes)
     }
 
-    /// Make it.
+    /// Carry out the expansion.
     ///
     /// # Errors
-    /// `Limit` where it becomes more than is allowed; `Input` where nothing is left.
+    /// `Limit` where it exceeds a limit after all; `Options` where nothing is left of the landscape.
     pub fn run(mut self, progress: &dyn Progress) -> Result<Expanded> {
         let mut model = self.plain();
         let mut builder = Builder { model: &mut model, materials: BTreeMap::new() };
@@ -244,7 +244,7 @@ impl<'a> Plan<'a> {
         let keep: Vec<bool> = model.instances.iter().map(|i| !hidden(i)).collect();
         let mut keep = keep.into_iter();
         model.instances.retain(|_| keep.next().unwrap_or(true));
-        // Patches are of shells.
+        // Patches have a meaning for shells only.
         model.parts.iter_mut().for_each(|part| part.patches.clear());
         for material in &mut model.materials {
             (material.shell, material.wind) = (None, None);
@@ -252,7 +252,7 @@ impl<'a> Plan<'a> {
         model
     }
 
-    /// Instances of the sources' meshes where rigid copies stand, and how many triangles those have.
+    /// Instances of the sources' meshes for rigid copies, and the number of triangles of those meshes.
     fn rigid(&mut self, builder: &mut Builder<'_>) -> (Vec<Instance>, u64) {
         let tints: BTreeSet<[u32; 3]> =
             self.kept.iter().filter_map(|&i| self.copies.get(i as usize)).map(|c| tint_bits(c.tint, true)).collect();
@@ -285,15 +285,15 @@ impl<'a> Plan<'a> {
         (instances, stored)
     }
 
-    /// The parts of a texel's source, with their maps into texel space; and how many triangles they have.
+    /// Add the parts of a texel's source to the model; returns them with their maps into texel space, and their number of triangles.
     fn prototype(&self, builder: &mut Builder<'_>, texel: usize, tint: [u32; 3]) -> (PlacedParts, u64) {
         let Some(Some(source)) = self.sources.get(texel) else { return (Vec::new(), 0) };
         if self.cyclic.get(texel) == Some(&true) {
-            let mut cutter = Cutter::new(&self.sources, DVec3::ZERO);
-            cutter.cube_of(texel, tint);
-            let triangles = cutter.out.len();
+            let mut clipper = ShellClipper::new(&self.sources, DVec3::ZERO);
+            clipper.cube_of(texel, tint);
+            let triangles = clipper.out.len();
             let parts =
-                cutter.out.0.into_iter().map(|(key, piece)| (builder.piece(source, key, piece), DAffine3::IDENTITY));
+                clipper.out.0.into_iter().map(|(key, piece)| (builder.piece(source, key, piece), DAffine3::IDENTITY));
             return (parts.collect(), triangles);
         }
         let mut known = BTreeMap::new();
@@ -308,9 +308,9 @@ impl<'a> Plan<'a> {
         (own.collect(), source.triangles.len() as u64)
     }
 
-    /// What shells bend.
-    fn bent(&self, progress: &dyn Progress) -> Result<Pieces> {
-        /// Faces that a thread takes at a time.
+    /// The bent triangles of all shells.
+    fn bent(&self, progress: &dyn Progress) -> Result<BentMeshes> {
+        /// Faces per parallel task.
         const FACES: usize = 16;
         let jobs: Vec<(&ShellFaces, Range<usize>)> = self
             .shells
@@ -321,21 +321,21 @@ impl<'a> Plan<'a> {
             })
             .collect();
         progress.stage("expand", jobs.len() as u64);
-        let mut all = Pieces::default();
-        // So many at a time that what is made of them beyond a limit is little.
+        let mut all = BentMeshes::default();
+        // In batches, so that not much is computed after a limit is exceeded.
         for some in jobs.chunks(256) {
             let made = par::map(some.len(), |i| {
                 let (shell, range) = &some[i];
-                let mut cutter = Cutter::new(&self.sources, self.origin);
+                let mut clipper = ShellClipper::new(&self.sources, self.origin);
                 let most = self.options.max_triangles;
                 let mut within = true;
                 for face in &shell.faces[range.clone()] {
                     for layer in &shell.layers {
-                        within = within && cutter.face(face, layer, self.options.tolerance, most);
+                        within = within && clipper.face(face, layer, self.options.tolerance, most);
                     }
                 }
                 progress.advance(1);
-                cutter.out
+                clipper.out
             });
             for pieces in made {
                 all.append(pieces);
@@ -350,7 +350,7 @@ impl<'a> Plan<'a> {
         Ok(all)
     }
 
-    fn add_pieces(&self, builder: &mut Builder<'_>, pieces: Pieces) {
+    fn add_pieces(&self, builder: &mut Builder<'_>, pieces: BentMeshes) {
         for (key, piece) in pieces.0 {
             let Some(Some(source)) = self.sources.get(key.0) else { continue };
             let name = self.scene.texels.get(key.0).map_or(String::new(), |t| t.name.clone());
@@ -386,11 +386,11 @@ fn shown(model: &Model) -> u64 {
     model.instances.iter().map(of).sum()
 }
 
-/// A model to which sources are added.
+/// The expanded model while sources are added to it.
 struct Builder<'a> {
     model: &'a mut Model,
-    /// By texel, its own material, and tint.
-    materials: BTreeMap<Key, usize>,
+    /// Indices of materials by texel, the source's material, and tint.
+    materials: BTreeMap<BentKey, usize>,
 }
 
 impl Builder<'_> {
@@ -400,7 +400,7 @@ impl Builder<'_> {
     }
 
     /// A source's material, tinted.
-    fn material(&mut self, source: &Model, key: Key) -> usize {
+    fn material(&mut self, source: &Model, key: BentKey) -> usize {
         if let Some(&known) = self.materials.get(&key) {
             return known;
         }
@@ -414,7 +414,7 @@ impl Builder<'_> {
     }
 
     /// Bent triangles as a part.
-    fn piece(&mut self, source: &SourceTriangles, key: Key, piece: bent::Piece) -> usize {
+    fn piece(&mut self, source: &SourceTriangles, key: BentKey, piece: bent::BentMesh) -> usize {
         let model = &source.mesh.model;
         let own = model.parts.get(key.1);
         let material = self.material(model, (key.0, own.map_or(0, |p| p.material), key.2));
@@ -438,7 +438,7 @@ impl Builder<'_> {
     }
 }
 
-/// The meshes that texels were baked from, of those that are used; one that several texels share is read for each.
+/// The meshes that the used texels were baked from. A mesh that several texels share is read for each of them.
 fn sources(scene: &Scene, trees: &[Option<Octree>], warnings: &mut Warnings) -> Result<Vec<Option<SourceTriangles>>> {
     let open = |(tree, said): (&Option<Octree>, &crate::scene::shell::TexelRef)| {
         let Some(tree) = tree else { return Ok(None) };
@@ -460,7 +460,7 @@ fn frustum(scene: &Scene, bounds: &Aabb, options: &ExpandOptions, notes: &mut Ve
     Ok(Some(Frustum::new(&view, *size, options.margin)))
 }
 
-/// The faces of the scene's shells that are seen, with their layers.
+/// The visible faces of the scene's shells, with their layers.
 fn shells(
     scene: &Scene,
     trees: &[Option<Octree>],
@@ -472,7 +472,7 @@ fn shells(
     for instance in &scene.model.instances {
         let Some((part, shell)) = prepare::shell_of(scene, instance.part) else { continue };
         let wind = scene.model.materials.get(part.material).and_then(|m| m.wind);
-        let bend = wind.map(|wind| Bend { wind, eye: DVec3::ZERO, unit: 1.0 });
+        let bend = wind.map(|wind| WindBend { wind, eye: DVec3::ZERO, unit: 1.0 });
         for (nth, range) in prepare::layer_ranges(shell).into_iter().enumerate() {
             // What is wrong with a shell is said once, not for each of its ranges.
             let mut again = Warnings::default();
@@ -498,7 +498,7 @@ fn corners(face: &Face) -> &[Corner] {
     }
 }
 
-/// About how many cells of a layer lie over a face.
+/// Approximate number of cells of a layer over a face.
 fn cells_over(face: &Face, layer: &TexelLayer) -> f64 {
     let ring = corners(face);
     let [u, v, w] = layer.layer.scale;

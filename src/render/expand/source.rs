@@ -1,4 +1,4 @@
-//! The triangles of a texel's source, found by boxes.
+//! The triangles of a texel's source in a uniform grid of bins, for queries by box.
 
 use crate::geom::{Aabb, DVec3};
 use crate::render::source_mesh::SourceMesh;
@@ -26,9 +26,9 @@ pub struct SourceTriangle {
     pub corners: [DVec3; 3],
 }
 
-/// Which triangles a search has met, so that each is met once.
+/// Marks the triangles that a query has visited, so that each is reported once.
 #[derive(Default)]
-pub struct Seen {
+pub struct VisitedTriangles {
     round: u32,
     last: Vec<u32>,
 }
@@ -99,7 +99,7 @@ impl SourceTriangles {
     }
 
     /// The triangles whose boxes meet `of`, each once, in the order of the bins.
-    pub fn for_each(&self, of: &Aabb, seen: &mut Seen, each: &mut dyn FnMut(u32, &SourceTriangle)) {
+    pub fn for_each(&self, of: &Aabb, seen: &mut VisitedTriangles, each: &mut dyn FnMut(u32, &SourceTriangle)) {
         if !of.overlaps(self.bounds) {
             return;
         }
@@ -145,7 +145,7 @@ mod tests {
         };
         let info = Info { bounds: Aabb::UNIT, up: 2, ..Info::default() };
         let source = SourceTriangles::new(SourceMesh::new(model, &info, &mut Warnings::default()));
-        let mut seen = Seen::default();
+        let mut seen = VisitedTriangles::default();
         for k in 0..50u64 {
             let at = |n: u64| SplitMix64::new(10_000 + 7 * k + n).unit();
             let low = DVec3::new(at(0), at(1), at(2));

@@ -1,17 +1,17 @@
-//! Which boxes a camera sees, as far as its frustum tells.
+//! Frustum culling: which boxes a camera may see.
 
 use super::clip::HalfSpace;
 use crate::geom::{Aabb, DVec3};
 use crate::render::camera::View;
 
-/// The pyramid (or, of parallel rays, the prism) that a picture is of; without an end.
+/// The view frustum of a picture: a pyramid or, in a parallel view, a prism, without a far plane.
 #[derive(Debug, Clone)]
 pub struct Frustum {
     sides: Vec<HalfSpace>,
 }
 
 impl Frustum {
-    /// What a picture of `size` pixels sees, widened by `margin` metres.
+    /// The frustum of a picture of `size` pixels, widened by `margin` metres.
     pub fn new(view: &View, size: [u32; 2], margin: f64) -> Frustum {
         let [w, h] = size.map(f64::from);
         let ray = |x: f64, y: f64| {
@@ -34,7 +34,7 @@ impl Frustum {
         Frustum { sides }
     }
 
-    /// Whether some of the box may be seen.
+    /// Whether the box may be visible; boxes near the frustum's edges may count as visible.
     pub fn sees(&self, of: &Aabb) -> bool {
         self.sides.iter().all(|side| {
             let nearest = DVec3::select(side.n.cmpgt(DVec3::ZERO), of.min, of.max);

@@ -1,4 +1,4 @@
-//! FLIP: the difference that a viewer sees on flipping between two pictures, a pixel.
+//! FLIP: for each pixel, the difference that a viewer sees when flipping between two pictures.
 //!
 //! Based on: Andersson, Nilsson, Akenine-Möller, Oskarsson, Åström, Fairchild, *FLIP: A Difference Evaluator for
 //! Alternating Images*, HPG 2020 (LDR-FLIP; the constants are the paper's, with the contrast sensitivities, the
@@ -9,7 +9,7 @@ use std::f64::consts::PI;
 use crate::par;
 use crate::render::image_io::{Image, unit};
 
-/// Pixels a degree of visual angle of the paper's viewer: a 0.7 m wide display of 3840 pixels, seen from 0.7 m.
+/// Pixels per degree of visual angle for the paper's viewer: a 0.7 m wide display of 3840 pixels, seen from 0.7 m.
 pub const DEFAULT_PPD: f64 = 3840.0 * PI / 180.0;
 
 /// Exponents and thresholds of the paper: q_c, p_c, p_t, w (degrees), q_f.
@@ -100,7 +100,7 @@ fn balanced(f: Vec<f64>) -> Vec<f32> {
     f.iter().map(|&w| scale(w, if w > 0.0 { positive } else { negative })).collect()
 }
 
-/// A band of one picture as the eye has it: filtered YCxCz, and gradients and second derivatives of Y in [0, 1].
+/// A band of rows of one picture after the filters of the eye: YCxCz, and gradients and second derivatives of Y in [0, 1].
 struct Features {
     ycxcz: [Vec<f32>; 3],
     edge: [Vec<f32>; 2],

@@ -1,4 +1,4 @@
-//! How far a picture is from a reference.
+//! Error measures of a picture against a reference.
 //!
 //! Everything is measured on linear Rec. 709, unless it says sRGB.
 
@@ -17,7 +17,7 @@ const RELATIVE_FLOOR: f64 = 0.01;
 /// Options of [`compare`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Options {
-    /// Pixels a degree of visual angle for FLIP, 1 … 1000.
+    /// Pixels per degree of visual angle for FLIP, 1 … 1000.
     pub ppd: f64,
     /// Pixels of this colour, linear, are not covered, in a picture without alpha. Two colours are the same where no
     /// channel differs by more than half an 8-bit sRGB step.
@@ -79,7 +79,7 @@ pub struct Comparison {
     pub area: Option<Area>,
     /// Pixels of a and of b with a NaN or an infinity; they were taken for black.
     pub not_finite: [u64; 2],
-    /// LDR-FLIP a pixel, row by row.
+    /// LDR-FLIP of each pixel, row by row.
     #[serde(skip)]
     pub flip_map: Vec<f32>,
 }
@@ -143,7 +143,7 @@ pub fn compare(a: &Image, b: &Image, options: &Options) -> Result<Comparison> {
     })
 }
 
-/// Criterion of what a picture covers.
+/// Criterion by which a pixel counts as covered.
 #[derive(Clone, Copy)]
 enum Cover {
     Alpha,

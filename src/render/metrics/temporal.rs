@@ -1,15 +1,14 @@
-//! How far a sequence changes from frame to frame in another way than a reference does: flicker, crawl and pops, which no
-//! measure of single pictures sees.
+//! Temporal error of a sequence of frames against a reference: flicker, crawl and pops, which measures of single pictures do not show.
 //!
-//! The measure is ours: the mean change from frame to frame that the reference does not have. What moves as it should counts
-//! nothing, and neither does an error that stays where it is.
+//! The measure is our own: the mean change from frame to frame that the reference does not have. Correct motion does not count, and neither
+//! does an error that stays the same.
 
 use serde::Serialize;
 
 use crate::render::image_io::{Image, srgb_encode};
 use crate::{Error, Result};
 
-/// A change that the reference does not have is seen as a pop from here on: a tenth of the display's range.
+/// Least change, without a like one in the reference, that counts as a pop: a tenth of the display's range.
 const POP: f64 = 0.1;
 
 /// Two successive frames of a sequence against those of a reference. Values are sRGB, clamped to [0, 1], all channels alike.
@@ -17,9 +16,9 @@ const POP: f64 = 0.1;
 pub struct Step {
     /// Mean |(a₁ − a₀) − (b₁ − b₀)|.
     pub error: f64,
-    /// Mean |a₁ − a₀| and |b₁ − b₀|: how much there is to change.
+    /// Mean |a₁ − a₀| and mean |b₁ − b₀|.
     pub change: [f64; 2],
-    /// Share of the pixels of which a channel changes by .1 more, or less, than in the reference.
+    /// Share of the pixels in which some channel's change differs by more than .1 from that of the reference.
     pub pops: f64,
 }
 
@@ -28,7 +27,7 @@ pub struct Step {
 pub struct Temporal {
     /// Mean of the steps' errors.
     pub error: f64,
-    /// The largest of them, and which step it is.
+    /// Largest error of a step.
     pub worst: f64,
     /// Index of the step with the largest error.
     pub worst_step: usize,
@@ -40,7 +39,7 @@ pub struct Temporal {
     pub steps: Vec<Step>,
 }
 
-/// Frame 1 after frame 0 in both sequences.
+/// Compare the change from frame 0 to frame 1 in sequence `a` with that in the reference `b`.
 ///
 /// # Errors
 /// `Options` where the pictures differ in size.

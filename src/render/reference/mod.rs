@@ -1,4 +1,4 @@
-//! The truth that pictures of texels are measured against: the texels' source meshes, ray-traced through the same shells.
+//! Reference pictures: the source meshes of the texels, ray-traced through the same shells, as ground truth for pictures of texels.
 //!
 //! Based on: J. Kajiya, T. Kay, *Rendering Fur with Three Dimensional Textures*, SIGGRAPH 1989 (a straight ray is followed
 //! through texture space); R. Cook, *Stochastic Sampling in Computer Graphics*, TOG 1986.
@@ -25,15 +25,15 @@ use crate::scene::shell::TexelRef;
 use crate::volume::Octree;
 use crate::{Error, Result, Warnings, par};
 
-/// A picture by many samples per pixel, and how far it may be from the limit.
+/// A picture by many samples per pixel, with an estimate of its noise.
 #[derive(Debug, Clone)]
 pub struct Reference {
     /// Mean of all samples.
     pub film: Film,
-    /// Means of the even and of the odd samples, drawn apart: what they differ by is about twice the film's own noise.
+    /// Means of the even and of the odd samples, which are independent: their difference is about twice the film's own noise.
     /// The same film twice where there is only one sample.
     pub halves: [Film; 2],
-    /// Samples a pixel.
+    /// Samples per pixel.
     pub samples: u32,
     /// Counts of what its rays met, and times.
     pub stats: Stats,

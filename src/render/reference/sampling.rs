@@ -1,4 +1,4 @@
-//! Sample points that fill a square evenly, the same in every run.
+//! Low-discrepancy sample points in the unit square, the same in every run.
 //!
 //! Based on: I. Sobol', *On the Distribution of Points in a Cube*, 1967; B. Burley, *Practical Hash-based Owen
 //! Scrambling*, JCGT 2020.
@@ -10,29 +10,30 @@ use crate::geom::DVec3;
 pub fn point(index: u32, seed: u32) -> [f64; 2] {
     let index = scramble(index, hash(seed));
     let x = scramble(index.reverse_bits(), hash(seed ^ 0x5bd1_e995));
-    let y = scramble(second(index), hash(seed ^ 0xa136_aaad));
+    let y = scramble(sobol_second(index), hash(seed ^ 0xa136_aaad));
     [x, y].map(unit)
 }
 
-/// Where one sample of a pixel looks, and where it looks for light: points of sets that are the pixel's own.
+/// One sample of a pixel: a number in a set of points that belongs to the pixel alone. It gives the position in the pixel, and the
+/// point of a light that is tested.
 #[derive(Clone, Copy)]
-pub struct Place {
+pub struct PixelSample {
     pub index: u32,
     pub set: u32,
 }
 
-/// The place of a pixel's sample `index`. Even and odd samples are two sets of points, drawn apart.
-pub fn place(x: u32, y: u32, index: u32) -> Place {
-    Place { index: index >> 1, set: hash(x ^ hash(y ^ hash(index & 1))) }
+/// Sample `index` of the pixel (x, y). Even and odd samples are two independent sets of points.
+pub fn pixel_sample(x: u32, y: u32, index: u32) -> PixelSample {
+    PixelSample { index: index >> 1, set: hash(x ^ hash(y ^ hash(index & 1))) }
 }
 
-impl Place {
-    /// In pixels from its corner.
+impl PixelSample {
+    /// Position in the pixel, in pixels from its upper left corner.
     pub fn in_pixel(self) -> [f64; 2] {
         point(self.index, self.set)
     }
 
-    /// The direction to a light of the angular size 2 `radius` about `dir`, even over its disc.
+    /// A unit direction to a light around `dir` with the angular size 2 `radius` (radians), evenly distributed over its disc.
     pub fn towards(self, dir: DVec3, radius: f64) -> DVec3 {
         if radius <= 0.0 {
             return dir;
@@ -44,7 +45,7 @@ impl Place {
     }
 }
 
-/// A number in [0, 1) for `index` of `seed`, evenly distributed, with no order.
+/// A uniform random number in [0, 1) for `index` and `seed`.
 pub fn chance(index: u32, seed: u32) -> f64 {
     unit(hash(seed ^ hash(index)))
 }
@@ -54,7 +55,7 @@ fn unit(x: u32) -> f64 {
 }
 
 /// The second dimension of the (0, 2)-sequence whose first is bit reversal.
-fn second(mut index: u32) -> u32 {
+fn sobol_second(mut index: u32) -> u32 {
     let (mut y, mut column) = (0, 1u32 << 31);
     while index != 0 {
         if index & 1 != 0 {

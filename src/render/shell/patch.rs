@@ -8,7 +8,7 @@
 //! *Surface Algorithms using Bounds on Derivatives*, CAGD 1986 (a chord of length l strays from a curve by at most l²/8 times
 //! the largest second derivative).
 
-use super::corner::{Corner, Foot, MOST_CELLS, ShellSegment};
+use super::corner::{Corner, HeightInShell, MOST_CELLS, ShellSegment};
 use super::trilinear::{Inverse, Trilinear, outside};
 use super::wall::{Crossings, Wall};
 use crate::geom::{Aabb, DMat3, DVec3, Ray};
@@ -34,25 +34,27 @@ pub enum PatchFault {
     Folded,
 }
 
-/// A place on a ray's way through the box, with what the way does there.
+/// A point of a ray, and the curve that the ray is in the box's parameters (U, V, W) and in texel coordinates.
 #[derive(Clone, Copy)]
-struct Place {
+struct CurvePoint {
     t: f64,
+    /// The point's parameters (U, V, W).
     s: DVec3,
-    /// Change of `s` with t, and the change of that.
+    /// First and second derivative of `s` with respect to t.
     speed: DVec3,
-    turn: DVec3,
+    acceleration: DVec3,
+    /// The point's texel coordinates.
     q: DVec3,
     /// Length of the second derivative of `q` with respect to t.
-    bend: f64,
+    curvature: f64,
     /// World → texel, the linear part.
     to_texel: DMat3,
 }
 
-/// Halvings of a stretch.
-const DEEPEST: u32 = 8;
-/// Distance outside, a share of the box's size, at which a point still counts as inside: rounding.
-const ON: f64 = 1e-9;
+/// Most halvings of a segment.
+const MAX_HALVINGS: u32 = 8;
+/// Distance outside the unit cube of parameters at which a point still counts as inside, because of rounding.
+const INSIDE_TOLERANCE: f64 = 1e-9;
 
 impl PatchBox {
     /// The box over the corners at (U, V) = (0, 0), (1, 0), (1, 1), (0, 1).
@@ -96,12 +98,12 @@ impl PatchBox {
         for top in [false, true] {
             let [a, b, c, d] = self.corners.map(|k| if top { k.p + k.h } else { k.p });
             let (along_v, along_u) = (Wall::ruled([a, b], [d, c]), Wall::ruled([a, d], [b, c]));
-            // The rulings that the ray crosses more squarely.
+            // A bilinear patch is ruled in both directions; the rulings that the ray crosses more squarely give better digits.
             let squarer = along_v.squareness(ray.dir) >= along_u.squareness(ray.dir);
             (if squarer { along_v } else { along_u }).crossings(ray, &mut found);
         }
         self.walls.iter().for_each(|w| w.crossings(ray, &mut found));
-        found.spans(t0, t1, |t| self.locate(ray.at(t)).is_some_and(|s| outside(s) <= ON), each);
+        found.spans(t0, t1, |t| self.locate(ray.at(t)).is_some_and(|s| outside(s) <= INSIDE_TOLERANCE), each);
     }
 
     fn mix(&self, s: DVec3, of: fn(&Corner) -> f64) -> f64 {
@@ -109,37 +111,38 @@ impl PatchBox {
         (1.0 - s.y) * ((1.0 - s.x) * a + s.x * b) + s.y * ((1.0 - s.x) * d + s.x * c)
     }
 
-    fn foot(&self, s: DVec3) -> Foot {
+    fn height_at(&self, s: DVec3) -> HeightInShell {
         let mask = self.mix(s, |k| k.jitter).clamp(0.0, 1.0);
-        Foot { rise: s.z * self.mix(s, |k| k.dw), height: s.z, mask }
+        HeightInShell { rise: s.z * self.mix(s, |k| k.dw), height: s.z, mask }
     }
 
-    /// The place at t, whose (U, V, W) is about `guess`; `None` where that is not in the box, or the box is flat there.
-    fn place(&self, ray: &Ray, t: f64, guess: Option<DVec3>) -> Option<Place> {
+    /// The point at t, whose parameters are about `guess`; `None` where it is not in the box, or the box is flat there.
+    fn point_at(&self, ray: &Ray, t: f64, guess: Option<DVec3>) -> Option<CurvePoint> {
         let x = ray.at(t) - self.corners[0].p;
         let s = match guess {
-            Some(guess) => self.space.follow(x, guess)?,
+            Some(guess) => self.space.locate_from(x, guess)?,
             None => self.space.locate(x)?,
         };
-        self.place_of(ray, t, s)
+        self.point_from(ray, t, s)
     }
 
-    /// The place at t, which is at `s`.
-    fn place_of(&self, ray: &Ray, t: f64, s: DVec3) -> Option<Place> {
+    /// The point at t, whose parameters are `s`.
+    fn point_from(&self, ray: &Ray, t: f64, s: DVec3) -> Option<CurvePoint> {
         let map = self.space.map();
         let inverse = map.derivative(s).inverse();
         let speed = inverse * ray.dir;
-        // x'' = 0 = J s'' + (the map's own bend along s').
-        let turn = -(inverse * map.bend(s, speed));
+        // x'' = 0 = J s'' + (the map's own second derivative along s').
+        let acceleration = -(inverse * map.second_derivative(s, speed));
         let along = self.texel.derivative(s);
-        let bend = (along * turn + self.texel.bend(s, speed)).length();
+        let curvature = (along * acceleration + self.texel.second_derivative(s, speed)).length();
         let to_texel = along * inverse;
-        let place = Place { t, s, speed, turn, q: self.texel.at(s), bend, to_texel };
-        (to_texel.is_finite() && bend.is_finite()).then_some(place)
+        let place = CurvePoint { t, s, speed, acceleration, q: self.texel.at(s), curvature, to_texel };
+        (to_texel.is_finite() && curvature.is_finite()).then_some(place)
     }
 
-    /// The straight pieces of [t0, t1], which lies in one of [`PatchBox::spans`], in order, until `each` returns false: each
-    /// strays from the true way through texel space by no more than `tolerance(t, to_texel)`. False if stopped.
+    /// Call `each` for straight segments that approximate the ray in texel coordinates over [t0, t1], which lies in one of
+    /// [`PatchBox::spans`], in order, until it returns false. Each deviates from the exact curve by at most `tolerance(t, to_texel)`,
+    /// in texel units. Returns false if stopped.
     pub fn for_each_segment(
         &self,
         ray: &Ray,
@@ -148,60 +151,60 @@ impl PatchBox {
         tolerance: &dyn Fn(f64, &DMat3) -> f64,
         each: &mut dyn FnMut(&ShellSegment) -> bool,
     ) -> bool {
-        // Somewhere inside: of sixteen places from the middle on, the first that is found.
+        // Any point inside: the first that is found of fifteen, beginning with the middle.
         let share = |k: u32| f64::from(k.reverse_bits() >> 28) / 16.0;
-        let middle = (1..16).find_map(|k| self.place(ray, t0 + share(k) * (t1 - t0), None));
+        let middle = (1..16).find_map(|k| self.point_at(ray, t0 + share(k) * (t1 - t0), None));
         let Some(middle) = middle else { return true };
         // In a box that is a million times higher at one corner than at the next, an end may lie outside by rounding.
         let end = |t: f64| {
-            let inward = |k: &f64| self.place(ray, t + k * (middle.t - t), Some(middle.ahead(t)));
+            let inward = |k: &f64| self.point_at(ray, t + k * (middle.t - t), Some(middle.extrapolate(t)));
             let found = [0.0, 1e-9, 1e-6, 1e-3].iter().find_map(inward);
-            found.or_else(|| self.place_of(ray, t, middle.ahead(t))).map(|found| Place { t, ..found })
+            found.or_else(|| self.point_from(ray, t, middle.extrapolate(t))).map(|found| CurvePoint { t, ..found })
         };
         let (Some(from), Some(to)) = (end(t0), end(t1)) else { return true };
-        let mut walk = Walk { shell: self, ray, tolerance, each };
+        let mut walk = ChordSubdivision { shell: self, ray, tolerance, each };
         walk.cut([&from, &middle, &to], 0)
     }
 }
 
-impl Place {
-    /// Where the way is at t, to second order.
-    fn ahead(&self, t: f64) -> DVec3 {
+impl CurvePoint {
+    /// The parameters at t by a Taylor series of second order around this point.
+    fn extrapolate(&self, t: f64) -> DVec3 {
         let by = t - self.t;
-        // No farther than the box is wide: far ahead, the way is another.
-        (self.s + by * (self.speed + 0.5 * by * self.turn)).clamp(DVec3::ZERO, DVec3::ONE)
+        // Clamped to the box, since far from this point the series is of no use.
+        (self.s + by * (self.speed + 0.5 * by * self.acceleration)).clamp(DVec3::ZERO, DVec3::ONE)
     }
 }
 
-struct Walk<'a> {
+struct ChordSubdivision<'a> {
     shell: &'a PatchBox,
     ray: &'a Ray,
     tolerance: &'a dyn Fn(f64, &DMat3) -> f64,
     each: &'a mut dyn FnMut(&ShellSegment) -> bool,
 }
 
-impl Walk<'_> {
-    /// A stretch by its ends and its middle: whole, if its chord keeps to the tolerance, or cut in two.
-    fn cut(&mut self, [from, middle, to]: [&Place; 3], depth: u32) -> bool {
+impl ChordSubdivision<'_> {
+    /// A segment, given by its ends and its middle: reported whole if its chord keeps to the tolerance, else halved.
+    fn cut(&mut self, [from, middle, to]: [&CurvePoint; 3], depth: u32) -> bool {
         let length = to.t - from.t;
-        let stray = length * length / 8.0 * from.bend.max(middle.bend).max(to.bend);
+        let stray = length * length / 8.0 * from.curvature.max(middle.curvature).max(to.curvature);
         let halves = || {
-            let at = |a: &Place, b: &Place| {
+            let at = |a: &CurvePoint, b: &CurvePoint| {
                 let t = 0.5 * (a.t + b.t);
-                self.shell.place(self.ray, t, Some(0.5 * (a.ahead(t) + b.ahead(t))))
+                self.shell.point_at(self.ray, t, Some(0.5 * (a.extrapolate(t) + b.extrapolate(t))))
             };
             Some((at(from, middle)?, at(middle, to)?))
         };
-        if depth < DEEPEST
+        if depth < MAX_HALVINGS
             && (to.q - from.q).abs().max_element() <= f64::from(MOST_CELLS)
             && stray > (self.tolerance)(middle.t, &middle.to_texel)
             && let Some((first, second)) = halves()
         {
             return self.cut([from, &first, middle], depth + 1) && self.cut([middle, &second, to], depth + 1);
         }
-        let feet = [from, to].map(|end| self.shell.foot(end.s));
+        let end_heights = [from, to].map(|end| self.shell.height_at(end.s));
         let (q0, q1, to_texel) = (from.q, to.q, middle.to_texel);
-        (self.each)(&ShellSegment { t0: from.t, t1: to.t, q0, q1, to_texel, feet })
+        (self.each)(&ShellSegment { t0: from.t, t1: to.t, q0, q1, to_texel, end_heights })
     }
 }
 

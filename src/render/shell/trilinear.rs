@@ -1,12 +1,12 @@
-//! A trilinear map of the unit cube into space, and its inverse, which is found for certain.
+//! A trilinear map of the unit cube into space, and its inverse, computed with a guarantee that no solution is missed.
 //!
 //! Based on: R. Krawczyk, *Newton-Algorithmen zur Bestimmung von Nullstellen mit Fehlerschranken*, Computing 1969, and R. Moore,
 //! *A Test for Existence of Solutions to Nonlinear Systems*, SINUM 1977 (a map that differs from its linear part by less than
 //! that itself has one root in a cell, and where it lies is found by contraction; other cells are cut); R. Farouki, *The Bernstein
 //! Polynomial Basis*, CAGD 2012 (a polynomial lies within the bounds of its coefficients, closer the smaller the cell).
 //!
-//! With J the derivative in the middle of a cell, the map times J⁻¹ is the identity and a little more. How much more is known at
-//! the cell's corners: the derivative is linear along each axis, and a norm of it is largest at a corner.
+//! With J the derivative in the middle of a cell, J⁻¹ times the map differs from the identity by a remainder. The derivative is linear
+//! along each axis, so the norm of the remainder's derivative (the cell's strain) is largest at one of the cell's corners.
 
 use crate::geom::{DMat3, DVec3};
 
@@ -17,16 +17,16 @@ pub struct Trilinear {
     b: [DVec3; 4],
 }
 
-/// A cube of (U, V, W), and how the map looks from its middle.
+/// A cube of parameters (U, V, W), and the map linearised around its middle.
 #[derive(Debug, Clone, Copy)]
 struct Cell {
     low: DVec3,
     size: f64,
     /// The inverse of the derivative in the middle.
     inverse: DMat3,
-    /// How much of a step the map makes of it, times `inverse`, differs from the step, at the most; in the maximum norm.
+    /// Largest norm (maximum norm) of `inverse` times the derivative, less the identity, over the cell.
     strain: f64,
-    /// Bounds of the map's corners times `inverse`, padded against rounding.
+    /// Lower and upper bounds of the images of the cell's corners, times `inverse`, padded against rounding.
     hull: [DVec3; 2],
 }
 
@@ -37,12 +37,12 @@ pub struct Inverse {
     whole: Cell,
 }
 
-/// Distance beyond the unit cube at which a place is still found.
+/// Distance beyond the unit cube at which a solution is still found.
 pub const RIM: f64 = 1e-6;
-/// Below this strain a cell's root is found by contraction; above, the cell is cut.
-const MILD: f64 = 0.5;
-/// How often a cell is cut, each time in eight: to see that the map has an inverse, and to find a place.
-const SOUND_CUTS: u32 = 3;
+/// Below this strain the iteration in a cell contracts to its root; a cell of larger strain is subdivided.
+const CONTRACTION_STRAIN: f64 = 0.5;
+/// Most subdivisions of a cell, each into eight: in the test that the map has an inverse, and in the search for a solution.
+const VALIDITY_CUTS: u32 = 3;
 const SEARCH_CUTS: u32 = 8;
 /// Newton's steps double the digits: after one of this size nothing is left of the error.
 const LAST_STEP: f64 = 1e-9;
@@ -73,7 +73,7 @@ impl Trilinear {
     }
 
     /// The second derivative of x(s + r v) with respect to r, at r = 0.
-    pub fn bend(&self, s: DVec3, v: DVec3) -> DVec3 {
+    pub fn second_derivative(&self, s: DVec3, v: DVec3) -> DVec3 {
         let ([.., a3], [_, b1, b2, b3]) = (&self.a, &self.b);
         let (uv, uw, vw) = (*a3 + s.z * *b3, *b1 + s.y * *b3, *b2 + s.x * *b3);
         2.0 * (v.x * v.y * uv + v.x * v.z * uw + v.y * v.z * vw)
@@ -100,9 +100,9 @@ impl Trilinear {
         strain.is_finite().then_some(Cell { low, size, inverse, strain, hull: [least - pad, most + pad] })
     }
 
-    /// Whether the volume element has one sign in all of a cell and is 0 nowhere, as far as `cuts` cuttings tell. It is a
-    /// polynomial of degree 2 along each axis, and lies between the least and the largest of its Bernstein coefficients.
-    fn sound(&self, low: DVec3, size: f64, cuts: u32) -> bool {
+    /// Whether the determinant of the derivative provably has one sign in all of a cell, by at most `cuts` subdivisions. It is a
+    /// polynomial of degree 2 along each axis, so it lies between its least and its largest Bernstein coefficient.
+    fn has_signed_volume(&self, low: DVec3, size: f64, cuts: u32) -> bool {
         let at = |k: usize| DVec3::new((k % 3) as f64, (k / 3 % 3) as f64, (k / 9) as f64);
         let mut c: [f64; 27] = std::array::from_fn(|k| self.derivative(low + 0.5 * size * at(k)).determinant());
         let has_sign = |v: &f64| v.is_finite() && *v != 0.0 && (*v > 0.0) == (c[0] > 0.0);
@@ -117,7 +117,7 @@ impl Trilinear {
         if c.iter().all(|v| *v != 0.0 && (*v > 0.0) == (c[0] > 0.0)) {
             return true;
         }
-        cuts > 0 && corners(low, 0.5 * size).all(|low| self.sound(low, 0.5 * size, cuts - 1))
+        cuts > 0 && corners(low, 0.5 * size).all(|low| self.has_signed_volume(low, 0.5 * size, cuts - 1))
     }
 }
 
@@ -126,15 +126,15 @@ fn corners(low: DVec3, size: f64) -> impl Iterator<Item = DVec3> {
     (0..8).map(move |k: u32| low + size * DVec3::new(f64::from(k & 1), f64::from(k >> 1 & 1), f64::from(k >> 2)))
 }
 
-/// How far outside of the unit cube a place is; not above 0 inside.
+/// Distance of a point outside of the unit cube (maximum norm); 0 or negative inside.
 pub fn outside(s: DVec3) -> f64 {
     (-s).max(s - 1.0).max_element()
 }
 
 impl Inverse {
-    /// `None` where the map turns inside out, or is flat, somewhere in the unit cube, or nearly so.
+    /// `None` where the map is not provably invertible in the unit cube: it turns inside out or is flat somewhere, or nearly so.
     pub fn new(map: Trilinear) -> Option<Inverse> {
-        if !map.sound(DVec3::ZERO, 1.0, SOUND_CUTS) {
+        if !map.has_signed_volume(DVec3::ZERO, 1.0, VALIDITY_CUTS) {
             return None;
         }
         let whole = map.cell(DVec3::splat(-RIM), 1.0 + 2.0 * RIM)?;
@@ -145,13 +145,13 @@ impl Inverse {
         &self.map
     }
 
-    /// The place in the unit cube, or up to [`RIM`] outside, that the map takes to `x`.
+    /// The point in the unit cube, or up to [`RIM`] outside, that the map takes to `x`.
     pub fn locate(&self, x: DVec3) -> Option<DVec3> {
         self.search(x, &self.whole, SEARCH_CUTS)
     }
 
-    /// The same, from a good guess.
-    pub fn follow(&self, x: DVec3, guess: DVec3) -> Option<DVec3> {
+    /// [`Inverse::locate`], faster where `guess` is near the solution.
+    pub fn locate_from(&self, x: DVec3, guess: DVec3) -> Option<DVec3> {
         const STEPS: u32 = 6;
         let mut s = guess;
         for _ in 0..STEPS {
@@ -165,20 +165,20 @@ impl Inverse {
     }
 
     fn search(&self, x: DVec3, cell: &Cell, cuts: u32) -> Option<DVec3> {
-        // The map of a cell lies within the hull of its corners, whatever is done to space.
+        // A trilinear map takes a cell into the convex hull of its corners' images, also after a linear map.
         let (y, [least, most]) = (cell.inverse * x, cell.hull);
         if !(y.cmpge(least).all() && y.cmple(most).all()) {
             return None;
         }
-        if cell.strain < MILD || cuts == 0 {
+        if cell.strain < CONTRACTION_STRAIN || cuts == 0 {
             return self.contract(x, cell);
         }
         let half = 0.5 * cell.size;
         corners(cell.low, half).find_map(|low| self.search(x, &self.map.cell(low, half)?, cuts - 1))
     }
 
-    /// The root in a cell, if there is one: steps by the middle's derivative halve the error at the least, also where the cell's
-    /// border holds them back; then Newton's.
+    /// The root in a cell, if there is one. The first steps use the middle's derivative and halve the error at least, even where they
+    /// are clamped to the cell; then Newton's method takes over.
     fn contract(&self, x: DVec3, cell: &Cell) -> Option<DVec3> {
         const HALVINGS: u32 = 3;
         const STEPS: u32 = 24;
@@ -230,7 +230,7 @@ mod tests {
             let [a, b, c] = [-STEP, 0.0, STEP].map(|r| map.at(s + r * v));
             // The third derivative is 6 UVW's coefficient, at most 12 here: times STEP²; and rounding over STEP².
             assert!(((c - a) / (2.0 * STEP) - map.derivative(s) * v).length() < 1e-6);
-            assert!(((a - 2.0 * b + c) / (STEP * STEP) - map.bend(s, v)).length() < 1e-6);
+            assert!(((a - 2.0 * b + c) / (STEP * STEP) - map.second_derivative(s, v)).length() < 1e-6);
         }
     }
 
@@ -258,7 +258,7 @@ mod tests {
                 let back = inverse.locate(x).unwrap();
                 // Maps that are barely not folded magnify rounding some thousand times.
                 assert!(inverse.map.at(back).distance(x) < 1e-13 && back.distance(s) < 1e-9, "{s} {back}");
-                assert!(inverse.follow(x, s + 0.1 * (point(&mut random) - 0.5)).unwrap().distance(s) < 1e-9);
+                assert!(inverse.locate_from(x, s + 0.1 * (point(&mut random) - 0.5)).unwrap().distance(s) < 1e-9);
                 // From a face straight out.
                 let k = (random.bits() % 3) as usize;
                 s[k] = if random.bits().is_multiple_of(2) { -0.01 } else { 1.01 };

@@ -1,4 +1,4 @@
-//! Walls between the boxes of a shell, where rays cross them, and which stretches between crossings are inside of a box.
+//! Walls between the boxes of a shell: where rays cross them, and which intervals between crossings are inside of a box.
 //!
 //! Based on: S. Ramsey, K. Potter, C. Hansen, *Ray Bilinear Patch Intersections*, JGT 2004; A. Reshetov, *Cool Patches*, Ray
 //! Tracing Gems, 2019 (the quadratic of a ray and a ruled surface).
@@ -6,7 +6,7 @@
 use super::corner::Corner;
 use crate::geom::{DVec3, Ray};
 
-/// `a` before `b` in a fixed order of positions.
+/// Whether `a` comes before `b` in a fixed order of positions.
 fn ordered(a: &Corner, b: &Corner) -> bool {
     a.p.to_array().partial_cmp(&b.p.to_array()) != Some(std::cmp::Ordering::Greater)
 }
@@ -35,7 +35,7 @@ pub enum Wall {
 }
 
 impl Wall {
-    /// The wall over the edge from a to b: the same, to the bit, as that from b to a.
+    /// The wall over the edge from a to b, bitwise equal to that over the edge from b to a.
     pub fn new(a: &Corner, b: &Corner) -> Wall {
         if a.h == b.h {
             let (n, c) = wall_plane(a, b);
@@ -57,7 +57,7 @@ impl Wall {
         ruling.cross(dir).length() / (ruling.length() * dir.length())
     }
 
-    /// Adds the parameters at which `ray` crosses the wall; some of them may lie beyond its rim.
+    /// Add the parameters at which `ray` crosses the wall to `found`; some may lie slightly beyond its rim.
     pub fn crossings(&self, ray: &Ray, found: &mut Crossings) {
         match *self {
             Wall::Plane { n, c } => found.push((c - n.dot(ray.origin)) / n.dot(ray.dir)),
@@ -80,7 +80,7 @@ impl Wall {
     }
 }
 
-/// Distance beyond its rim at which a wall still gives a crossing (a share of its size); an extra crossing is harmless.
+/// Distance beyond its rim, in units of its size, at which a wall still reports a crossing; an additional crossing is harmless.
 pub const RIM: f64 = 1e-6;
 
 /// Roots of c0 + c1 x + c2 x², without cancellation; NaN or infinite where there is none.

@@ -1,6 +1,6 @@
-//! What is found once and kept: values at places, each found when a thread first asks for it.
+//! A cache of values at grid points, each computed when a thread first asks for it (as in irradiance caching).
 //!
-//! What a place holds depends on nothing but the place, so it is the same whichever thread finds it.
+//! The value at a point depends on the point alone, so it is the same whichever thread computes it.
 
 use std::collections::HashMap;
 use std::hash::{BuildHasherDefault, Hash, Hasher};
@@ -8,45 +8,45 @@ use std::sync::{Mutex, PoisonError};
 
 use crate::render::stats::Counts;
 
-/// Locks that the values are spread over, and values that a thread remembers without them; powers of two.
+/// Locks that the values are spread over, and values that a thread keeps besides, without a lock; powers of two.
 const SHARDS: usize = 64;
 const RECENT: usize = 256;
 
-/// What a grid is of.
+/// Which grid a point belongs to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Of {
-    /// The scene's space.
+pub enum GridId {
+    /// Points in the scene's space.
     #[default]
     Space,
-    /// What faces one way along an axis: 0 to 2, or 3 to 5 for the way against it.
+    /// Points near surfaces that face along an axis (0 to 2) or against it (3 to 5).
     Surface(u8),
-    /// The same, with corners that were moved onto the surface.
+    /// The same, where the points were moved onto the surface.
     OnSurface(u8),
-    /// The copies of a texel.
+    /// Points near the copies of a texel.
     Texel(usize),
-    /// One copy, by its texel and its cell.
+    /// Points in one copy, which its texel and its cell tell.
     Copy(usize, [i64; 3]),
 }
 
-/// A place on one of several grids.
+/// A point of one of several grids: its grid, the level of that, and the point's integer coordinates there.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Corner {
-    pub of: Of,
+pub struct GridPoint {
+    pub grid: GridId,
     pub level: i32,
-    pub at: [i32; 3],
+    pub index: [i32; 3],
 }
 
-impl Corner {
-    fn mixed(&self) -> u64 {
+impl GridPoint {
+    fn hash_bits(&self) -> u64 {
         let mix = |h: u64| (h ^ (h >> 32)).wrapping_mul(0xd6e8_feb8_6659_fd93);
-        let [x, y, z] = self.at.map(|v| u64::from(v as u32));
+        let [x, y, z] = self.index.map(|v| u64::from(v as u32));
         let mut h = x ^ y.rotate_left(21) ^ z.rotate_left(42) ^ u64::from(self.level as u32).rotate_left(58);
-        h ^= match self.of {
-            Of::Space => 0,
-            Of::Surface(way) => mix(u64::from(way) + 1),
-            Of::OnSurface(way) => mix(u64::from(way) + 7),
-            Of::Texel(texel) => mix((texel as u64 + 13).rotate_left(20)),
-            Of::Copy(texel, cell) => {
+        h ^= match self.grid {
+            GridId::Space => 0,
+            GridId::Surface(way) => mix(u64::from(way) + 1),
+            GridId::OnSurface(way) => mix(u64::from(way) + 7),
+            GridId::Texel(texel) => mix((texel as u64 + 13).rotate_left(20)),
+            GridId::Copy(texel, cell) => {
                 let [x, y, z] = cell.map(|v| v as u64);
                 mix(x ^ y.rotate_left(21) ^ z.rotate_left(42) ^ (texel as u64 + 13).rotate_left(55))
             }
@@ -56,17 +56,17 @@ impl Corner {
     }
 }
 
-impl Hash for Corner {
+impl Hash for GridPoint {
     fn hash<H: Hasher>(&self, state: &mut H) {
-        state.write_u64(self.mixed());
+        state.write_u64(self.hash_bits());
     }
 }
 
-/// Takes what [`Corner::mixed`] gives as it is.
+/// A hasher that passes on [`GridPoint::hash_bits`] as they are, since they are mixed already.
 #[derive(Default)]
-struct AsIs(u64);
+struct PassThroughHasher(u64);
 
-impl Hasher for AsIs {
+impl Hasher for PassThroughHasher {
     fn finish(&self) -> u64 {
         self.0
     }
@@ -82,9 +82,9 @@ impl Hasher for AsIs {
     }
 }
 
-type Shard<V> = HashMap<Corner, V, BuildHasherDefault<AsIs>>;
+type Shard<V> = HashMap<GridPoint, V, BuildHasherDefault<PassThroughHasher>>;
 
-/// What was found so far.
+/// The values that were computed so far.
 pub struct Cache<V> {
     shards: Vec<Mutex<Shard<V>>>,
     counts: Mutex<Counts>,
@@ -95,20 +95,20 @@ impl<V: Copy> Cache<V> {
         Cache { shards: (0..SHARDS).map(|_| Mutex::default()).collect(), counts: Mutex::default() }
     }
 
-    /// What it took to find all that was found.
+    /// Counts of the rays and cones that the values took.
     pub fn counts(&self) -> Counts {
         *self.counts.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// What the corner holds, found by `find` if nobody asked before.
-    pub fn get(&self, corner: Corner, find: impl FnOnce() -> (V, Counts)) -> V {
-        let shard = &self.shards[corner.mixed() as usize & (SHARDS - 1)];
+    /// The value at a point, computed by `find` if nobody asked for it before.
+    pub fn get(&self, corner: GridPoint, find: impl FnOnce() -> (V, Counts)) -> V {
+        let shard = &self.shards[corner.hash_bits() as usize & (SHARDS - 1)];
         if let Some(value) = shard.lock().unwrap_or_else(PoisonError::into_inner).get(&corner) {
             return *value;
         }
         let (value, counts) = find();
         let mut shard = shard.lock().unwrap_or_else(PoisonError::into_inner);
-        // Another thread may have found the same meanwhile: it counts once.
+        // Another thread may have computed the same value meanwhile: its rays are counted once.
         if shard.insert(corner, value).is_none() {
             self.counts.lock().unwrap_or_else(PoisonError::into_inner).merge(&counts);
         }
@@ -116,17 +116,17 @@ impl<V: Copy> Cache<V> {
     }
 }
 
-/// Values that a thread asked for last.
-pub struct Recent<V>(Vec<Option<(Corner, V)>>);
+/// The values that a thread used last.
+pub struct Recent<V>(Vec<Option<(GridPoint, V)>>);
 
 impl<V: Copy> Recent<V> {
     pub fn new() -> Recent<V> {
         Recent(vec![None; RECENT])
     }
 
-    /// What the corner holds: as remembered, or from `cache`, found by `find` if nobody asked before.
-    pub fn get(&mut self, corner: Corner, cache: &Cache<V>, find: impl FnOnce() -> (V, Counts)) -> V {
-        let slot = &mut self.0[(corner.mixed() >> 8) as usize & (RECENT - 1)];
+    /// The value at a point: the thread's own, else that of `cache`, which computes it by `find` if nobody asked before.
+    pub fn get(&mut self, corner: GridPoint, cache: &Cache<V>, find: impl FnOnce() -> (V, Counts)) -> V {
+        let slot = &mut self.0[(corner.hash_bits() >> 8) as usize & (RECENT - 1)];
         match slot {
             Some((known, value)) if *known == corner => *value,
             _ => {
@@ -145,24 +145,24 @@ mod tests {
     #[test]
     fn a_corner_is_found_once() {
         let cache = Cache::new();
-        let one = Corner { of: Of::Space, level: 3, at: [1, -2, 5] };
+        let one = GridPoint { grid: GridId::Space, level: 3, index: [1, -2, 5] };
         let others = [
-            Corner { at: [1, 5, -2], ..one },
-            Corner { level: 4, ..one },
-            Corner { of: Of::Surface(0), ..one },
-            Corner { of: Of::Surface(4), ..one },
-            Corner { of: Of::OnSurface(0), ..one },
-            Corner { of: Of::Texel(0), ..one },
-            Corner { of: Of::Copy(0, [0; 3]), ..one },
-            Corner { of: Of::Copy(1, [0; 3]), ..one },
-            Corner { of: Of::Copy(0, [0, 0, 1]), ..one },
+            GridPoint { index: [1, 5, -2], ..one },
+            GridPoint { level: 4, ..one },
+            GridPoint { grid: GridId::Surface(0), ..one },
+            GridPoint { grid: GridId::Surface(4), ..one },
+            GridPoint { grid: GridId::OnSurface(0), ..one },
+            GridPoint { grid: GridId::Texel(0), ..one },
+            GridPoint { grid: GridId::Copy(0, [0; 3]), ..one },
+            GridPoint { grid: GridId::Copy(1, [0; 3]), ..one },
+            GridPoint { grid: GridId::Copy(0, [0, 0, 1]), ..one },
         ];
         let found = |v: f32| (v, Counts { sky_cones: 1, ..Counts::default() });
         assert_eq!(cache.get(one, || found(1.0)), 1.0);
         assert_eq!(cache.get(one, || found(2.0)), 1.0);
         let mut recent = Recent::new();
         for (k, other) in others.into_iter().enumerate() {
-            assert_ne!(one.mixed(), other.mixed());
+            assert_ne!(one.hash_bits(), other.hash_bits());
             assert_eq!(recent.get(other, &cache, || found(k as f32 + 3.0)), k as f32 + 3.0);
             assert_eq!(recent.get(other, &cache, || found(-1.0)), k as f32 + 3.0);
         }

@@ -1,4 +1,4 @@
-//! A grid in the scene's space, as fine as pixels are small.
+//! Nested grids over the scene's space: the smaller the pixels, the finer the grid that they use.
 //!
 //! Based on: G. Ward, F. Rubinstein, R. Clear, *A Ray Tracing Solution for Diffuse Interreflection*, SIGGRAPH 1988 (light
 //! from around changes slowly: it is found at few places and interpolated); G. Greger et al., *The Irradiance Volume*, IEEE
@@ -6,9 +6,10 @@
 
 use crate::geom::{Aabb, DVec3};
 
-/// Edge of a cell, in widths of the cone that asks.
+/// Edge of a cell, in widths of the cone that it is for.
 const CELL: f64 = 14.0;
-/// Corners are moved by this share of a cell, or else they would lie in the ground of a scene that stands on its lowest plane.
+/// Grid points are shifted by this share of a cell. Without it they would lie in the ground of a scene that stands on its lowest
+/// plane.
 const SHIFT: f64 = 0.382;
 /// Finest level of the grid.
 const FINEST: f64 = 30.0;
@@ -20,15 +21,15 @@ pub struct Grid {
     extent: f64,
 }
 
-/// The two levels of a grid between which cells that halve from level to level fit, with their shares, which sum to 1; `exact`:
-/// the level that fits. Were one level drawn by lot, as the depths of a texel are, levels that differ would show as a grain.
+/// The two levels around the fractional level `exact`, with their weights, which sum to 1; cells halve from level to level. Both
+/// are used: if one were chosen by dithering, as depths of a texel are, levels that differ would show as grain.
 pub fn two_levels(exact: f64) -> [(i32, f64); 2] {
     let low = exact.floor();
     [(low as i32, 1.0 - (exact - low)), (low as i32 + 1, exact - low)]
 }
 
-/// The eight corners of the cell around `place`, whole numbers being corners, with their weights, which sum to 1; those that
-/// weigh nothing are left out.
+/// The eight corners of the cell around `place`, in grid coordinates, with their trilinear weights, which sum to 1. Corners of
+/// weight 0 are left out.
 pub fn corners(place: DVec3) -> impl Iterator<Item = ([i32; 3], f64)> {
     let low = place.floor();
     let share = place - low;
@@ -49,7 +50,7 @@ impl Grid {
         }
     }
 
-    /// The two levels between which the cells fit a cone `width` wide, with their shares.
+    /// The two levels whose cells fit a cone `width` wide (renderer's units), with their weights, which sum to 1.
     pub fn levels(&self, width: f64) -> [(i32, f64); 2] {
         two_levels(libm::log2(self.extent / (CELL * width).max(f64::MIN_POSITIVE)).clamp(0.0, FINEST))
     }
@@ -64,13 +65,13 @@ impl Grid {
         libm::log2(self.extent / size.max(f64::MIN_POSITIVE)).clamp(0.0, FINEST).floor() as i32
     }
 
-    /// A place in cells of a level: whole numbers are corners. `None` where there is no such grid.
-    pub fn place(&self, x: DVec3, level: i32) -> Option<DVec3> {
+    /// The coordinates of `x` in cells of a level, in which grid points are whole numbers; `None` where they do not fit 32 bits.
+    pub fn coordinates(&self, x: DVec3, level: i32) -> Option<DVec3> {
         let place = (x - self.origin) / self.size(level) - SHIFT;
         (place.abs().max_element() < f64::from(i32::MAX)).then_some(place)
     }
 
-    /// Where a corner lies.
+    /// Position of a grid point in the renderer's space.
     pub fn position(&self, level: i32, at: [i32; 3]) -> DVec3 {
         self.origin + self.size(level) * (DVec3::from_array(at.map(f64::from)) + SHIFT)
     }
@@ -102,11 +103,11 @@ mod tests {
     fn corners_lie_around_their_place() {
         let grid = Grid::new(&Aabb::UNIT);
         let x = DVec3::new(0.3, 0.71, -0.2);
-        let around: Vec<_> = corners(grid.place(x, 4).unwrap()).collect();
+        let around: Vec<_> = corners(grid.coordinates(x, 4).unwrap()).collect();
         let mean: DVec3 = around.iter().map(|(at, weight)| *weight * grid.position(4, *at)).sum();
         assert!((mean - x).length() < 1e-12 && around.len() == 8);
         assert!(around.iter().all(|(at, _)| (grid.position(4, *at) - x).abs().max_element() <= grid.size(4)));
         assert_eq!(corners(DVec3::new(1.0, 2.0, -3.0)).collect::<Vec<_>>(), [([1, 2, -3], 1.0)]);
-        assert!(grid.place(DVec3::splat(1e12), 4).is_none());
+        assert!(grid.coordinates(DVec3::splat(1e12), 4).is_none());
     }
 }

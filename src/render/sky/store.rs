@@ -1,44 +1,44 @@
-//! What is found of light from all around, kept for all pixels of a picture.
+//! The caches of sky visibility of one scene, which all pixels of a picture share.
 
 use super::cache::{Cache, Recent};
 use super::grid::Grid;
 use super::openness::Openness;
-use super::shares::SmallShares;
+use super::packed_visibility::PackedVisibility;
 use crate::geom::Aabb;
 use crate::render::stats::Counts;
 
-/// What was found so far of light from all around.
+/// Caches of sky visibility. All threads share them.
 pub struct SkyLight {
     pub(super) grid: Grid,
-    /// At places.
-    pub(super) shares: Cache<SmallShares>,
-    /// Near corners of the grid; `None` where nothing is that could be lit.
-    pub(super) near: Cache<Option<SmallShares>>,
+    /// Visibility at points in space and in copies.
+    pub(super) visibility: Cache<PackedVisibility>,
+    /// Visibility of the surface, or of the copy, that is nearest to a grid point; `None` where neither is near.
+    pub(super) near: Cache<Option<PackedVisibility>>,
     pub(super) openness: Cache<Openness>,
 }
 
-/// What a thread asked for last.
+/// The entries that one thread used last, which it finds without a lock.
 pub struct RecentSky {
-    pub(super) shares: Recent<SmallShares>,
-    pub(super) near: Recent<Option<SmallShares>>,
+    pub(super) visibility: Recent<PackedVisibility>,
+    pub(super) near: Recent<Option<PackedVisibility>>,
     pub(super) openness: Recent<Openness>,
 }
 
 impl RecentSky {
     pub fn new() -> RecentSky {
-        RecentSky { shares: Recent::new(), near: Recent::new(), openness: Recent::new() }
+        RecentSky { visibility: Recent::new(), near: Recent::new(), openness: Recent::new() }
     }
 }
 
 impl SkyLight {
-    /// For what lies in `bounds`, in the renderer's space.
+    /// Empty caches for a scene with these bounds, in the renderer's space.
     pub fn new(bounds: &Aabb) -> SkyLight {
-        SkyLight { grid: Grid::new(bounds), shares: Cache::new(), near: Cache::new(), openness: Cache::new() }
+        SkyLight { grid: Grid::new(bounds), visibility: Cache::new(), near: Cache::new(), openness: Cache::new() }
     }
 
-    /// What it took to find all that was found.
+    /// Counts of the rays and cones that filled the caches.
     pub fn counts(&self) -> Counts {
-        let mut counts = self.shares.counts();
+        let mut counts = self.visibility.counts();
         counts.merge(&self.near.counts());
         counts.merge(&self.openness.counts());
         counts

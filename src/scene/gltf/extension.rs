@@ -12,7 +12,7 @@ pub use crate::scene::shell::EXTENSION_NAME as NAME;
 use crate::scene::shell::{
     Continuous, Discrete, Environment, FrameFacts, Layer, Orientations, ShellMaterial, Sky, TexelRef, Variant,
 };
-use crate::scene::wind::{MOST_STRENGTH, Moment, Wind};
+use crate::scene::wind::{MOST_STRENGTH, Wind, WindField};
 use crate::volume::{Palette, Style};
 use crate::{Result, Warnings};
 use object::{ANY, Object};
@@ -340,7 +340,7 @@ pub fn wind_of_shell(
     at: &str,
     texels: &Texels,
     warnings: &mut Warnings,
-) -> Result<Option<Moment>> {
+) -> Result<Option<WindField>> {
     let json = Object::new(document, json, format!("{at}.{NAME}"))?;
     Ok(wind(&json, texels.wind, warnings)?.map(|w| w.at(texels.time)))
 }
@@ -352,7 +352,7 @@ pub fn wind_of_copies(
     at: &str,
     texels: &Texels,
     warnings: &mut Warnings,
-) -> Result<Option<Moment>> {
+) -> Result<Option<WindField>> {
     let outer = Object::new(document, json, format!("{at}.{NAME}"))?;
     let json = outer.object("copies")?.ok_or_else(|| outer.error("copies", "is needed"))?;
     Ok(wind(&json, texels.wind, warnings)?.map(|w| w.at(texels.time)))

@@ -68,7 +68,7 @@ fn a_flat_patch_is_a_prism() {
             assert!(a.q0.distance(b.q0).max(a.q1.distance(b.q1)) < 1e-11);
             assert!((a.to_texel.determinant() - b.to_texel.determinant()).abs() < 1e-9);
             for k in 0..2 {
-                let (a, b) = (a.feet[k], b.feet[k]);
+                let (a, b) = (a.end_heights[k], b.end_heights[k]);
                 assert!((a.rise - b.rise).abs().max((a.height - b.height).abs()).max((a.mask - b.mask).abs()) < 1e-11);
             }
         }
@@ -151,7 +151,10 @@ fn chords_keep_to_the_tolerance() {
         let ray = towards(&mut random, &corners);
         let pieces = pieces_of(&ShellBox::Patch(Box::new(patch.clone())), &ray, tolerance);
         for pair in pieces.windows(2) {
-            assert!(pair[0].t1 != pair[1].t0 || (pair[0].q1 == pair[1].q0 && pair[0].feet[1] == pair[1].feet[0]));
+            assert!(
+                pair[0].t1 != pair[1].t0
+                    || (pair[0].q1 == pair[1].q0 && pair[0].end_heights[1] == pair[1].end_heights[0])
+            );
         }
         for piece in &pieces {
             for k in 1..16 {

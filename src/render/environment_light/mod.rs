@@ -1,8 +1,9 @@
-//! What surrounds a scene: the radiance that comes from every direction, and what air between the eye and things adds.
+//! Environment light: the radiance that reaches a scene from every direction, and aerial perspective, by which air between the eye
+//! and things dims and brightens them.
 
 mod harmonics;
 mod panorama;
-mod parts;
+mod sectors;
 mod sun;
 #[cfg(test)]
 mod tests;
@@ -14,23 +15,23 @@ use super::options::Ambient;
 use crate::geom::{DVec3, Vec3};
 use crate::{Error, Result};
 
-pub use harmonics::{Harmonics, of_means, of_normal};
+pub use harmonics::{IrradianceHarmonics, moments_of_means, moments_of_normal};
 pub use panorama::Panorama;
-pub use parts::{PARTS, Part, Parts, Shares};
+pub use sectors::{SECTORS, Sector, SectorVisibility, Sectors};
 pub use sun::Sun;
 
 /// Radiance by direction, linear Rec. 709.
-pub struct Surround {
+pub struct EnvironmentLight {
     kind: Kind,
-    /// What camera rays see in its place.
+    /// Radiance that camera rays see in place of the environment.
     background: Option<Vec3>,
-    /// Of a clear sky: where the sun is seen as a disc.
+    /// The sun as camera rays see it.
     disc: Option<Disc>,
-    /// As it lights what sees all of it.
-    pub light: Harmonics,
-    /// The directions in parts, each with the light that comes from it.
-    pub parts: Parts,
-    /// Optical depth of the air in a unit of length; 0: none.
+    /// Irradiance at a point that nothing hides from the environment.
+    pub light: IrradianceHarmonics,
+    /// All directions in sectors, each with the light that comes from it.
+    pub sectors: Sectors,
+    /// Optical depth of the air per unit of length, by channel; 0 without haze.
     haze: Vec3,
 }
 
@@ -46,73 +47,74 @@ struct Disc {
     radiance: DVec3,
 }
 
-impl Surround {
-    fn new(kind: Kind) -> Surround {
+impl EnvironmentLight {
+    fn new(kind: Kind) -> EnvironmentLight {
         let reduced = match &kind {
             Kind::Picture(panorama) => Some(panorama.reduced()),
             _ => None,
         };
-        let mut surround = Surround {
+        let mut light = EnvironmentLight {
             kind,
             background: None,
             disc: None,
-            light: Harmonics::default(),
-            parts: Parts::default(),
+            light: IrradianceHarmonics::default(),
+            sectors: Sectors::default(),
             haze: Vec3::ZERO,
         };
-        surround.parts = Parts::new(|dir| {
+        light.sectors = Sectors::new(|dir| {
             let reduced = reduced.as_ref().map(|panorama| panorama.radiance(dir));
-            reduced.unwrap_or_else(|| surround.radiance(dir)).as_dvec3()
+            reduced.unwrap_or_else(|| light.radiance(dir)).as_dvec3()
         });
-        surround.light = match surround.kind {
-            Kind::Constant(radiance) => Harmonics::constant(radiance.as_vec3()),
-            _ => surround.parts.list.iter().map(|part| part.light).sum(),
+        light.light = match light.kind {
+            Kind::Constant(radiance) => IrradianceHarmonics::constant(radiance.as_vec3()),
+            _ => light.sectors.list.iter().map(|sector| sector.light).sum(),
         };
-        surround
+        light
     }
 
-    /// The same from all sides.
-    pub fn constant(radiance: DVec3) -> Surround {
-        Surround::new(Kind::Constant(radiance))
+    /// The same radiance from all directions.
+    pub fn constant(radiance: DVec3) -> EnvironmentLight {
+        EnvironmentLight::new(Kind::Constant(radiance))
     }
 
     /// A clear sky that fits a sun: as bright, relative to it, as air of that turbidity makes it.
-    pub fn clear(sun: &Sun, turbidity: f64) -> Surround {
+    pub fn clear(sun: &Sun, turbidity: f64) -> EnvironmentLight {
         let sky = ClearSky::new(sun.towards, turbidity);
         let factor = ClearSky::scale(sun.towards, turbidity, luminance(sun.irradiance));
-        let mut surround = Surround::new(Kind::Clear { sky, factor });
+        let mut light = EnvironmentLight::new(Kind::Clear { sky, factor });
         let area = std::f64::consts::PI * libm::sin(sun.radius).powi(2);
         if area > 0.0 {
-            surround.disc =
+            light.disc =
                 Some(Disc { towards: sun.towards, radius: sun.radius, radiance: sun.irradiance * (1.0 / area) });
         }
-        surround
+        light
     }
 
     /// A picture of all directions, and the sun that was found in it, which is then no longer part of its light.
     ///
     /// # Errors
     /// As [`super::image_io::read`]; `Input` where the picture is not twice as wide as high, or a value is no radiance.
-    pub fn picture(path: &Path) -> Result<(Surround, Option<Sun>)> {
+    pub fn picture(path: &Path) -> Result<(EnvironmentLight, Option<Sun>)> {
         let (panorama, sun) = Panorama::read(path)?;
-        let mut surround = Surround::new(Kind::Picture(Box::new(panorama)));
+        let mut light = EnvironmentLight::new(Kind::Picture(Box::new(panorama)));
         if let Some(sun) = &sun {
             let area = std::f64::consts::PI * libm::sin(sun.radius).powi(2);
-            surround.disc =
+            light.disc =
                 Some(Disc { towards: sun.towards, radius: sun.radius, radiance: sun.irradiance * (1.0 / area) });
         }
-        Ok((surround, sun))
+        Ok((light, sun))
     }
 
-    /// What camera rays see where nothing is; `None`: what lights the scene.
-    pub fn behind(mut self, background: Option<DVec3>) -> Surround {
+    /// Give camera rays that meet nothing this radiance; with `None` they see the environment itself.
+    pub fn with_background(mut self, background: Option<DVec3>) -> EnvironmentLight {
         self.background = background.map(DVec3::as_vec3);
         self
     }
 
-    /// Air in which dark things fade into the horizon: 2 % of their contrast are left at `visibility` metres (H.
-    /// Koschmieder 1924). `unit`: metres in a unit of length. Molecules have their share of it, more in the blue.
-    pub fn hazy(mut self, visibility: Option<f64>, unit: f64) -> Surround {
+    /// Add haze in which dark things fade into the horizon: at `visibility` metres 2 % of their contrast are left (H.
+    /// Koschmieder 1924). `unit` is the length of the renderer's unit in metres. Molecules scatter their known share of it, which
+    /// is more in the blue.
+    pub fn with_haze(mut self, visibility: Option<f64>, unit: f64) -> EnvironmentLight {
         if let Some(visibility) = visibility {
             // At 610, 550 and 465 nm, which the channels stand for.
             let molecules = DVec3::new(8.96e-6, 1.356e-5, 2.65e-5);
@@ -125,12 +127,12 @@ impl Surround {
         self
     }
 
-    /// Whether light depends on normals or on what stands before it.
+    /// Whether the ambient light at a point depends on its normals or on what hides the environment from it.
     pub fn is_directional(&self, ambient: Ambient) -> bool {
         ambient == Ambient::Occluded || !matches!(self.kind, Kind::Constant(_))
     }
 
-    /// What lights the scene from a unit direction; the sun, which is a light of its own, left out.
+    /// Radiance that lights the scene from a unit direction, without the sun, which is a light of its own.
     pub fn radiance(&self, dir: DVec3) -> Vec3 {
         match &self.kind {
             Kind::Constant(radiance) => radiance.as_vec3(),
@@ -139,12 +141,12 @@ impl Surround {
         }
     }
 
-    /// What a camera ray sees that meets nothing, `width` radians wide.
-    pub fn seen(&self, dir: DVec3, width: f64) -> Vec3 {
+    /// Radiance that a camera ray sees which meets nothing; `width` is the angle of its cone, radians.
+    pub fn background_radiance(&self, dir: DVec3, width: f64) -> Vec3 {
         if let Some(background) = self.background {
             return background;
         }
-        // Behind haze without an end there is no ground.
+        // Haze without an end hides the ground below the horizon.
         let hazy = self.haze != Vec3::ZERO;
         let mut radiance = self.radiance(if hazy { above_horizon(dir) } else { dir });
         if let Some(disc) = self.disc.as_ref().filter(|disc| disc.towards.dot(dir) > 0.0) {
@@ -155,8 +157,9 @@ impl Surround {
         radiance
     }
 
-    /// What comes through `distance` of the air, and what the air adds: it is as bright as the horizon in that direction.
-    pub fn air(&self, dir: DVec3, distance: f64) -> Option<(Vec3, Vec3)> {
+    /// The transmittance of `distance` units of air, by channel, and the radiance that the air itself adds, which is as bright as the
+    /// horizon in that direction. `None` without haze.
+    pub fn aerial_perspective(&self, dir: DVec3, distance: f64) -> Option<(Vec3, Vec3)> {
         if self.haze == Vec3::ZERO {
             return None;
         }
@@ -167,17 +170,20 @@ impl Surround {
     }
 }
 
-/// The direction, or above the horizon where it leads below: there the sky is as bright as air without an end.
+/// `dir`, raised to just above the horizon if it leads lower. There the sky is as bright as an endless layer of air.
 fn above_horizon(dir: DVec3) -> DVec3 {
     DVec3::new(dir.x, dir.y.max(0.02), dir.z).try_normalize().unwrap_or(DVec3::Y)
 }
 
-/// Whether a sun is so high that a clear sky fits it.
+/// Whether the sun is high enough for a clear sky to be computed.
 pub fn is_up(towards: DVec3) -> bool {
     towards.y > -0.02
 }
 
-/// Turbidity and what is wrong with it.
+/// Check that a turbidity is in range.
+///
+/// # Errors
+/// `Options` where it is not.
 pub fn check_turbidity(turbidity: f64) -> Result<()> {
     let range = super::air::TURBIDITY;
     if range.contains(&turbidity) {

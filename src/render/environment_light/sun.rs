@@ -2,10 +2,13 @@
 
 use crate::geom::DVec3;
 
-/// A sun: unit direction towards it, irradiance on what faces it, half of its angular size in radians.
+/// A sun.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sun {
+    /// Unit direction from the scene to the sun.
     pub towards: DVec3,
+    /// Irradiance on a surface that faces it, linear Rec. 709.
     pub irradiance: DVec3,
+    /// Half of its angular size, radians.
     pub radius: f64,
 }

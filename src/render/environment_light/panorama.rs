@@ -18,12 +18,12 @@ pub struct Panorama {
     pixels: Vec<[f32; 3]>,
 }
 
-/// A sun is so many times as bright as the mean of the picture …
-const SUN: f64 = 200.0;
-/// … lies within this angle of the brightest pixel …
-const REACH: f64 = 0.045;
-/// … and brings at least this share of all light.
-const SHARE: f64 = 0.1;
+/// A pixel belongs to a sun only if it is this many times as bright as the mean of the picture.
+const SUN_CONTRAST: f64 = 200.0;
+/// Largest angle between the brightest pixel and others of the same sun, radians.
+const MAX_SUN_RADIUS: f64 = 0.045;
+/// Least share of the picture's irradiance that a sun must bring.
+const LEAST_SUN_SHARE: f64 = 0.1;
 
 impl Panorama {
     /// Read a `.exr`, `.hdr` or `.png`.
@@ -62,7 +62,7 @@ impl Panorama {
         Vec3::from_array(self.pixels[i]).as_dvec3()
     }
 
-    /// The sun, whose pixels become as bright as what is around them.
+    /// Find the sun and remove it from the picture: its pixels become as bright as the sky around them.
     fn take_sun(&mut self) -> Option<Sun> {
         let (mut mean, mut brightest) = (0.0, (0.0, 0));
         for i in 0..self.pixels.len() {
@@ -72,8 +72,8 @@ impl Panorama {
                 brightest = (own, i);
             }
         }
-        // What the picture's other light is, without a sun that would outshine it.
-        if brightest.0 <= SUN * mean.min(brightest.0) || mean <= 0.0 {
+        // The brightest pixel must stand out against the mean, which cannot exceed it.
+        if brightest.0 <= SUN_CONTRAST * mean.min(brightest.0) || mean <= 0.0 {
             return None;
         }
         let towards = self.direction(brightest.1 % self.width, brightest.1 / self.width);
@@ -86,8 +86,8 @@ impl Panorama {
             }
             let size = self.solid_angle(i / self.width);
             match angle(dir) {
-                apart if apart <= REACH => inside.push((i, dir, size)),
-                apart if apart <= 1.5 * REACH => ring = (ring.0 + size * self.light(i), ring.1 + size),
+                apart if apart <= MAX_SUN_RADIUS => inside.push((i, dir, size)),
+                apart if apart <= 1.5 * MAX_SUN_RADIUS => ring = (ring.0 + size * self.light(i), ring.1 + size),
                 _ => {}
             }
         }
@@ -95,7 +95,7 @@ impl Panorama {
         let above = |i: usize| (self.light(i) - around).max(DVec3::ZERO);
         let irradiance: DVec3 = inside.iter().map(|&(i, _, size)| size * above(i)).sum();
         let centre: DVec3 = inside.iter().map(|&(i, dir, size)| size * luminance(above(i)) * dir).sum();
-        if luminance(irradiance) < SHARE * PI * mean {
+        if luminance(irradiance) < LEAST_SUN_SHARE * PI * mean {
             return None;
         }
         let towards = centre.try_normalize()?;
@@ -104,10 +104,10 @@ impl Panorama {
             let kept = self.light(i).min(around).as_vec3();
             self.pixels[i] = kept.to_array();
         }
-        Some(Sun { towards, irradiance, radius: (area / PI).sqrt().clamp(1e-4, REACH) })
+        Some(Sun { towards, irradiance, radius: (area / PI).sqrt().clamp(1e-4, MAX_SUN_RADIUS) })
     }
 
-    /// The means of blocks of pixels, at most 128 rows: what light is summed over.
+    /// The picture reduced to at most 128 rows by averaging blocks of pixels, for sums over all directions.
     pub fn reduced(&self) -> Panorama {
         let block = self.height.div_ceil(128);
         let (width, height) = (self.width.div_ceil(block), self.height.div_ceil(block));
@@ -120,7 +120,7 @@ impl Panorama {
         Panorama { width, height, pixels: sums.into_iter().map(|(sum, count)| (sum / count).to_array()).collect() }
     }
 
-    /// Towards a unit direction, linear between pixels.
+    /// Radiance from a unit direction, bilinear between pixels.
     pub fn radiance(&self, dir: DVec3) -> Vec3 {
         let x = (libm::atan2(dir.z, dir.x) / TAU + 0.5) * self.width as f64 - 0.5;
         let y = libm::acos(dir.y.clamp(-1.0, 1.0)) / PI * self.height as f64 - 0.5;

@@ -2,8 +2,8 @@
 
 use std::f64::consts::PI;
 
-use super::{Harmonics, Panorama, Sun, Surround, of_means, of_normal};
-use super::{PARTS, Parts};
+use super::{EnvironmentLight, IrradianceHarmonics, Panorama, Sun, moments_of_means, moments_of_normal};
+use super::{SECTORS, Sectors};
 use crate::geom::{DMat3, DVec3, Vec3};
 use crate::render::image_io::Image;
 
@@ -13,11 +13,15 @@ fn near(a: Vec3, b: Vec3, most: f32) -> bool {
 
 #[test]
 fn parts_are_all_directions() {
-    let Parts { list: all, .. } = Parts::new(|_| DVec3::ONE);
-    let sum: Harmonics = all.iter().map(|part| part.light).sum();
+    let Sectors { list: all, .. } = Sectors::new(|_| DVec3::ONE);
+    let sum: IrradianceHarmonics = all.iter().map(|part| part.light).sum();
     for n in [DVec3::Y, DVec3::X, DVec3::new(0.5, -0.3, 0.7).normalize()] {
         // The midpoint rule over 144 places a part.
-        assert!(near(sum.irradiance(&of_normal(n)), Vec3::ONE, 2e-3), "{n} {}", sum.irradiance(&of_normal(n)));
+        assert!(
+            near(sum.irradiance(&moments_of_normal(n)), Vec3::ONE, 2e-3),
+            "{n} {}",
+            sum.irradiance(&moments_of_normal(n))
+        );
     }
     let size: f64 = all.iter().map(|part| part.growth.powi(2)).sum();
     assert!((size - 4.0 * PI).abs() < 1e-9);
@@ -30,11 +34,11 @@ fn parts_are_all_directions() {
 
 #[test]
 fn half_a_sky_lights_by_the_angle() {
-    let sky = Parts::new(|dir| if dir.y > 0.0 { DVec3::ONE } else { DVec3::ZERO });
-    let sum = sky.light(&[1.0; PARTS]);
+    let sky = Sectors::new(|dir| if dir.y > 0.0 { DVec3::ONE } else { DVec3::ZERO });
+    let sum = sky.light(&[1.0; SECTORS]);
     for degrees in [0.0, 30.0, 60.0, 90.0, 150.0, 180.0f64] {
         let (sin, cos) = degrees.to_radians().sin_cos();
-        let found = sum.irradiance(&of_normal(DVec3::new(sin, cos, 0.0)));
+        let found = sum.irradiance(&moments_of_normal(DVec3::new(sin, cos, 0.0)));
         // (1 + cos) / 2, which has no part of second degree; the functions of the third are left out, and are 0 here.
         assert!(near(found, Vec3::splat(0.5 + 0.5 * cos as f32), 4e-3), "{degrees}: {found}");
     }
@@ -42,13 +46,16 @@ fn half_a_sky_lights_by_the_angle() {
 
 #[test]
 fn a_constant_sky_is_exact_for_any_normals() {
-    let sky = Surround::constant(DVec3::new(0.25, 0.5, 1.0));
+    let sky = EnvironmentLight::constant(DVec3::new(0.25, 0.5, 1.0));
     let right = Vec3::new(0.25, 0.5, 1.0);
-    assert_eq!(sky.light.irradiance(&of_normal(DVec3::Z)), right);
+    assert_eq!(sky.light.irradiance(&moments_of_normal(DVec3::Z)), right);
     let square = [0.2, 0.3, 0.5, 0.1, 0.0, -0.1];
-    assert_eq!(sky.light.irradiance(&of_means(Vec3::new(0.1, 0.2, 0.3), square, &DMat3::IDENTITY)), right);
-    assert_eq!(sky.seen(DVec3::Y, 1e-3), right);
-    assert_eq!(Surround::constant(DVec3::ONE).behind(Some(DVec3::ZERO)).seen(DVec3::Y, 1e-3), Vec3::ZERO);
+    assert_eq!(sky.light.irradiance(&moments_of_means(Vec3::new(0.1, 0.2, 0.3), square, &DMat3::IDENTITY)), right);
+    assert_eq!(sky.background_radiance(DVec3::Y, 1e-3), right);
+    assert_eq!(
+        EnvironmentLight::constant(DVec3::ONE).with_background(Some(DVec3::ZERO)).background_radiance(DVec3::Y, 1e-3),
+        Vec3::ZERO
+    );
 }
 
 #[test]
@@ -58,8 +65,8 @@ fn means_of_normals_turn_with_them() {
     let pair = |i: usize, j: usize| (normals.iter().map(|n| n[i] * n[j]).sum::<f64>() / 3.0) as f32;
     let square = [pair(0, 0), pair(1, 1), pair(2, 2), pair(0, 1), pair(1, 2), pair(2, 0)];
     let turn = DMat3::from_rotation_y(0.7) * DMat3::from_rotation_x(0.3);
-    let found = of_means(mean, square, &turn);
-    let each = normals.map(|n| of_normal(turn * n));
+    let found = moments_of_means(mean, square, &turn);
+    let each = normals.map(|n| moments_of_normal(turn * n));
     for k in 0..9 {
         let right = each.iter().map(|m| m[k]).sum::<f32>() / 3.0;
         assert!((found[k] - right).abs() < 1e-6, "{k}: {} {right}", found[k]);
@@ -69,7 +76,7 @@ fn means_of_normals_turn_with_them() {
 #[test]
 fn a_clear_sky_lights_as_the_sum_of_its_directions() {
     let sun = Sun { towards: DVec3::new(0.5, 0.6, 0.2).normalize(), irradiance: DVec3::splat(3.0), radius: 0.0046 };
-    let sky = Surround::clear(&sun, 2.5);
+    let sky = EnvironmentLight::clear(&sun, 2.5);
     for normal in [DVec3::Y, DVec3::X, -DVec3::X, DVec3::new(0.4, 0.5, -0.6).normalize()] {
         let (tangent, other) = normal.any_orthonormal_pair();
         let (mut sum, n) = (Vec3::ZERO, 96);
@@ -79,27 +86,27 @@ fn a_clear_sky_lights_as_the_sum_of_its_directions() {
             sum += sky.radiance(u.sqrt() * (cos * tangent + sin * other) + (1.0 - u).sqrt() * normal);
         }
         let right = sum / (n * n) as f32;
-        let found = sky.light.irradiance(&of_normal(normal));
+        let found = sky.light.irradiance(&moments_of_normal(normal));
         // The paper: 1 % in the mean over measured skies, 9 % at the most.
         assert!(near(found / right, Vec3::ONE, 0.09), "{normal}: {found} {right}");
     }
     // The disc is seen, and is not part of that light.
-    let disc = sky.seen(sun.towards, 1e-4);
+    let disc = sky.background_radiance(sun.towards, 1e-4);
     assert!((disc.y * (PI * 0.0046f64.powi(2)) as f32 / 3.0 - 1.0).abs() < 0.01, "{disc}");
-    assert!(near(sky.seen(DVec3::Y, 1e-4), sky.radiance(DVec3::Y), 0.0));
+    assert!(near(sky.background_radiance(DVec3::Y, 1e-4), sky.radiance(DVec3::Y), 0.0));
 }
 
 #[test]
 fn haze_is_what_koschmieder_says() {
-    let sky = Surround::constant(DVec3::splat(0.5)).hazy(Some(5000.0), 1000.0);
-    let (through, added) = sky.air(DVec3::X, 5.0).unwrap();
+    let sky = EnvironmentLight::constant(DVec3::splat(0.5)).with_haze(Some(5000.0), 1000.0);
+    let (through, added) = sky.aerial_perspective(DVec3::X, 5.0).unwrap();
     assert!((through.y - 0.02).abs() < 1e-4, "{through}");
     assert!(through.x > through.y && through.y > through.z);
     assert!(near(added, 0.5 * (Vec3::ONE - through), 1e-6));
-    assert!(Surround::constant(DVec3::ONE).air(DVec3::X, 5.0).is_none());
+    assert!(EnvironmentLight::constant(DVec3::ONE).aerial_perspective(DVec3::X, 5.0).is_none());
     // Clearer than air without any dust: molecules alone, up to that.
-    let clear = Surround::constant(DVec3::ONE).hazy(Some(1e9), 1.0);
-    assert!((clear.air(DVec3::X, 1e9).unwrap().0.y - 0.02).abs() < 1e-4);
+    let clear = EnvironmentLight::constant(DVec3::ONE).with_haze(Some(1e9), 1.0);
+    assert!((clear.aerial_perspective(DVec3::X, 1e9).unwrap().0.y - 0.02).abs() < 1e-4);
 }
 
 #[test]
