@@ -9,8 +9,8 @@ use std::collections::HashMap;
 use glam::Vec3A;
 
 use super::bvh::Boxes;
-use super::cells::{CopyHit, RIGID, TexelLayer};
-use super::copies::RigidCopy;
+use super::cells::{CONTENT_PAD, CopyHit, RIGID, TexelLayer};
+use super::copies::{RigidCopy, image_bounds};
 use super::copy_segment::{CopySegment, round_inside};
 use super::phong::{PhongTable, SurfaceCoords};
 use super::placement::PlacedCopy;
@@ -73,9 +73,6 @@ pub struct ConeWidth {
     pub growth: f64,
 }
 
-/// More than the margin by which a march widens the content against rounding, in cube edges.
-const CONTENT_PAD: f64 = 1e-5;
-
 /// Depth by which a box may cut into the content of a copy that still counts as whole, in cube edges: corners are given as f32.
 const MAX_CUT: f64 = 1e-4;
 
@@ -124,7 +121,8 @@ impl AffineCopies {
             BoxContent::WholeCopy(_, kind) if phongs.varies(kind.phong) => false,
             BoxContent::WholeCopy(to_texel, kind) => self.affine_copy(&to_texel, kind).is_some_and(|copy| {
                 self.list.push(copy);
-                bounds.push(bounds_of(&self.content(kind.texel).unwrap_or(Aabb::EMPTY), &to_texel));
+                let content = self.content(kind.texel).unwrap_or(Aabb::EMPTY);
+                bounds.push(image_bounds(&content, &to_texel.inverse()));
                 true
             }),
             BoxContent::Other => false,
@@ -242,16 +240,6 @@ enum BoxContent {
     WholeCopy(DAffine3, CopyAttributes),
     /// Anything else.
     Other,
-}
-
-/// Bounding box, in the renderer's space, of `content`, a box in texel space.
-fn bounds_of(content: &Aabb, to_texel: &DAffine3) -> Aabb {
-    let map = to_texel.inverse();
-    let m = map.matrix3;
-    // The half size of the corners' bounding box is the matrix of magnitudes times the half size.
-    let reach = DMat3::from_cols(m.x_axis.abs(), m.y_axis.abs(), m.z_axis.abs()) * (0.5 * content.size());
-    let middle = map.transform_point3(content.centre());
-    Aabb::new(middle - reach, middle + reach)
 }
 
 #[cfg(test)]

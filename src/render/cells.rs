@@ -33,6 +33,10 @@ pub struct CopyHit {
     pub inverse_scale: f64,
 }
 
+/// Margin around a texel's content within which a ray may hit it, in cube edges: more than the margin by which a march widens the content
+/// against rounding.
+pub const CONTENT_PAD: f64 = 1e-5;
+
 /// The third coordinate of the cells that stand for rigid copies: no shell has a cell there.
 pub const RIGID: i64 = i64::MIN;
 
@@ -49,10 +53,9 @@ impl CopyHit {
 
     /// Whether the segment certainly misses `content`, a box in texel space; a near miss may count as a hit.
     pub fn misses(&self, content: &Aabb) -> bool {
-        // More than the margin by which a march widens the content against rounding.
-        const PAD: f64 = 1e-5;
         let inverse = self.dir.recip();
-        let (a, b) = ((content.min - PAD - self.origin) * inverse, (content.max + PAD - self.origin) * inverse);
+        let (a, b) =
+            ((content.min - CONTENT_PAD - self.origin) * inverse, (content.max + CONTENT_PAD - self.origin) * inverse);
         a.min(b).max_element().max(0.0) > a.max(b).min_element().min(self.t1 - self.t0)
     }
 }

@@ -105,7 +105,7 @@ impl<'a> Copies<'a> {
         self.count
     }
 
-    /// The boxes of the copies' contents, in order.
+    /// Bounding boxes of the copies' contents in the renderer's space, in order.
     pub fn bounds(&self) -> impl Iterator<Item = Aabb> {
         self.sets.iter().flat_map(|placed| {
             (0..placed.set.len()).map(|i| {
@@ -114,11 +114,7 @@ impl<'a> Copies<'a> {
                 if content.is_empty() {
                     return Aabb::new(map.translation, map.translation);
                 }
-                // The half size of the corners' bounding box is the matrix of magnitudes times the half size.
-                let m = map.matrix3;
-                let reach = DMat3::from_cols(m.x_axis.abs(), m.y_axis.abs(), m.z_axis.abs()) * (0.5 * content.size());
-                let middle = map.transform_point3(content.centre());
-                Aabb::new(middle - reach, middle + reach)
+                image_bounds(&content, &map)
             })
         })
     }
@@ -132,15 +128,24 @@ impl<'a> Copies<'a> {
         let to_texel = kind.to_texel * placed.map(i).inverse();
         let tint = placed.set.tints.get(i).map_or(kind.tint, |t| kind.tint * Vec3::from_array(*t));
         let frame = kind.cycle.filter(|_| kind.frames > 1).map_or(0, |cycle| {
-            let lot = Cycle::cell_hash([i as i64, 0, 0]);
+            let hash = Cycle::cell_hash([i as i64, 0, 0]);
             let place = || (placed.set.to_world * placed.set.local(i)).translation;
-            let ahead = placed.set.phases.get(i).map_or_else(|| cycle.ahead(lot, place()), |p| f64::from(*p));
-            cycle.frame(kind.frames, ahead, lot)
+            let ahead = placed.set.phases.get(i).map_or_else(|| cycle.phase_of(hash, place()), |p| f64::from(*p));
+            cycle.frame(kind.frames, ahead, hash)
         });
         let (texel, phong) = (kind.texel + frame as usize, kind.phong);
         let found = RigidCopy { texel, tint, phong, to_texel };
         to_texel.is_finite().then_some(found)
     }
+}
+
+/// Bounding box of the image of a box under an affine map.
+pub fn image_bounds(content: &Aabb, map: &DAffine3) -> Aabb {
+    let m = map.matrix3;
+    // The half size of the corners' bounding box is the matrix of magnitudes times the half size.
+    let reach = DMat3::from_cols(m.x_axis.abs(), m.y_axis.abs(), m.z_axis.abs()) * (0.5 * content.size());
+    let middle = map.transform_point3(content.centre());
+    Aabb::new(middle - reach, middle + reach)
 }
 
 #[cfg(test)]

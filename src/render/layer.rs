@@ -49,9 +49,9 @@ impl TexelChoice {
     /// Index of the texel that `cell` shows: of an animated one, the frame of the moment.
     pub fn texel_of(&self, cell: [i64; 3]) -> usize {
         let Some(cycle) = self.cycle.filter(|_| self.frames > 1) else { return self.texel };
-        let lot = Cycle::cell_hash(cell);
+        let hash = Cycle::cell_hash(cell);
         let place = DVec3::new(cell[0] as f64, cell[1] as f64, cell[2] as f64);
-        self.texel + cycle.frame(self.frames, cycle.ahead(lot, place), lot) as usize
+        self.texel + cycle.frame(self.frames, cycle.phase_of(hash, place), hash) as usize
     }
 }
 

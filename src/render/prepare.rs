@@ -91,6 +91,17 @@ pub struct World<'a> {
     pub notes: Vec<String>,
 }
 
+/// State of a scene's preparation that its shells share.
+#[derive(Default)]
+struct ShellSetup {
+    /// For each material with a shell that was met, the index of its first group of layers in [`World::layers`].
+    first_layers: Vec<Option<u32>>,
+    /// Bounding boxes of the copies that fill a box alone.
+    filled: Boxes,
+    /// Whether some box is not finite in single precision.
+    too_large: bool,
+}
+
 /// The meshes that the scene's texels were baked from, each to be read when a cone first needs it.
 pub fn sources(scene: &Scene) -> Vec<Option<Arc<LazySource>>> {
     let source = |said: &TexelRef| {
@@ -209,72 +220,84 @@ impl<'a> World<'a> {
         if !copies.bounds().all(|b| finite(&b)) {
             return Err(Error::Options("the scene's copies are too large to be rendered".into()));
         }
-        let mut filled = Boxes::default();
         self.copies.reserve(copies.len());
         (0..copies.len()).for_each(|i| self.copies.push(copies.get(i).as_ref(), &self.phongs));
-        let model = &self.scene.model;
+        let scene = self.scene;
         let mut mesh = MeshBuilder::default();
-        let mut first_layers = vec![None; model.materials.len()];
-        let mut lost = 0;
-        for (index, instance) in model.instances.iter().enumerate() {
-            let Some(part) = model.parts.get(instance.part) else { continue };
+        let mut shells = ShellSetup { first_layers: vec![None; scene.model.materials.len()], ..ShellSetup::default() };
+        for (index, instance) in scene.model.instances.iter().enumerate() {
+            let Some(part) = scene.model.parts.get(instance.part) else { continue };
             let placed = relative(instance.transform, self.view.eye, self.unit);
-            let shell = shell_of(self.scene, instance.part).map(|s| s.1);
-            let mut curved = Vec::new();
-            if let Some(shell) = shell {
-                let wind = model.materials.get(part.material).and_then(|m| m.wind);
-                let bend = wind.map(|wind| WindBend { wind, eye: self.view.eye, unit: self.unit });
-                let ranges = layer_ranges(shell);
-                let first = match first_layers[part.material] {
-                    Some(first) => first,
-                    None => {
-                        let first = self.layers.len() as u32;
-                        let info = |i: usize| Some(self.texels.get(i)?.as_ref()?.tree.info());
-                        for &range in &ranges {
-                            self.layers.push(layers_in((self.scene, &self.phongs), shell, range, &info)?);
-                        }
-                        first_layers[part.material] = Some(first);
-                        first
-                    }
-                };
-                for (group, &range) in (first..).zip(&ranges) {
-                    // A shell's warnings are counted once, and not for each of its ranges.
-                    let mut again = Warnings::default();
-                    let warnings = if group == first { &mut *warnings } else { &mut again };
-                    let layers = self.layers.get(group as usize).map_or(&[][..], Vec::as_slice);
-                    let take = &mut |shell: ShellBox| {
-                        lost += usize::from(!finite(&shell.bounds()));
-                        let (copies, phongs) = (&mut self.copies, &self.phongs);
-                        if !matches!(&shell, ShellBox::Prism(p) if copies.add_whole_box(p, layers, phongs, &mut filled))
-                        {
-                            self.boxes.push(shell);
-                        }
-                    };
-                    let found = faces::boxes(part, (shell, range.0, range.1), placed, bend.as_ref(), warnings, take);
-                    if group == first {
-                        let folded = found.iter().filter(|c| !**c).count() as u64;
-                        self.split_patches += folded + part.collapsed_patches;
-                        curved = found;
-                    }
-                    self.box_layers.resize(self.boxes.len(), group);
-                }
-            }
+            let shell = shell_of(scene, instance.part).map(|s| s.1);
+            let curved = match shell {
+                Some(shell) => self.place_shell(part, shell, placed, &mut shells, warnings)?,
+                None => Vec::new(),
+            };
             if shell.is_none_or(|s| s.surface_visible) && !part.triangles.is_empty() {
                 let at = |p: &[f32; 3]| placed.transform_point3(DVec3::from_array(p.map(f64::from)));
                 mesh.add_curved(index, part, &part.positions.iter().map(at).collect::<Vec<_>>(), &curved);
             }
         }
-        if lost > 0 {
+        if shells.too_large {
             return Err(Error::Options("the scene's height vectors are too large to be rendered".into()));
         }
-        self.mesh = mesh.build(&model.materials);
-        if !filled.are_finite() {
+        self.mesh = mesh.build(&scene.model.materials);
+        if !shells.filled.are_finite() {
             return Err(Error::Options("the scene's copies are too large to be rendered".into()));
         }
         let mut all: Boxes = self.boxes.iter().map(ShellBox::bounds).chain(copies.bounds()).collect();
-        all.append(filled);
+        all.append(shells.filled);
         self.shells = Bvh::over(&all);
         Ok(())
+    }
+
+    /// Add the boxes of a part's shell; `placed` takes the part to the renderer's space. Returns for each of its bilinear patches whether it
+    /// has a box of its own.
+    fn place_shell(
+        &mut self,
+        part: &Part,
+        shell: &ShellMaterial,
+        placed: DAffine3,
+        setup: &mut ShellSetup,
+        warnings: &mut Warnings,
+    ) -> Result<Vec<bool>> {
+        let wind = self.scene.model.materials.get(part.material).and_then(|m| m.wind);
+        let bend = wind.map(|wind| WindBend { wind, eye: self.view.eye, unit: self.unit });
+        let ranges = layer_ranges(shell);
+        let first = match setup.first_layers[part.material] {
+            Some(first) => first,
+            None => {
+                let first = self.layers.len() as u32;
+                let info = |i: usize| Some(self.texels.get(i)?.as_ref()?.tree.info());
+                for &range in &ranges {
+                    self.layers.push(layers_in((self.scene, &self.phongs), shell, range, &info)?);
+                }
+                setup.first_layers[part.material] = Some(first);
+                first
+            }
+        };
+        let mut curved = Vec::new();
+        for (group, &range) in (first..).zip(&ranges) {
+            // A shell's warnings are counted once, and not for each of its ranges.
+            let mut again = Warnings::default();
+            let warnings = if group == first { &mut *warnings } else { &mut again };
+            let layers = self.layers.get(group as usize).map_or(&[][..], Vec::as_slice);
+            let take = &mut |shell: ShellBox| {
+                setup.too_large |= !finite(&shell.bounds());
+                let (copies, phongs, filled) = (&mut self.copies, &self.phongs, &mut setup.filled);
+                if !matches!(&shell, ShellBox::Prism(p) if copies.add_whole_box(p, layers, phongs, filled)) {
+                    self.boxes.push(shell);
+                }
+            };
+            let found = faces::boxes(part, (shell, range.0, range.1), placed, bend.as_ref(), warnings, take);
+            if group == first {
+                let folded = found.iter().filter(|c| !**c).count() as u64;
+                self.split_patches += folded + part.collapsed_patches;
+                curved = found;
+            }
+            self.box_layers.resize(self.boxes.len(), group);
+        }
+        Ok(curved)
     }
 
     /// How the scene modifies the material of a copy at the distance `t` of `ray`, averaged over `width`. `coords` gives texel coordinates

@@ -1,10 +1,10 @@
-//! The share of any box of a texture's texels that alpha lets be there, in constant time.
+//! Mean alpha of any box of a texture's texels in constant time, after the cutoff of a mask.
 //!
 //! Based on: F. Crow, *Summed-Area Tables for Texture Mapping*, SIGGRAPH 1984.
 //!
-//! A cutoff is a threshold on what a filtered lookup finds, and the threshold of an average is not the average of a
-//! threshold. So the table holds, for each texel, the share of its square in which a bilinear lookup passes the cutoff. A
-//! box of any size then covers as much as point samples of it do in the mean, for the baker and the renderer alike.
+//! The cutoff is a threshold on a bilinear lookup, and the threshold of an average is not the average of the threshold. So the table holds,
+//! for each texel, the share of its square in which a bilinear lookup passes the cutoff. A box of any size then has the mean coverage of
+//! point samples in it, for the baker and the renderer alike.
 
 use super::model::{Alpha, Material};
 use super::texture::{Texture, Wrap, wrapped};
@@ -20,7 +20,7 @@ pub enum AlphaClass {
     Mixed,
 }
 
-/// Summed-area table of the share of each texel that is there.
+/// Summed-area table of the coverage of each texel.
 pub struct AlphaSums {
     size: [u32; 2],
     wrap: [Wrap; 2],
@@ -29,9 +29,9 @@ pub struct AlphaSums {
     sums: Vec<u32>,
 }
 
-/// Number of texels of the largest box that is summed.
+/// Most texels of a box whose sum is exact.
 const MOST: u64 = 1 << 24;
-/// Columns of a quarter of a texel in which what passes is measured, each exactly.
+/// Columns of a quarter of a texel; the part of each column that passes the cutoff is computed exactly.
 const COLUMNS: usize = 8;
 
 /// Up to two intervals of texels, `from..to`.
@@ -51,19 +51,19 @@ impl AlphaSums {
         match material.alpha {
             Alpha::Opaque => None,
             Alpha::Mask(_) if !texture.nearest => {
-                Some(AlphaSums::filled(texture, |y, row| filtered(texture, &alpha, material.alpha, y, row)))
+                Some(AlphaSums::sum_rows(texture, |y, row| filtered(texture, &alpha, material.alpha, y, row)))
             }
             _ => {
                 let there = alpha.map(|a| (material.alpha.share(a) * 255.0).round() as u8);
-                Some(AlphaSums::filled(texture, |y, row| {
+                Some(AlphaSums::sum_rows(texture, |y, row| {
                     row.iter_mut().enumerate().for_each(|(x, share)| *share = there[code(texture, x, y)]);
                 }))
             }
         }
     }
 
-    /// Sums of what `fill` writes for row y, in 255ths.
-    fn filled(texture: &Texture, fill: impl Fn(usize, &mut [u8])) -> AlphaSums {
+    /// The table of the values that `fill` writes for each row y, in 255ths.
+    fn sum_rows(texture: &Texture, fill: impl Fn(usize, &mut [u8])) -> AlphaSums {
         let (w, h) = (texture.width as usize, texture.height as usize);
         let mut sums = vec![0u32; (w + 1) * (h + 1)];
         let mut shares = vec![0; w];
@@ -79,7 +79,7 @@ impl AlphaSums {
         AlphaSums { size: [texture.width, texture.height], wrap: texture.wrap, sums }
     }
 
-    /// Bound on what a lookup between the texture coordinates `lo` and `hi` can find, filtered or not.
+    /// Bound on the result of any lookup between the texture coordinates `lo` and `hi`, filtered or not.
     pub fn classify(&self, lo: [f64; 2], hi: [f64; 2]) -> AlphaClass {
         // A bilinear lookup reads the four texels whose centres surround it.
         let spans = [0, 1].map(|k| {
@@ -119,9 +119,9 @@ impl AlphaSums {
         found.map_or(0.0, |(sum, count)| (f64::from(sum) / (255.0 * count.max(1) as f64)) as f32)
     }
 
-    /// Mean share, in [0, 1], of the box of `widths` texels around `uv`, texels on its border by the part that lies within; what of
-    /// it lies beyond the texture coordinates `lo` … `hi` is folded back. So the mean over all `uv` in that range is the range's
-    /// own mean however wide the box is, and what is beside a card in an atlas does not count.
+    /// Mean coverage, in [0, 1], of the box of `widths` texels around `uv`; texels on its border count by the part that is inside. The part of
+    /// the box beyond the texture coordinates `lo` … `hi` is mirrored back into them. So the mean over all `uv` in that range equals the
+    /// range's own mean however wide the box is, and neighbours of a card in an atlas do not count.
     pub fn mean_within(&self, uv: [f64; 2], widths: [f64; 2], [lo, hi]: [[f64; 2]; 2]) -> f32 {
         let folded = [0, 1].map(|k| {
             let size = f64::from(self.size[k]);
@@ -195,7 +195,7 @@ impl AlphaSums {
     }
 }
 
-/// The interval of `width` around `at` as intervals within `lo` … `hi`: what lies beyond an end is turned back over it.
+/// The interval of `width` around `at` as intervals within `lo` … `hi`; the part beyond an end is mirrored at it.
 fn fold(at: f64, width: f64, lo: f64, hi: f64) -> [Option<(f64, f64)>; 2] {
     let (from, to) = (at - 0.5 * width, at + 0.5 * width);
     // An interval as wide as the range shows all of it, wherever it is.
@@ -211,7 +211,7 @@ fn fold(at: f64, width: f64, lo: f64, hi: f64) -> [Option<(f64, f64)>; 2] {
     [Some(first), rest]
 }
 
-/// An interval as texels `from..to`, of each of which the same part lies within.
+/// An interval as up to three ranges `from..to` of texels, with the part of each texel that is inside.
 fn pieces((from, to): (f64, f64)) -> impl Iterator<Item = (i64, i64, f64)> {
     /// An interval as narrow as this, in texels, stands for the texel that it lies in.
     const POINT: f64 = 1e-6;
@@ -229,8 +229,8 @@ fn code(texture: &Texture, x: usize, y: usize) -> usize {
     texture.texels.get(y * texture.width as usize + x).map_or(0, |t| usize::from(t[3]))
 }
 
-/// The shares of the texels of row y in which a bilinear lookup passes, in 255ths; 0 and 255 of none and all alone. `alpha`
-/// is that of a code.
+/// For each texel of row y the share in which a bilinear lookup passes the cutoff, in 255ths; 0 and 255 stand for exactly none and all. `alpha`
+/// maps codes to alpha.
 fn filtered(texture: &Texture, alpha: &[f32; 256], mask: Alpha, y: usize, row: &mut [u8]) {
     let near = |i: usize, step: i32, k: usize, size: u32| wrapped(i as i32 + step, size, texture.wrap[k]);
     let rows = [-1, 0, 1].map(|step| near(y, step, 1, texture.height));
@@ -245,7 +245,7 @@ fn filtered(texture: &Texture, alpha: &[f32; 256], mask: Alpha, y: usize, row: &
                 let quarters = [(0, 0), (0, 2), (2, 0), (2, 2)]
                     .map(|(i, j)| quarter([around[1][1], around[1][i], around[j][1], around[j][i]], mask));
                 let sum: f32 = quarters.iter().sum();
-                // What a lookup may find is neither nothing nor all, however little it is.
+                // Parts, however small, must not be rounded to none or all.
                 let least = u8::from(quarters.iter().any(|&q| q > 0.0));
                 let most = 255 - u8::from(quarters.iter().any(|&q| q < 1.0));
                 ((sum * 63.75).round() as u8).clamp(least, most)
@@ -254,8 +254,8 @@ fn filtered(texture: &Texture, alpha: &[f32; 256], mask: Alpha, y: usize, row: &
     }
 }
 
-/// The share of a quarter of a texel in which a bilinear lookup passes. `corners` are alpha in its middle, in that of its
-/// neighbour in the row, of that in the column, and of that across.
+/// The share of a quarter of a texel in which a bilinear lookup passes the cutoff. The arguments are alpha in the middle of the texel, of its
+/// neighbour in the row, of that in the column, and of the diagonal one.
 fn quarter([own, row, column, across]: [f32; 4], mask: Alpha) -> f32 {
     let Alpha::Mask(cutoff) = mask else { return 0.0 };
     let passes = |a: f32| mask.share(a) > 0.0;
@@ -263,8 +263,8 @@ fn quarter([own, row, column, across]: [f32; 4], mask: Alpha) -> f32 {
     if corners.iter().all(|&a| passes(a)) {
         return 1.0;
     }
-    // Where alpha is at the cutoff (to rounding) and nowhere above it, what passes is a line or a point, as between texels of 0 and 1
-    // under ½. Counted as something, it would give a share of 1/255 to every texel beside an edge.
+    // Where alpha reaches the cutoff (up to rounding) but does not exceed it, only a line or a point passes, as between texels of 0 and 1 with a
+    // cutoff of ½. If that counted, every texel beside an edge would get a share of 1/255.
     if corners.iter().all(|&a| a <= cutoff + 1e-6) {
         return 0.0;
     }
@@ -281,7 +281,7 @@ fn quarter([own, row, column, across]: [f32; 4], mask: Alpha) -> f32 {
             }
         })
         .sum();
-    // Some of the corners pass and some do not: what is between the columns is not nothing.
+    // Some of the corners pass and some do not, so the share is neither 0 nor 1.
     (sum / COLUMNS as f32).clamp(1e-3, 1.0 - 1e-3)
 }
 

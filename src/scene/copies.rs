@@ -7,8 +7,8 @@ use super::wind::WindField;
 use crate::geom::{DAffine3, DMat3, DVec3};
 use crate::volume::Info;
 
-/// Copies that one node places. A list of properties that is shorter than `translations` gives the rest their defaults, so that
-/// a million copies that have none take 12 MB.
+/// Copies that one node places. Copies beyond the end of a list of properties have the default, so that a million copies without such
+/// properties take 12 MB.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CopySet {
     /// Name of the node, for messages.
@@ -17,19 +17,19 @@ pub struct CopySet {
     pub to_world: DAffine3,
     /// Texels to choose from; at least one.
     pub variants: Vec<Variant>,
-    /// Metres; the source's origin stands there. As many as there are copies.
+    /// Position of the source's origin in the node's space, metres; one per copy.
     pub translations: Vec<[f32; 3]>,
     /// Quaternions x, y, z, w of any length above 0; identity where absent.
     pub rotations: Vec<[f32; 4]>,
-    /// 1 where absent.
+    /// Scales along the copy's own axes; 1 where absent.
     pub scales: Vec<[f32; 3]>,
     /// Indices into `variants`; 0 where absent.
     pub choices: Vec<u8>,
     /// Factors of the albedo, linear; 1 where absent.
     pub tints: Vec<[f32; 3]>,
-    /// How far ahead each is on the way through its texel's frames, shares of it; as the texel's animation has it where absent.
+    /// Phase of each copy in its texel's animation, as a share of the cycle; where absent, the animation's own rule decides.
     pub phases: Vec<f32>,
-    /// What they lean in.
+    /// The wind in which the copies lean.
     pub wind: Option<WindField>,
 }
 
@@ -44,14 +44,14 @@ impl CopySet {
         self.translations.is_empty()
     }
 
-    /// How a copy leans in the wind: a map of directions of the world, about the copy's foot. `None` without wind.
+    /// The linear map, in world space and about the copy's foot, by which a copy leans in the wind; `None` without wind.
     pub fn lean(&self, copy: usize) -> Option<DMat3> {
         let wind = self.wind.as_ref()?;
         let stands = self.to_world * self.local(copy);
         Some(wind.lean(stands.translation, stands.matrix3.y_axis))
     }
 
-    /// A copy's own space → the node's.
+    /// Map from a copy's own space to the node's.
     pub fn local(&self, copy: usize) -> DAffine3 {
         let wide = |v: &[f32; 3]| DVec3::from(v.map(f64::from));
         let turn = |q: &[f32; 4]| {
@@ -65,7 +65,7 @@ impl CopySet {
         )
     }
 
-    /// Which of `variants` a copy is; the first where its index is beyond them.
+    /// Index into `variants` of a copy's texel; 0 where the stored index is out of range.
     pub fn choice(&self, copy: usize) -> usize {
         let choice = self.choices.get(copy).copied().map_or(0, usize::from);
         if choice < self.variants.len() { choice } else { 0 }

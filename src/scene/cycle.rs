@@ -1,4 +1,4 @@
-//! Texels of frames: which frame a copy shows at a moment. Normative text: `format-spec/landscape-1.md`.
+//! Animated texels: which frame a copy shows at a time. Normative text: `format-spec/landscape-1.md`.
 //!
 //! Based on: F. Neyret, *Animated Texels*, Eurographics Workshop on Computer Animation and Simulation 1995 (a texel a frame,
 //! copies at phases of their own).
@@ -7,7 +7,7 @@ use crate::geom::DVec3;
 use crate::noise::Noise;
 use crate::random::SplitMix64;
 
-/// The way through frames.
+/// Order in which frames are shown.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Mode {
     /// First to last, and again.
@@ -15,32 +15,32 @@ pub enum Mode {
     Loop,
     /// First to last and back.
     PingPong,
-    /// Any, drawn by lot for every step.
+    /// A random frame at every step.
     Random,
 }
 
-/// How far a copy is ahead of others.
+/// Phase of a copy in the cycle.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum Phase {
     /// All show the same frame.
     #[default]
     Global,
-    /// Drawn by lot for every cell or copy.
+    /// Random for every cell or copy.
     PerCell,
-    /// Neighbours are nearly alike: noise, whose lattice is so many cells (of copies: metres) wide.
+    /// Noise, so that neighbours have similar phases; the width of its lattice in cells, or in metres for rigid copies.
     Noise(f64),
 }
 
-/// An animation at a moment.
+/// An animation at one time.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Cycle {
     /// Order in which the frames follow one another.
     pub mode: Mode,
-    /// Lead of a cell or copy over the others.
+    /// Rule for the phases of cells or copies.
     pub phase: Phase,
-    /// Frames since the beginning: the first that is shown, and time by frames a second.
+    /// Number of frames since the beginning: the first frame's number plus time · frames per second.
     pub position: f64,
-    /// Seed of what is drawn by lot.
+    /// Seed of random frames and phases.
     pub seed: u32,
 }
 
@@ -48,15 +48,15 @@ pub struct Cycle {
 const NOISE_SEED: u32 = 0x5048_4153;
 
 impl Cycle {
-    /// Which of `count` frames (≥ 1) is shown by what is `ahead` by a share of the whole way; `lot` sets it apart from others
-    /// where frames are drawn.
-    pub fn frame(&self, count: u32, ahead: f64, lot: u64) -> u32 {
+    /// The number of the frame, of `count` (≥ 1), that is shown at the phase `ahead`, a share of the cycle; `hash` distinguishes cells or copies
+    /// where frames are random.
+    pub fn frame(&self, count: u32, ahead: f64, hash: u64) -> u32 {
         let count = i64::from(count.max(1));
         let way = match self.mode {
             Mode::PingPong => (2 * count - 2).max(1),
             Mode::Loop | Mode::Random => count,
         };
-        // Of a time without end, what f64 still holds.
+        // Clamped, so that an infinite time stays within the range of exact integers.
         let step = (self.position + ahead * way as f64).floor().clamp(-9e15, 9e15) as i64;
         let frame = match self.mode {
             Mode::Loop => step.rem_euclid(count),
@@ -65,7 +65,7 @@ impl Cycle {
                 if k < count { k } else { way - k }
             }
             Mode::Random => {
-                let seed = lot ^ (u64::from(self.seed) << 32);
+                let seed = hash ^ (u64::from(self.seed) << 32);
                 let own = SplitMix64::new(seed).bits();
                 (SplitMix64::new(own ^ step as u64).bits() % count as u64) as i64
             }
@@ -73,11 +73,11 @@ impl Cycle {
         frame as u32
     }
 
-    /// How far ahead a copy is, a share of the way in [0, 1): `lot` is its own, `place` where it is (cells, or metres).
-    pub fn ahead(&self, lot: u64, place: DVec3) -> f64 {
+    /// Phase of a copy, as a share of the cycle in [0, 1). `hash` is its own; `place` is its position (cells, or metres for rigid copies).
+    pub fn phase_of(&self, hash: u64, place: DVec3) -> f64 {
         match self.phase {
             Phase::Global => 0.0,
-            Phase::PerCell => SplitMix64::new(lot ^ u64::from(self.seed)).unit(),
+            Phase::PerCell => SplitMix64::new(hash ^ u64::from(self.seed)).unit(),
             Phase::Noise(width) => {
                 let noise = Noise {
                     seed: self.seed.wrapping_add(NOISE_SEED),
@@ -93,9 +93,9 @@ impl Cycle {
         }
     }
 
-    /// The lot of a cell.
+    /// A hash of a cell.
     pub fn cell_hash(cell: [i64; 3]) -> u64 {
-        cell.iter().fold(0, |lot, &k| SplitMix64::new(lot ^ k as u64).bits())
+        cell.iter().fold(0, |hash, &k| SplitMix64::new(hash ^ k as u64).bits())
     }
 }
 
@@ -125,7 +125,7 @@ mod tests {
     #[test]
     fn phases() {
         let cycle = |phase| Cycle { phase, seed: 4, ..Cycle::default() };
-        let ahead = |phase, x: i64| cycle(phase).ahead(Cycle::cell_hash([x, 0, 0]), DVec3::X * x as f64);
+        let ahead = |phase, x: i64| cycle(phase).phase_of(Cycle::cell_hash([x, 0, 0]), DVec3::X * x as f64);
         assert_eq!(ahead(Phase::Global, 9), 0.0);
         let mean: f64 = (0..1000).map(|x| ahead(Phase::PerCell, x)).sum::<f64>() / 1000.0;
         // Standard deviation of the mean of 1000 numbers in [0, 1): .009.

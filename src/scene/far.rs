@@ -1,14 +1,14 @@
-//! Coordinates far from 0, as maps (UTM) and globes (ECEF) have them: a round number is subtracted from them once, so that
-//! single precision and the grid keep their detail.
+//! Coordinates far from 0, as in maps (UTM) and globes (ECEF): a round number is subtracted from them once, so that they keep their detail in
+//! single precision and in the grid.
 
 use crate::geom::{Aabb, DVec3};
 
-/// Largest coordinate, in extents of the whole, that counts as near 0: there a step of single precision is still 2^-20 of
-/// the extent, a 256th of a voxel at 4096 voxels.
+/// Largest coordinate, in extents of the whole, that counts as near 0: a step of single precision is then at most 2^-20 of the extent, which is
+/// a 256th of a voxel at 4096 voxels.
 const NEAR: f64 = 16.0;
 
-/// Offset to subtract from coordinates that fill `bounds`: along axes on which they are far from 0 a round decimal number
-/// near their middle, 0 along the others.
+/// Offset to subtract from coordinates that fill `bounds`: a round decimal number near their middle along axes along which they are far from 0,
+/// else 0.
 pub fn offset(bounds: Aabb) -> DVec3 {
     let extent = bounds.size().max_element();
     if bounds.is_empty() || !(extent.is_finite() && bounds.min.is_finite()) {
@@ -24,17 +24,17 @@ pub fn offset(bounds: Aabb) -> DVec3 {
     }))
 }
 
-/// Most digits after the point of the numbers that were seen; none where one has an exponent, or where numbers are binary.
+/// Most digits after the decimal point of the numbers of a text; `None` if one has an exponent, or if numbers are binary.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Decimals(Option<u32>);
 
 impl Decimals {
-    /// For numbers of a text, of which none was seen yet.
+    /// For the numbers of a text, before the first one.
     pub fn new() -> Decimals {
         Decimals(Some(0))
     }
 
-    /// Take note of a number as it is written.
+    /// Record a number as it is written.
     pub fn see(&mut self, word: &str) {
         let fraction = word.split_once('.').map_or("", |(_, digits)| digits);
         let plain = word.bytes().all(|b| b.is_ascii_digit() || b"+-.".contains(&b));
@@ -42,15 +42,15 @@ impl Decimals {
     }
 }
 
-/// `p` − `offset`. Of coordinates that a text writes with so many `decimals`, the difference has no more either: it is
-/// what a text would hold that was written around 0.
+/// `p` − `offset`. If a text writes the coordinates with a number of `decimals`, the difference is rounded to as many: it is the number that the
+/// text would hold if it were written relative to the offset.
 pub fn subtract(p: DVec3, offset: DVec3, decimals: Decimals) -> DVec3 {
     let Some(decimals) = decimals.0.filter(|d| *d <= 15) else { return p - offset };
     let scale = libm::pow(10.0, f64::from(decimals));
     let rounded = |axis: usize| {
         let difference = p[axis] - offset[axis];
         let digits = (difference * scale).round();
-        // Beyond 2^53 not every whole number is there; an axis that nothing is subtracted from stays as it is.
+        // Beyond 2^53 f64 does not hold all integers; along axes without an offset nothing changes.
         if offset[axis] == 0.0 || digits.abs() > 9e15 { difference } else { digits / scale }
     };
     DVec3::from([0, 1, 2].map(rounded))

@@ -11,9 +11,9 @@ use sha2::{Digest, Sha256};
 
 pub use crate::format::read_file as read;
 
-/// Target of a URI in a glTF file.
+/// UriTarget of a URI in a glTF file.
 #[derive(Debug, PartialEq)]
-pub enum Target<'a> {
+pub enum UriTarget<'a> {
     /// The decoded bytes of a data URI.
     Data(Vec<u8>),
     /// A path as the URI has it, percent signs decoded.
@@ -21,15 +21,15 @@ pub enum Target<'a> {
 }
 
 /// Take a URI apart; the error says what is wrong with it.
-pub fn target(uri: &str) -> Result<Target<'_>, String> {
+pub fn target(uri: &str) -> Result<UriTarget<'_>, String> {
     match scheme(uri) {
-        Some("data") => data(&uri[5..]).map(Target::Data),
+        Some("data") => data(&uri[5..]).map(UriTarget::Data),
         Some("file") => {
             let path = &uri[5..];
-            Ok(Target::File(percent_decoded(path.strip_prefix("//").unwrap_or(path))))
+            Ok(UriTarget::File(percent_decoded(path.strip_prefix("//").unwrap_or(path))))
         }
         Some(other) => Err(format!("a URI of scheme {other}: is not read; download the file and name it by its path")),
-        None => Ok(Target::File(percent_decoded(uri))),
+        None => Ok(UriTarget::File(percent_decoded(uri))),
     }
 }
 
@@ -131,12 +131,12 @@ mod tests {
 
     #[test]
     fn uris_are_told_apart() {
-        assert_eq!(target("a%20b%E2%9D%A4.bin"), Ok(Target::File("a b❤.bin".into())));
-        assert_eq!(target("100%.bin"), Ok(Target::File("100%.bin".into())));
-        assert_eq!(target("data:application/octet-stream;base64,AQID"), Ok(Target::Data(vec![1, 2, 3])));
-        assert_eq!(target("data:;base64,AQIDBA"), Ok(Target::Data(vec![1, 2, 3, 4])), "padding may be missing");
-        assert_eq!(target("data:text/plain,a%20b"), Ok(Target::Data(b"a b".to_vec())));
-        assert_eq!(target("file:///tmp/x"), Ok(Target::File("/tmp/x".into())));
+        assert_eq!(target("a%20b%E2%9D%A4.bin"), Ok(UriTarget::File("a b❤.bin".into())));
+        assert_eq!(target("100%.bin"), Ok(UriTarget::File("100%.bin".into())));
+        assert_eq!(target("data:application/octet-stream;base64,AQID"), Ok(UriTarget::Data(vec![1, 2, 3])));
+        assert_eq!(target("data:;base64,AQIDBA"), Ok(UriTarget::Data(vec![1, 2, 3, 4])), "padding may be missing");
+        assert_eq!(target("data:text/plain,a%20b"), Ok(UriTarget::Data(b"a b".to_vec())));
+        assert_eq!(target("file:///tmp/x"), Ok(UriTarget::File("/tmp/x".into())));
         assert!(target("http://example.com/a.bin").unwrap_err().contains("scheme http"));
         assert!(target("data:;base64,A*").is_err());
         assert!(target("data:base64").is_err());

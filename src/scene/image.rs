@@ -19,10 +19,10 @@ impl From<image::ImageError> for Refused {
     }
 }
 
-/// Bytes that a decoder may take for what stands before the pixels: a profile of colours, packed, is unpacked with the header.
+/// Most bytes that a decoder may allocate for a header: a packed colour profile is unpacked with it.
 const MOST_BESIDE: u64 = 16 << 20;
 
-/// A decoder of an image whose header has been read, with little memory: before its pixels are, it wants limits of its own.
+/// A decoder of an image, whose header is read under a small limit of memory. The caller has to set limits before it reads the pixels.
 ///
 /// # Errors
 /// As the decoder has them: where the header is broken.
@@ -53,7 +53,7 @@ pub fn decode(name: &str, bytes: &[u8], hint: &str, max_pixels: u64, max_bytes: 
     if pixels == 0 || pixels > max_pixels {
         return refused(&format!("{width}×{height} pixels, the limit is {max_pixels} in all"));
     }
-    // Its pixels as they are stored, beside them as 8-bit RGBA, and these once more as texels.
+    // The stored pixels, the same as 8-bit RGBA, and a copy of these as texels.
     let needed = (4 * pixels).saturating_add(decoder.total_bytes().max(4 * pixels));
     if needed > max_bytes {
         return Err(Refused::Memory(needed));

@@ -82,16 +82,16 @@ pub enum Alpha {
     /// Alpha is ignored.
     #[default]
     Opaque,
-    /// There where alpha ≥ the cutoff, not there elsewhere.
+    /// Opaque where alpha ≥ the cutoff, transparent elsewhere.
     Mask(f32),
-    /// There by that share.
+    /// Partly transparent: alpha is the share of light that is stopped.
     Blend,
 }
 
 impl Alpha {
-    /// Share of a point that is there, where the base colour's alpha is `alpha`.
+    /// Opacity in [0, 1] of a point where the base colour's alpha is `alpha`.
     pub fn share(self, alpha: f32) -> f32 {
-        /// What filtering may lose of an alpha that is the cutoff itself: the weights of a lookup add up to 1 within this.
+        /// Rounding error of a filtered alpha that equals the cutoff: the weights of a lookup add up to 1 within this.
         const ROUNDING: f32 = 1e-6;
         match self {
             Alpha::Opaque => 1.0,
@@ -116,7 +116,7 @@ pub struct Material {
     pub double_sided: bool,
     /// Shown in its base colour whatever the light.
     pub unlit: bool,
-    /// Light from around, and highlights: of a texel's source, where the landscape says something of them.
+    /// Ambient factor and highlights, of a texel's source to which a landscape gives them.
     pub finish: Finish,
     /// Light that it gives off by itself; `None`: none.
     pub emission: Option<Box<Emission>>,
@@ -124,7 +124,7 @@ pub struct Material {
     pub transmission: Option<Box<Transmission>>,
     /// The `VTEX_volumetric_texture` extension, where the material carries it.
     pub shell: Option<Arc<super::shell::ShellMaterial>>,
-    /// What the height vectors of its shell bend in.
+    /// The wind in which the height vectors of its shell bend.
     pub wind: Option<super::wind::WindField>,
 }
 

@@ -1,5 +1,5 @@
-//! What a layer of a shell, a variant or a set of copies makes of the surfaces of its texels: Phong's parameters, each a constant
-//! times an image over the ground and times noise. Normative: `format-spec/landscape-1-materials.md`.
+//! Phong parameters by which a layer of a shell, a variant or a set of copies modifies the material of its texels. Each is a constant times an
+//! image over the ground times noise. Normative: `format-spec/landscape-1-materials.md`.
 
 use std::sync::Arc;
 
@@ -15,7 +15,7 @@ pub struct Phong {
     pub diffuse: [f64; 3],
     /// Light from around, and highlights.
     pub finish: Finish,
-    /// What multiplies them, from place to place.
+    /// Factors of these parameters that vary from place to place.
     pub variations: Vec<Arc<Variation>>,
 }
 
@@ -32,7 +32,7 @@ impl Phong {
         Phong { diffuse, finish: Finish::PLAIN, variations: Vec::new() }
     }
 
-    /// This, where it says something, within `outer`: factors and variations of both count.
+    /// The combination with the parameters of an enclosing object: factors and variations of both multiply, and own highlights take precedence.
     pub fn within(&self, outer: &Phong) -> Phong {
         Phong {
             diffuse: [0, 1, 2].map(|k| self.diffuse[k] * outer.diffuse[k]),
@@ -55,7 +55,7 @@ pub struct Variation {
     pub noise: Option<PhongNoise>,
 }
 
-/// Only the very same is equal: images are not compared.
+/// Equality is identity, since images are not compared.
 impl PartialEq for Variation {
     fn eq(&self, other: &Variation) -> bool {
         std::ptr::eq(self, other)
@@ -89,18 +89,18 @@ pub struct PhongNoise {
     pub shininess: [f64; 2],
 }
 
-/// Where a surface is, as [`Variation`]s see it.
+/// A point of a surface with its footprint, in the three spaces in which [`Variation`]s are evaluated.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ShadingPoint {
-    /// The mesh's texel coordinates (u, v) below it, and the width of what is seen there.
+    /// Texel coordinates (u, v) of the mesh below it, with the width of the cone's footprint there.
     pub ground: [f64; 2],
     /// See `ground`.
     pub ground_width: f64,
-    /// Texel coordinates of the layer, and the width of what is seen there.
+    /// Texel coordinates of the layer, with the width of the footprint there.
     pub texel: DVec3,
     /// See `texel`.
     pub texel_width: f64,
-    /// World space, metres, and the width of what is seen there.
+    /// World position, metres, with the width of the footprint there.
     pub world: DVec3,
     /// See `world`.
     pub world_width: f64,
@@ -157,7 +157,7 @@ impl PhongNoise {
             NoiseSpace::Texel => (place.texel, place.texel_width),
             NoiseSpace::World => (place.world, place.world_width),
         };
-        // What is finer than what is seen has its mean, 0: the noise fades from half a lattice cell on.
+        // Noise finer than the footprint is replaced by its mean, 0. It fades out between footprints of a half and of one lattice cell.
         let seen = (2.0 - 2.0 * width * self.noise.frequency.max_element()).clamp(0.0, 1.0);
         let value = if seen > 0.0 { seen * self.noise.value(at) } else { 0.0 };
         let share = (0.5 + 0.5 * value).clamp(0.0, 1.0);

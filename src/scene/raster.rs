@@ -1,4 +1,4 @@
-//! Pictures whose pixels are numbers: a mask, or the heights of a ground; and what a GeoTIFF says of its place.
+//! Rasters: pictures whose pixels are numbers, as density maps and height maps, with the georeference of a GeoTIFF.
 //!
 //! Based on: OGC 19-008r4, *GeoTIFF Standard*, 2019 (pixel scale, tie point, keys of units).
 
@@ -21,13 +21,13 @@ pub struct Raster {
     pub width: usize,
     /// Number of rows, at least 1.
     pub height: usize,
-    /// The stored numbers, row by row; NaN where the file says that there is no datum.
+    /// The stored numbers, row by row; NaN where the file marks a pixel as without data.
     pub values: Vec<f32>,
-    /// The largest code of unsigned whole numbers, which is white; `None` for signed numbers and for floats.
+    /// The largest code of unsigned integers, which is white; `None` for signed numbers and floats.
     pub white: Option<f32>,
-    /// Whether the numbers are heights in a unit that the kind of file implies (TIFF), and no mere shades of grey (PNG).
+    /// Whether the numbers are heights in a unit (TIFF), and not mere shades of grey (PNG).
     pub measured: bool,
-    /// Where a GeoTIFF lies.
+    /// Georeference of a GeoTIFF.
     pub place: Option<GeoPlace>,
 }
 
@@ -42,9 +42,9 @@ pub struct GeoPlace {
     pub height_unit: f64,
 }
 
-/// Pixels of one raster.
+/// Most pixels of a raster.
 const MAX_PIXELS: u64 = 1 << 26;
-/// Pixels per byte of a file, which no packing of real pictures exceeds.
+/// Largest ratio of pixels to bytes of a file, which no compression of real pictures exceeds.
 const MAX_RATIO: u64 = 8 * 1032;
 /// Bytes that a TIFF may take as it is decoded: pixels of four channels of 64 bits, and some more.
 const MAX_DECODED: u64 = 1 << 32;
@@ -63,15 +63,15 @@ impl Raster {
         }
     }
 
-    /// The number of a pixel; NaN outside.
+    /// The value of a pixel; NaN outside of the raster.
     pub fn get(&self, x: usize, y: usize) -> f32 {
         if x < self.width { self.values.get(y * self.width + x).copied().unwrap_or(f32::NAN) } else { f32::NAN }
     }
 
-    /// As shares of white, in [0, 1].
+    /// The raster with its values divided by white, in [0, 1].
     ///
     /// # Errors
-    /// `Input` where a number is none, or lies outside.
+    /// `Input` where a value is NaN or not in [0, 1].
     pub fn into_shares(mut self, path: &Path) -> Result<Raster> {
         let white = self.white.unwrap_or(1.0);
         for (i, v) in self.values.iter_mut().enumerate() {
@@ -88,8 +88,8 @@ impl Raster {
         Ok(self)
     }
 
-    /// Bilinear between the middles of pixels, at (s, t) in [0, 1] from the upper left corner; beyond, the picture repeats
-    /// or, where it does not, its rim goes on.
+    /// Value at (s, t), in [0, 1] from the upper left corner, bilinear between the middles of pixels. Beyond [0, 1] the picture `repeats`, or else
+    /// its border pixels continue.
     pub fn sample(&self, s: f64, t: f64, repeats: bool) -> f64 {
         let along = |x: f64, n: usize| -> ([usize; 2], f64) {
             let x = if repeats { x - x.floor() } else { x.clamp(0.0, 1.0) };
@@ -175,7 +175,7 @@ impl<'a> Tiff<'a> {
             return Err(Error::input(path, "", "has fewer numbers than pixels"));
         }
         if self.decoder.find_tag_unsigned::<u16>(Tag::PhotometricInterpretation).ok().flatten() == Some(0) {
-            // Values as stored: that white is 0 says how a viewer shows them, and the decoder has turned them round.
+            // The decoder inverts values of pictures whose white is 0. That is a matter of display, so the inversion is undone.
             values.iter_mut().for_each(|v| *v = white.unwrap_or(1.0) - *v);
         }
         if let Some(no_data) = no_data {
@@ -231,7 +231,7 @@ fn broken(path: &Path, e: tiff::TiffError) -> Error {
     }
 }
 
-/// The numbers of all samples, and the largest code where they are unsigned.
+/// The values of all samples, and the largest code of unsigned integers.
 fn numbers(image: DecodingResult) -> (Vec<f32>, Option<f32>) {
     fn wide<T: Copy>(v: &[T], as_f64: impl Fn(T) -> f64) -> Vec<f32> {
         v.iter().map(|&x| as_f64(x) as f32).collect()

@@ -1,4 +1,4 @@
-//! Content of the extension `VTEX_volumetric_texture`, as plain data with every default filled in (a glTF extension, see `docs/landscapes.md`).
+//! The content of the glTF extension `VTEX_volumetric_texture` (see `docs/landscapes.md`) as plain data with all defaults filled in.
 
 use std::sync::Arc;
 
@@ -9,7 +9,7 @@ use crate::volume::{Palette, Volume};
 /// Name of the extension in glTF files.
 pub const EXTENSION_NAME: &str = "VTEX_volumetric_texture";
 
-/// A texel that the landscape's root names, in the colours that layers show it in: one for each palette.
+/// A texel that the landscape names, with a palette; a texel that layers show in several palettes has one entry for each.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct TexelRef {
     /// Name of the texel.
@@ -23,19 +23,19 @@ pub struct TexelRef {
     pub max_depth: Option<u8>,
     /// Content identifier of the first frame's file, if the landscape was made for that alone.
     pub content_id: Option<[u8; 16]>,
-    /// In which colours it is shown.
+    /// Colours in which it is shown.
     pub palette: Palette,
-    /// What the file says of each of its frames; none where it says nothing.
+    /// Facts about each of its frames; empty if the landscape states none.
     pub facts: Vec<FrameFacts>,
-    /// Bytes of the first frame's file, where it stands in the landscape itself; its path then names the place there.
+    /// Bytes of the first frame's file, if it is embedded in the landscape; its path then names the position there.
     pub bytes: Option<Arc<[u8]>>,
-    /// How its `geometry` stands in the frame that this is; `None`: at rest.
+    /// Pose of its `geometry` in this frame; `None` for the rest pose.
     pub pose: Option<Pose>,
-    /// Frames that stand behind this one in the scene's list and belong to it: a copy shows one of them all, by `cycle`.
+    /// Number of further frames of this texel, which follow it in the scene's list. A copy shows one of all these frames, by `cycle`.
     pub following: u32,
     /// Which frame a copy shows, where there are several.
     pub cycle: Option<Cycle>,
-    /// The texel itself, where a program has it in memory: then no file is read.
+    /// The texel itself, if the caller has it in memory; then no file is read.
     pub memory: Option<Arc<Volume>>,
 }
 
@@ -51,25 +51,25 @@ impl TexelRef {
 pub struct FrameFacts {
     /// Content identifier of its file, if the landscape was made for that alone.
     pub content_id: Option<[u8; 16]>,
-    /// Its file, where that stands in the landscape itself.
+    /// Bytes of its file, if that is embedded in the landscape.
     pub bytes: Option<Arc<[u8]>>,
-    /// How the texel's `geometry` stood when it was baked.
+    /// Pose of the texel's `geometry` when the frame was baked.
     pub pose: Option<Pose>,
 }
 
-/// Where animations of a file are.
+/// Pose of an animated model.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Pose {
     /// Seconds.
     pub time: f64,
-    /// Names of those that play; none: as [`crate::scene::ReadOptions::animations`] has it.
+    /// Names of the animations that play; if empty, the choice of [`crate::scene::ReadOptions::animations`].
     pub animations: Vec<String>,
 }
 
 /// `environment` of the root.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Environment {
-    /// What lights the scene from all around.
+    /// The sky that lights the scene.
     pub sky: Option<Sky>,
     /// Radiance that an escaped camera ray sees, linear.
     pub background: Option<[f64; 3]>,
@@ -79,7 +79,7 @@ pub struct Environment {
     pub haze: Option<f64>,
 }
 
-/// What lights a scene from all around.
+/// The sky that lights a scene.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Sky {
     /// The same radiance from everywhere, linear Rec. 709.
@@ -135,14 +135,14 @@ pub struct Layer {
     pub offset: [f64; 3],
     /// Scale of the same map, along u, v, w.
     pub scale: [f64; 3],
-    /// The part of the height vectors that the layer fills, from less to more in [0, 1]: w at the one end, w + dw at the other.
+    /// Lower and upper share of the height vectors between which the layer lies, in [0, 1]: w at the lower end, w + dw at the upper.
     pub skin_range: [f64; 2],
     /// Multiplies the rates, ≥ 0.
     pub opacity_scale: f64,
-    /// Whether it is composited over the layers before it where matter of both is in one place; else it is mixed with the layer
-    /// before it, and is over what that is over.
+    /// Whether it is composited over the layers before it where matter of both is in one place. Otherwise it mixes with the layer before it, and
+    /// lies over the same layers as that one.
     pub over: bool,
-    /// What it makes of the texel's surfaces.
+    /// Modification of the texel's material.
     pub phong: Phong,
     /// Variation per cell; `None` where all cells are alike.
     pub discrete: Option<Discrete>,
@@ -185,7 +185,7 @@ pub struct Discrete {
     pub presence: f64,
     /// Texels to choose from; empty: the layer's own.
     pub variants: Vec<Variant>,
-    /// A ramp of colours, linear: each copy's albedo is multiplied by one of it; empty: by 1.
+    /// A ramp of linear colours; each copy's albedo is multiplied by a random one of them. If empty, by 1.
     pub tint: Vec<[f64; 3]>,
 }
 
@@ -214,11 +214,11 @@ pub struct Continuous {
     pub frequency: [f64; 3],
     /// 1 … 8.
     pub octaves: u32,
-    /// How far texel coordinates are moved, in cells; ≥ 0.
+    /// Largest displacement of texel coordinates, in cells; ≥ 0.
     pub uvw_amplitude: [f64; 3],
-    /// How far height vectors lean, radians in texel space, in [0, 1.2].
+    /// Largest tilt of height vectors, radians in texel space, in [0, 1.2].
     pub height_tilt: f64,
-    /// By which share of themselves they become longer or shorter, in [0, 0.9].
+    /// Largest relative change of the length of height vectors, in [0, 0.9].
     pub height_scale: f64,
 }
 
@@ -229,12 +229,12 @@ pub struct Variant {
     pub texel: usize,
     /// > 0.
     pub weight: f64,
-    /// What it makes of the texel's surfaces, within what the layer does.
+    /// Modification of the texel's material, in addition to the layer's.
     pub phong: Phong,
 }
 
 impl Variant {
-    /// The only one, in its own colours.
+    /// The only variant of a layer, in the texel's own colours.
     pub fn alone(texel: usize) -> Variant {
         Variant { texel, weight: 1.0, phong: Phong::default() }
     }

@@ -1,5 +1,4 @@
-//! Text as other programs write it: byte-order marks, UTF-16, lines that end in a carriage return alone or that a backslash
-//! breaks, comments.
+//! Decoding of text files: byte-order marks, UTF-16, lines that end with a carriage return, continuation lines, comments, tables.
 
 use std::borrow::Cow;
 
@@ -60,7 +59,7 @@ pub fn keyword(line: &str) -> (&str, &str) {
     (key, rest.trim())
 }
 
-/// The values of a line of a table, without quotes, with the place of their first character, from 1 on.
+/// The fields of a line of a table, without quotes, each with the column of its first character, from 1 on.
 pub fn fields(line: &str, separator: char) -> impl Iterator<Item = (usize, &str)> {
     let mut rest = Some((0, line));
     std::iter::from_fn(move || {

@@ -1,4 +1,4 @@
-//! An image as a material samples it: point lookups and prefiltered averages, in linear light.
+//! Textures: point lookups and prefiltered averages of images, in linear light.
 //!
 //! Based on: Williams, *Pyramidal Parametrics*, 1983 (mip levels); Porter & Duff, *Compositing Digital Images*, 1984
 //! (colour is averaged weighted by alpha, so that what is not there does not tint what is).
@@ -82,7 +82,7 @@ impl Texture {
         Texture { name: name.into(), width, height, texels, ..Texture::default() }
     }
 
-    /// Whether a hundredth or more of the image is rather transparent than not: it was drawn to be cut out.
+    /// Whether at least a hundredth of the image is more transparent than opaque, so that its alpha was probably meant as a cutout.
     pub fn has_cutouts(&self) -> bool {
         let transparent = self.texels.iter().filter(|t| t[3] < 128).count();
         transparent > 0 && 100 * transparent >= self.texels.len()
@@ -218,7 +218,7 @@ fn halve(from: [u32; 2], to: [u32; 2], texel: impl Fn(usize, usize) -> [f32; 4])
     Level { width: to[0], height: to[1], texels }
 }
 
-/// For each of `to` cells the up to three of `from` cells under it, with their shares.
+/// For each of `to` cells the up to three of `from` cells that it overlaps, with their shares.
 fn spans(from: u32, to: u32) -> Vec<Vec<(usize, f32)>> {
     let scale = f64::from(from) / f64::from(to);
     (0..to)

@@ -1,8 +1,8 @@
-//! Opening a TIFF that is held in memory: what its directories ask for is weighed against the file before any of it is read.
+//! Opening of a TIFF that is held in memory: sizes in its directories are checked against the file before the decoder allocates anything.
 //!
-//! A directory's entry is a type, a count, and the place of that many values. The decoder makes room for all values of an entry
-//! first and reads them then, so a count in a tiny file may cost gigabytes; and directories that lie one within the other cost
-//! the square of the file's size. Neither is in a file that is whole.
+//! An entry of a directory consists of a type, a count, and the offset of that many values. The decoder allocates memory for all values of an
+//! entry before it reads them, so a count in a tiny file may cost gigabytes; and overlapping directories cost time in the square of the file's
+//! size. Intact files contain neither.
 //!
 //! Based on: Adobe, *TIFF Revision 6.0*, 1992, section 2; and the BigTIFF design of 2007 (offsets and counts of 64 bits).
 
@@ -16,11 +16,11 @@ use tiff::decoder::{Decoder, Limits};
 
 use crate::{Error, Result};
 
-/// Bytes that a decoder takes for a value of a directory: as read, and as a list of offsets.
+/// Bytes of memory that a decoder needs per value of a directory, as read and in a list of offsets.
 const PER_VALUE: u64 = 48;
-/// Times that all of a file's directories may ask for as many bytes of values as the file has: several pages may share theirs.
+/// Largest ratio of the bytes of values in all directories to those of the file; it is above 1, since several pages may share values.
 const MOST_SHARED: u64 = 64;
-/// Tags from here on belong to programs: what is wrong with them is no matter unless they are [`READ`].
+/// Tags from here on are private: errors in them do not matter unless they are in [`READ`].
 const PRIVATE: u16 = 32768;
 /// Private tags that are read: pixel scale, tie point, keys of a GeoTIFF, and GDAL's mark of no datum.
 const READ: [u16; 4] = [33550, 33922, 34735, 42113];

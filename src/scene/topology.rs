@@ -1,4 +1,5 @@
-//! Lists, strips and fans of indices → triangles and lines; parts mended so that every promise of [`Part`] holds.
+//! Topology of primitives: lists, strips and fans of indices become triangles and lines, and parts are cleaned so that all invariants of [`Part`]
+//! hold.
 
 use super::model::Part;
 use crate::Warnings;
@@ -21,7 +22,7 @@ pub fn triangles(indices: &[u32]) -> Vec<[u32; 3]> {
     indices.as_chunks::<3>().0.to_vec()
 }
 
-/// Every triangle turns the same way round.
+/// The triangles of a strip, all with the same winding.
 pub fn triangle_strip(indices: &[u32]) -> Vec<[u32; 3]> {
     let turned = |(i, w): (usize, &[u32])| if i % 2 == 0 { [w[0], w[1], w[2]] } else { [w[1], w[0], w[2]] };
     indices.windows(3).enumerate().map(turned).collect()
@@ -34,8 +35,8 @@ pub fn triangle_fan(indices: &[u32]) -> Vec<[u32; 3]> {
     }
 }
 
-/// Leave out what cannot be drawn, make normals unit length, and drop vertices that nothing uses.
-/// `strip`: repeated indices are joints between strips and not worth a word.
+/// Remove elements that cannot be drawn, normalise normals, and drop unused vertices. In a `strip` repeated indices join strips, and are not
+/// reported.
 pub fn clean(part: &mut Part, strip: bool, warnings: &mut Warnings) {
     let n = part.positions.len();
     let bad: Vec<bool> = part.positions.iter().map(|p| !p.iter().all(|c| c.is_finite())).collect();
@@ -71,7 +72,7 @@ pub fn clean(part: &mut Part, strip: bool, warnings: &mut Warnings) {
     compact(part);
 }
 
-/// Leave patches of which a triangle cannot be drawn to their triangles, which come after those of the others.
+/// Replace patches of which a triangle cannot be drawn by their triangles, which are put after those of the other patches.
 fn demote_patches(part: &mut Part, bad: &[bool], warnings: &mut Warnings) {
     if part.patches.is_empty() {
         return;
@@ -101,13 +102,13 @@ fn repeats([a, b, c]: &[u32; 3]) -> bool {
     a == b || b == c || c == a
 }
 
-/// Twice the area vector of a triangle whose indices are known to be inside.
+/// Twice the area vector of a triangle, whose indices must be in range.
 fn cross(positions: &[[f32; 3]], t: &[u32; 3]) -> DVec3 {
     let [a, b, c] = t.map(|i| Vec3::from(positions[i as usize]).as_dvec3());
     (b - a).cross(c - a)
 }
 
-/// Scale to length 1; where a normal has none, take that of the faces around.
+/// Normalise normals; one without a direction is replaced by the normal of the faces around the vertex.
 fn unit_normals(part: &mut Part, warnings: &mut Warnings) {
     let Some(normals) = &mut part.normals else { return };
     let unit = |n: [f32; 3]| Vec3::from(n).as_dvec3().try_normalize();
@@ -128,7 +129,7 @@ fn unit_normals(part: &mut Part, warnings: &mut Warnings) {
     }
 }
 
-/// Keep only the vertices that are used, in their order, where at least a quarter is not.
+/// Remove unused vertices, keeping the order of the others, if at least a quarter is unused.
 fn compact(part: &mut Part) {
     const UNUSED: u32 = u32::MAX;
     let mut new = vec![UNUSED; part.positions.len()];

@@ -16,7 +16,7 @@ pub struct Transmission {
     pub color: [f32; 3],
     /// Its colour multiplies the colour.
     pub color_texture: Option<TextureRef>,
-    /// The base colour of the place multiplies the colour, vertex colours and all: what comes through looks as what is reflected.
+    /// Whether the base colour, with vertex colours, multiplies the colour, so that transmitted light has the colour of reflected light.
     pub of_base: bool,
 }
 

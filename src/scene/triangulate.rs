@@ -1,21 +1,22 @@
-//! Planar polygons with any number of corners → triangles.
+//! Triangulation of planar polygons with any number of corners.
 
 use crate::geom::{DVec2, DVec3};
 
 /// Triangulator of polygons that keeps its working memory between them.
-pub struct Cutter {
+pub struct Triangulator {
     earcut: earcut::Earcut<f64>,
     flat: Vec<DVec2>,
     corners: Vec<u32>,
 }
 
-impl Cutter {
+impl Triangulator {
     pub fn new() -> Self {
-        Cutter { earcut: earcut::Earcut::new(), flat: Vec::new(), corners: Vec::new() }
+        Triangulator { earcut: earcut::Earcut::new(), flat: Vec::new(), corners: Vec::new() }
     }
 
-    /// Triangles as indices into `polygon`, wound as it is. Convex polygons become fans, concave ones are cut by ears.
-    pub fn cut(&mut self, polygon: &[DVec3], mut triangle: impl FnMut([usize; 3])) {
+    /// Call `triangle` for the triangles of a polygon, as indices into it and with its winding. Convex polygons become fans; concave ones are
+    /// triangulated by ear clipping.
+    pub fn triangulate(&mut self, polygon: &[DVec3], mut triangle: impl FnMut([usize; 3])) {
         let fan = |triangle: &mut dyn FnMut([usize; 3])| (2..polygon.len()).for_each(|i| triangle([0, i - 1, i]));
         if polygon.len() <= 3 {
             return fan(&mut triangle);
@@ -39,7 +40,7 @@ impl Cutter {
         self.earcut.earcut(self.flat.iter().map(|p| p.to_array()), &[], &mut self.corners);
         for t in self.corners.as_chunks::<3>().0 {
             let [a, b, c] = t.map(|i| i as usize);
-            // Ears come out in either turn.
+            // Ear clipping gives triangles of either winding.
             let ccw = (self.flat[b] - self.flat[a]).perp_dot(self.flat[c] - self.flat[a]) >= 0.0;
             triangle(if ccw { [a, b, c] } else { [a, c, b] });
         }
@@ -70,7 +71,7 @@ mod tests {
 
     fn cut(polygon: &[DVec3]) -> Vec<[usize; 3]> {
         let mut out = Vec::new();
-        Cutter::new().cut(polygon, |t| out.push(t));
+        Triangulator::new().triangulate(polygon, |t| out.push(t));
         out
     }
 

@@ -7,16 +7,16 @@
 use crate::geom::{DMat3, DVec3};
 use crate::noise::Noise;
 
-/// Wind over a landscape, as the file has it.
+/// Wind over a landscape, with the parameters of the file.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Wind {
-    /// Where it blows to, unit length, world space.
+    /// Unit direction in which it blows, world space.
     pub direction: DVec3,
-    /// Tangent of the mean lean of what stands across the wind, 0 … 4.
+    /// Tangent of the mean angle by which upright objects lean, 0 … 4.
     pub strength: f64,
-    /// Metres from gust to gust, > 0.
+    /// Distance between gusts, metres, > 0.
     pub gust_scale: f64,
-    /// Metres a second at which gusts travel, ≥ 0.
+    /// Speed at which gusts travel, metres per second, ≥ 0.
     pub speed: f64,
     /// Seed of the gusts.
     pub seed: u32,
@@ -28,26 +28,26 @@ impl Default for Wind {
     }
 }
 
-/// Most of [`Wind::strength`].
+/// Largest [`Wind::strength`].
 pub const MOST_STRENGTH: f64 = 4.0;
-/// Share of the travel by which gusts also change as they go.
+/// Speed at which gusts change shape, as a share of the speed at which they travel.
 const CHANGE: f64 = 0.25;
-/// How much stronger gusts are than the lulls between them.
+/// Amplitude of the noise of gusts, relative to the mean strength.
 const CONTRAST: f64 = 1.6;
 
 /// Wind at a moment.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct WindField {
     wind: Wind,
-    /// How far gusts have come, metres.
+    /// Distance that gusts have travelled, metres.
     travel: f64,
     noise: Noise,
 }
 
 impl Wind {
-    /// `time`: seconds.
+    /// The wind field at a time, in seconds.
     pub fn at(self, time: f64) -> WindField {
-        // Twice as wide along the wind's lattice as gusts are apart: noise has its crests about two cells from each other.
+        // Crests of the noise are about two lattice cells apart, so a cell is half the distance between gusts.
         let frequency = DVec3::splat(2.0 / self.gust_scale);
         let noise =
             Noise { seed: self.seed, frequency, origin: DVec3::ZERO, period: [0; 3], octaves: 2, turbulence: false };
@@ -61,14 +61,14 @@ impl WindField {
         if self.wind.strength <= 0.0 {
             return 0.0;
         }
-        // What blows past is the noise of the ground's plane; its third axis is time, so that gusts grow and fade.
+        // Noise over the ground plane moves with the wind; its third axis is time, so that gusts also grow and fade.
         let blown = at - self.travel * self.wind.direction;
         let place = DVec3::new(blown.x, CHANGE * self.travel, blown.z);
         let gust = (1.0 + CONTRAST * self.noise.value(place)).max(0.0);
         self.wind.strength * gust
     }
 
-    /// A height vector at a place, bent: as long as before, turned towards where the wind blows.
+    /// A height vector at a position, rotated towards the wind's direction; its length is kept.
     pub fn bend(&self, at: DVec3, height: DVec3) -> DVec3 {
         let length = height.length();
         let lean = self.lean_tangent(at);
@@ -78,14 +78,14 @@ impl WindField {
         (height / length + lean * self.wind.direction).try_normalize().map_or(height, |way| length * way)
     }
 
-    /// How a rigid copy leans whose foot is at `foot` and whose own up is `up` (both world space): a map of directions about
-    /// the foot, which keeps those across `up`, and takes `up` where [`WindField::bend`] takes it.
+    /// The linear map about the foot by which a rigid copy leans; its foot is at `foot` and its own up is `up` (both world space). Directions at
+    /// right angles to `up` are kept, and `up` becomes what [`WindField::bend`] makes of it.
     pub fn lean(&self, foot: DVec3, up: DVec3) -> DMat3 {
         let Some(up) = up.try_normalize() else { return DMat3::IDENTITY };
         let moved = self.bend(foot, up) - up;
         // x + (bent − up) (up · x).
         let lean = DMat3::IDENTITY + DMat3::from_cols(moved * up.x, moved * up.y, moved * up.z);
-        // Laid flat or beyond, there would be nothing left of it.
+        // A copy that is bent down to the ground or below would have no volume left.
         if lean.determinant() < 1e-3 { DMat3::IDENTITY } else { lean }
     }
 }

@@ -41,10 +41,21 @@ enum Kind {
     Picture(Box<Panorama>),
 }
 
+/// A sun as a disc in the sky.
 struct Disc {
+    /// Unit direction to its middle.
     towards: DVec3,
+    /// Half of its angular size, radians.
     radius: f64,
     radiance: DVec3,
+}
+
+impl Disc {
+    /// The disc by which a sun brings its irradiance; `None` for a sun without a size.
+    fn of(sun: &Sun) -> Option<Disc> {
+        let area = std::f64::consts::PI * libm::sin(sun.radius).powi(2);
+        (area > 0.0).then(|| Disc { towards: sun.towards, radius: sun.radius, radiance: sun.irradiance * (1.0 / area) })
+    }
 }
 
 impl EnvironmentLight {
@@ -82,11 +93,7 @@ impl EnvironmentLight {
         let sky = ClearSky::new(sun.towards, turbidity);
         let factor = ClearSky::scale(sun.towards, turbidity, luminance(sun.irradiance));
         let mut light = EnvironmentLight::new(Kind::Clear { sky, factor });
-        let area = std::f64::consts::PI * libm::sin(sun.radius).powi(2);
-        if area > 0.0 {
-            light.disc =
-                Some(Disc { towards: sun.towards, radius: sun.radius, radiance: sun.irradiance * (1.0 / area) });
-        }
+        light.disc = Disc::of(sun);
         light
     }
 
@@ -97,11 +104,7 @@ impl EnvironmentLight {
     pub fn picture(path: &Path) -> Result<(EnvironmentLight, Option<Sun>)> {
         let (panorama, sun) = Panorama::read(path)?;
         let mut light = EnvironmentLight::new(Kind::Picture(Box::new(panorama)));
-        if let Some(sun) = &sun {
-            let area = std::f64::consts::PI * libm::sin(sun.radius).powi(2);
-            light.disc =
-                Some(Disc { towards: sun.towards, radius: sun.radius, radiance: sun.irradiance * (1.0 / area) });
-        }
+        light.disc = sun.as_ref().and_then(Disc::of);
         Ok((light, sun))
     }
 

@@ -7,7 +7,7 @@ use super::document::Document;
 use super::support;
 use crate::Result;
 
-/// Elements that an accessor without bytes behind it may have: it is all zeros, and grows by its sparse values only.
+/// Most elements of an accessor without a buffer view, which consists of zeros and sparse values.
 const MAX_ZEROS: u64 = 1 << 24;
 
 /// Type of the numbers of an accessor.
@@ -31,7 +31,7 @@ impl Component {
     }
 }
 
-/// Elements of an accessor, decoded.
+/// How the elements of an accessor are stored.
 struct Layout {
     component: Component,
     normalized: bool,
@@ -42,7 +42,7 @@ struct Layout {
 }
 
 impl Document {
-    /// Elements of `least` to `N` numbers; those that the accessor does not have keep `fill`.
+    /// Read elements of `least` to `N` numbers; missing numbers are taken from `fill`.
     pub fn read_floats<const N: usize>(
         &self,
         index: usize,
@@ -65,7 +65,7 @@ impl Document {
         })
     }
 
-    /// Elements of `N` unsigned integers: indices and joints.
+    /// Read elements of `N` unsigned integers, as for indices and joints.
     pub fn read_uints<const N: usize>(&self, index: usize, at: &str) -> Result<Vec<[u32; N]>> {
         let (accessor, layout) = self.layout(index, at)?;
         if layout.width != N || !layout.component.is_unsigned() {
@@ -81,7 +81,7 @@ impl Document {
         })
     }
 
-    /// The index that begins another strip, loop or fan: the largest of its type.
+    /// The primitive restart index, which begins another strip, loop or fan: the largest value of the accessor's type.
     pub fn restart(&self, index: usize, at: &str) -> Result<u32> {
         let (_, layout) = self.layout(index, at)?;
         Ok(u32::MAX >> (32 - 8 * layout.component.size().min(4)))
@@ -160,7 +160,7 @@ impl Document {
         Ok(out)
     }
 
-    /// `count` slices of `size` bytes in a view, `stride` apart where the view may have one; known to be all there.
+    /// `count` slices of `size` bytes of a view. If `strided`, they are as far apart as the view's stride. All are checked to be in range.
     fn elements(
         &self,
         view: usize,

@@ -1,5 +1,5 @@
-//! Animations at one time: the transforms and morph weights of nodes as the keys of their channels have them. Skins and morphed
-//! meshes follow, since they are read from the nodes.
+//! Evaluation of animations at one time: transforms and morph weights of nodes are interpolated between keyframes. Skins and morphed meshes
+//! follow, since they are read from the nodes.
 //!
 //! Based on: glTF 2.0, 3.11 (animations) and appendix C (interpolation); K. Shoemake, *Animating Rotation with Quaternion
 //! Curves*, SIGGRAPH 1985 (slerp).
@@ -10,16 +10,16 @@ use std::path::Path;
 use glam::{DMat3, DQuat, DVec3};
 
 use super::ReadOptions;
-use super::clip::{Animation, Sampler};
+use super::animation_json::{Animation, Sampler};
 use super::document::Document;
 use crate::{Error, Result, Warnings};
 
-/// Which times a file's animations span, and what they are called.
+/// Duration and names of a file's animations.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Timeline {
-    /// Seconds of the last key of those that play; 0 where none does.
+    /// Time of the last keyframe of the animations that play, seconds; 0 if none plays.
     pub duration: f64,
-    /// Names of those that play; of those without a name their numbers.
+    /// Names of the animations that play; numbers for those without a name.
     pub playing: Vec<String>,
 }
 
@@ -29,19 +29,18 @@ pub struct Timeline {
 /// As [`super::read`], of what concerns animations.
 pub fn timeline(path: &Path, options: &ReadOptions) -> Result<Timeline> {
     let document = Document::open(path, options)?;
-    let chosen = chosen(&document, &options.animations, &mut Warnings::default())?;
+    let chosen = select_animations(&document, &options.animations, &mut Warnings::default())?;
     let playing = chosen.iter().map(|&i| name(&document.animations[i], i)).collect();
     Ok(Timeline { duration: duration(&document, &chosen)?, playing })
 }
 
-/// Move the nodes of a document to where its animations have them at `options.time`; without a time they stand as the file has
-/// them.
+/// Pose the nodes of a document as its animations have them at `options.time`; without a time they keep the file's own transforms.
 pub fn pose(document: &mut Document, options: &ReadOptions, warnings: &mut Warnings) -> Result<()> {
     let Some(mut time) = options.time else { return Ok(()) };
     if !time.is_finite() {
         return Err(Error::Options(format!("a time of {time}: it must be a finite number of seconds")));
     }
-    let chosen = chosen(document, &options.animations, warnings)?;
+    let chosen = select_animations(document, &options.animations, warnings)?;
     if options.repeat {
         let duration = duration(document, &chosen)?;
         if duration > 0.0 {
@@ -51,24 +50,24 @@ pub fn pose(document: &mut Document, options: &ReadOptions, warnings: &mut Warni
     for animation in chosen {
         for channel in 0..document.animations[animation].channels.len() {
             if let Some((node, moved)) = evaluate(document, animation, channel, time, warnings)? {
-                set(document, node, moved, warnings);
+                set_property(document, node, moved, warnings);
             }
         }
     }
     Ok(())
 }
 
-/// A property of a node, moved.
-enum Moved {
+/// A property of a node with its animated value.
+enum NodeProperty {
     Translation([f64; 3]),
     Rotation([f64; 4]),
     Scale([f64; 3]),
     Weights(Vec<f32>),
 }
 
-fn set(document: &mut Document, node: usize, moved: Moved, warnings: &mut Warnings) {
+fn set_property(document: &mut Document, node: usize, moved: NodeProperty, warnings: &mut Warnings) {
     let Some(place) = document.places.get_mut(node) else { return };
-    if let (Some(m), false) = (place.matrix, matches!(moved, Moved::Weights(_))) {
+    if let (Some(m), false) = (place.matrix, matches!(moved, NodeProperty::Weights(_))) {
         warnings.add("a node with a matrix is animated: the matrix is taken apart");
         let column = |k: usize| DVec3::new(m[4 * k], m[4 * k + 1], m[4 * k + 2]);
         let matrix3 = DMat3::from_cols(column(0), column(1), column(2));
@@ -80,10 +79,10 @@ fn set(document: &mut Document, node: usize, moved: Moved, warnings: &mut Warnin
         place.scale = Some(scale.to_array());
     }
     match moved {
-        Moved::Translation(v) => place.translation = Some(v),
-        Moved::Rotation(q) => place.rotation = Some(q),
-        Moved::Scale(v) => place.scale = Some(v),
-        Moved::Weights(w) => {
+        NodeProperty::Translation(v) => place.translation = Some(v),
+        NodeProperty::Rotation(q) => place.rotation = Some(q),
+        NodeProperty::Scale(v) => place.scale = Some(v),
+        NodeProperty::Weights(w) => {
             if let Some(node) = document.root.nodes.get_mut(node) {
                 node.weights = Some(w);
             }
@@ -95,9 +94,9 @@ fn name(animation: &Animation, index: usize) -> String {
     animation.name.clone().filter(|n| !n.is_empty()).unwrap_or_else(|| index.to_string())
 }
 
-/// The animations that play: those asked for by name or number; else the first, and every other that moves nothing that one
-/// before it moves.
-fn chosen(document: &Document, asked: &[String], warnings: &mut Warnings) -> Result<Vec<usize>> {
+/// Indices of the animations that play: those asked for by name or number; by default the first, and each further one that moves no property
+/// that an earlier one moves.
+fn select_animations(document: &Document, asked: &[String], warnings: &mut Warnings) -> Result<Vec<usize>> {
     let all = &document.animations;
     if asked.is_empty() {
         let mut moved = BTreeSet::new();
@@ -128,7 +127,7 @@ fn chosen(document: &Document, asked: &[String], warnings: &mut Warnings) -> Res
     asked.iter().map(find).collect()
 }
 
-/// Seconds of the last key.
+/// Time of the last keyframe of the chosen animations, seconds.
 fn duration(document: &Document, chosen: &[usize]) -> Result<f64> {
     let mut last = 0.0_f64;
     for &i in chosen {
@@ -158,8 +157,8 @@ fn times(document: &Document, sampler: &Sampler, at: &str) -> Result<Vec<f64>> {
     Ok(times)
 }
 
-/// Between which keys a time lies, and where between them: 0 at the first, 1 at the second. Beyond the ends, the end.
-fn locate(times: &[f64], time: f64) -> (usize, usize, f64) {
+/// The keyframes before and after a time, and its position between them in [0, 1]. Beyond the ends both are the last one.
+fn locate_keys(times: &[f64], time: f64) -> (usize, usize, f64) {
     let after = times.partition_point(|t| *t <= time);
     match after {
         0 => (0, 0, 0.0),
@@ -168,14 +167,14 @@ fn locate(times: &[f64], time: f64) -> (usize, usize, f64) {
     }
 }
 
-/// What a channel says at a time; `None` where it moves nothing that is read.
+/// The node and the property that a channel moves, with its value at a time; `None` if the channel moves nothing that is read.
 fn evaluate(
     document: &Document,
     animation: usize,
     channel: usize,
     time: f64,
     warnings: &mut Warnings,
-) -> Result<Option<(usize, Moved)>> {
+) -> Result<Option<(usize, NodeProperty)>> {
     let all = &document.animations[animation];
     let (at, channel) = (format!("animations[{animation}].channels[{channel}]"), &all.channels[channel]);
     let Some(node) = channel.target.node else {
@@ -194,10 +193,10 @@ fn evaluate(
     Ok(Some((
         node,
         match channel.target.path.as_str() {
-            "translation" => Moved::Translation(track.vector()?),
-            "scale" => Moved::Scale(track.vector()?),
-            "rotation" => Moved::Rotation(track.rotation()?),
-            "weights" => Moved::Weights(track.weights()?),
+            "translation" => NodeProperty::Translation(track.vector()?),
+            "scale" => NodeProperty::Scale(track.vector()?),
+            "rotation" => NodeProperty::Rotation(track.rotation()?),
+            "weights" => NodeProperty::Weights(track.weights()?),
             other => {
                 warnings.add(format!("an animation of {other:?} is no part of glTF and is ignored"));
                 return Ok(None);
@@ -206,23 +205,23 @@ fn evaluate(
     )))
 }
 
-/// Ways from key to key.
+/// Interpolation between keyframes.
 #[derive(Clone, Copy, PartialEq)]
 enum Interpolation {
     Linear,
     Step,
-    /// Three elements a key: tangent of arrival, value, tangent of departure.
+    /// Cubic Hermite spline, with three elements per keyframe: in-tangent, value, out-tangent.
     CubicSpline,
 }
 
-/// A sampler at a time.
+/// A sampler, located at one time.
 struct Track<'a> {
     document: &'a Document,
     output: usize,
     at: String,
     keys: usize,
     interpolation: Interpolation,
-    /// The keys before and after, and where between them.
+    /// Keyframes before and after the time, and its position between them in [0, 1].
     span: (usize, usize, f64),
     /// Seconds between them.
     seconds: f64,
@@ -239,18 +238,18 @@ impl<'a> Track<'a> {
             }
         };
         let times = times(document, sampler, &at)?;
-        let span = locate(&times, time);
+        let span = locate_keys(&times, time);
         let seconds = times[span.1] - times[span.0];
         let at = format!("{at}.output");
         Ok(Track { document, output: sampler.output, at, keys: times.len(), interpolation, span, seconds })
     }
 
-    /// Elements a key.
+    /// Elements per keyframe.
     fn each(&self) -> usize {
         if self.interpolation == Interpolation::CubicSpline { 3 } else { 1 }
     }
 
-    /// All numbers of the output, `N` an element, checked to be finite.
+    /// All elements of the output, each of `N` numbers, checked to be finite.
     fn read<const N: usize>(&self) -> Result<Vec<[f64; N]>> {
         let values = self.document.read_floats::<N>(self.output, N, [0.0; N], &self.at)?;
         if let Some(i) = values.iter().position(|v| v.iter().any(|x| !x.is_finite())) {
@@ -264,8 +263,7 @@ impl<'a> Track<'a> {
         self.document.error(&*self.at, format!("has {have} elements; {} keys{times} need {needed}", self.keys))
     }
 
-    /// The value of one component, of keys that have `width` values each: `values(key, part)` with part 0 the tangent of
-    /// arrival, 1 the value, 2 the tangent of departure.
+    /// Interpolated value of one component; `value(key, part)` gives its in-tangent (part 0), value (1) and out-tangent (2) at a keyframe.
     fn blend(&self, value: impl Fn(usize, usize) -> f64) -> f64 {
         let (a, b, t) = self.span;
         match self.interpolation {
@@ -282,7 +280,7 @@ impl<'a> Track<'a> {
         }
     }
 
-    /// Elements of `N` numbers, one or three a key.
+    /// All elements of `N` numbers, one or three per keyframe.
     fn elements<const N: usize>(&self) -> Result<Vec<[f64; N]>> {
         let values = self.read::<N>()?;
         if values.len() != self.keys * self.each() {
@@ -319,7 +317,7 @@ impl<'a> Track<'a> {
         if values.len() != self.keys * each * width || width == 0 {
             return Err(self.wrong_count(values.len(), format!("a multiple of {}", self.keys * each)));
         }
-        // A key's tangents of arrival, then its values, then its tangents of departure.
+        // For each keyframe all in-tangents, then all values, then all out-tangents.
         let value = |target: usize, key: usize, part: usize| {
             values[(key * each + if each == 3 { part } else { 0 }) * width + target][0]
         };
@@ -327,7 +325,7 @@ impl<'a> Track<'a> {
     }
 }
 
-/// The shorter way from one unit quaternion to another, at even speed.
+/// Spherical linear interpolation between unit quaternions along the shorter arc.
 fn slerp(a: DQuat, b: DQuat, t: f64) -> DQuat {
     let dot = a.dot(b);
     let (b, dot) = if dot < 0.0 { (-b, -dot) } else { (b, dot) };

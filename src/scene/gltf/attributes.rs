@@ -1,16 +1,16 @@
-//! One mesh primitive being read: its attributes, morphed by their weights, and its topology.
+//! Reading of one mesh primitive: its attributes, with morph targets applied, and its topology.
 
 use gltf::json::mesh::{self, Mode, Semantic};
 use gltf::json::validation::Checked;
 
-use super::document::{Document, Target, index};
+use super::document::{Document, MorphTarget, index};
 use super::patches::{self, Primitive};
 use super::support;
 use crate::scene::model::Part;
 use crate::scene::topology;
 use crate::{Result, Warnings};
 
-/// Sets of texture coordinates that are read.
+/// Most sets of texture coordinates that are read.
 const MAX_UV_SETS: u32 = 8;
 /// Bytes of memory per triangle while its neighbours are looked for (`source::mesh::patch`).
 const CONNECTIVITY_MEMORY: u64 = 128;
@@ -22,7 +22,7 @@ pub struct Reader<'a> {
     /// The primitive as the JSON has it.
     pub primitive: &'a mesh::Primitive,
     /// Morph targets.
-    pub targets: &'a [Target],
+    pub targets: &'a [MorphTarget],
     /// Weights of the morph targets.
     pub weights: &'a [f32],
     /// Place in the file, for messages.
@@ -72,7 +72,7 @@ impl Reader<'_> {
         Ok(Some(part))
     }
 
-    /// Indices and mode → triangles, lines and points over vertices that are used.
+    /// Convert indices and mode of the primitive to triangles, lines and points of `part`, and clean it.
     pub fn topology(&self, part: &mut Part, warnings: &mut Warnings) -> Result<()> {
         let n = part.positions.len();
         let indices: Vec<u32> = match index(self.primitive.indices) {
@@ -92,7 +92,7 @@ impl Reader<'_> {
         {
             return Err(self.document.error(&*self.at, "has patches, and is no list of triangles (mode 4)"));
         }
-        // Runs of indices between those that begin another; one run where none does.
+        // Indices are split at the restart index, if there is one.
         let restart = match index(self.primitive.indices).filter(|_| support::uses(self.document, support::RESTART)) {
             Some(accessor) => Some(self.document.restart(accessor, &self.at)?),
             None => None,
@@ -119,7 +119,7 @@ impl Reader<'_> {
         }
         let strip = matches!(self.primitive.mode, Checked::Valid(Mode::TriangleStrip));
         topology::clean(part, strip, warnings);
-        // What is found out about its connectivity is kept for one primitive at a time.
+        // Connectivity is computed for one primitive at a time, so its memory is only checked and not charged.
         self.document.has_room(CONNECTIVITY_MEMORY * part.triangles.len() as u64, &self.at)
     }
 
@@ -182,7 +182,7 @@ impl Reader<'_> {
     }
 }
 
-/// Zero for what is not a number.
+/// Replace NaN and infinite values by 0.
 fn finite<const N: usize>(values: &mut [[f32; N]], warnings: &mut Warnings) {
     let mut mended = 0;
     for v in values.iter_mut().flatten().filter(|v| !v.is_finite()) {

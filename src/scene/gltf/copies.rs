@@ -1,12 +1,12 @@
-//! Rigid copies of texels: nodes whose mesh is a stand-in for a texel, with their placements.
+//! Rigid copies of texels in a glTF file: nodes whose mesh is a stand-in for a texel, with their placements.
 
 use super::document::Document;
-use super::extension::{self, Texels};
+use super::extension::{self, TexelTable};
 use super::nodes::{Instancing, Placed};
 use crate::scene::copies::CopySet;
 use crate::{Result, Warnings};
 
-/// Whether meshes in each material stand in for copies.
+/// For each material, whether meshes with it are stand-ins for copies.
 pub fn stand_ins(document: &Document) -> Vec<bool> {
     let stands = |m: &gltf::json::Material| {
         let json = m.extensions.as_ref().and_then(|e| e.others.get(extension::NAME));
@@ -20,7 +20,7 @@ pub fn read(
     document: &Document,
     placed: &Placed,
     material: usize,
-    texels: &mut Texels,
+    texels: &mut TexelTable,
     warnings: &mut Warnings,
 ) -> Result<CopySet> {
     let json = document.root.materials.get(material).and_then(|m| m.extensions.as_ref()?.others.get(extension::NAME));
@@ -86,7 +86,7 @@ pub fn read(
     Ok(set)
 }
 
-/// Leave out copies that are nowhere, or have no volume.
+/// Remove copies whose transform is not finite or has no volume.
 fn drop_broken(set: &mut CopySet, warnings: &mut Warnings) {
     let sound = |i: usize| {
         let map = set.local(i);

@@ -1,4 +1,4 @@
-//! A glTF file opened: its JSON, its buffers (GLB chunk, files, data URIs) and views of them, each read when needed.
+//! An open glTF file: its JSON, its buffers (GLB chunk, files, data URIs) and views of them, each read when first needed.
 
 use std::cell::{Cell, OnceCell};
 use std::collections::BTreeMap;
@@ -9,7 +9,7 @@ use gltf::json::{self, Root};
 use serde::Deserialize;
 use serde_json::{Map, Value};
 
-use super::clip::Animation;
+use super::animation_json::Animation;
 use super::meshopt;
 use crate::format::open_file;
 use crate::scene::ReadOptions;
@@ -24,7 +24,7 @@ pub struct Document {
     /// Transforms of the nodes at full precision, in the order of `root.nodes`.
     pub places: Vec<NodeTransform>,
     /// Morph targets of each primitive of each mesh.
-    pub targets: Vec<Vec<Vec<Target>>>,
+    pub targets: Vec<Vec<Vec<MorphTarget>>>,
     /// The animations.
     pub animations: Vec<Animation>,
     /// Accessors of 64-bit floats, which the typed JSON does not know.
@@ -54,7 +54,7 @@ pub struct NodeTransform {
     pub matrix: Option<[f64; 16]>,
 }
 
-/// Parts of the JSON that the typed one leaves out or rounds.
+/// Parts of the JSON that the types of the crate `gltf` leave out or round.
 #[derive(Default, Deserialize)]
 #[serde(default)]
 struct Precise {
@@ -87,14 +87,14 @@ struct PreciseMesh {
 #[derive(Default, Deserialize)]
 #[serde(default)]
 struct PrecisePrimitive {
-    targets: Vec<Target>,
+    targets: Vec<MorphTarget>,
 }
 
 /// The type of accessors of 64-bit floats.
 const F64: u64 = 5130;
 
 /// A morph target: the accessor of each attribute that it moves.
-pub type Target = BTreeMap<String, usize>;
+pub type MorphTarget = BTreeMap<String, usize>;
 
 /// A piece of a buffer.
 pub struct View<'a> {
@@ -142,7 +142,7 @@ impl Document {
                     scene.entry("nodes").or_insert_with(|| Value::Array(Vec::new()));
                 }
             }
-            // The place in this text would be none of the file's.
+            // Line numbers of the rewritten text are not those of the file, so they are removed from the message.
             let text = serde_json::to_vec(&whole).map_err(bad)?;
             root(&text).map_err(|what| wrong(what.split(" at line ").next().unwrap_or_default().to_owned()))?
         };
@@ -180,12 +180,12 @@ impl Document {
         Error::input(&self.path, at, what)
     }
 
-    /// Bytes that may still be taken.
+    /// Bytes that may still be read or allocated.
     pub fn left(&self) -> u64 {
         self.left.get()
     }
 
-    /// Check that `bytes`, which are given back soon, may be taken.
+    /// Check that `bytes` may be allocated temporarily, without charging them.
     pub fn has_room(&self, bytes: u64, what: &str) -> Result<()> {
         let left = self.left.get();
         self.charge(bytes, what)?;
@@ -193,7 +193,7 @@ impl Document {
         Ok(())
     }
 
-    /// Take `bytes` of what may be read in all, before allocating them.
+    /// Charge `bytes` to the limit of what may be read and allocated; to be called before the allocation.
     pub fn charge(&self, bytes: u64, what: &str) -> Result<()> {
         match self.left.get().checked_sub(bytes) {
             Some(left) => {
@@ -214,7 +214,7 @@ impl Document {
             return Err(self.error(at, "does not exist"));
         };
         if buffer.uri.is_none() {
-            // Only the first buffer of a GLB lives in its BIN chunk; the rest are placeholders for decompressed data.
+            // Only the first buffer of a GLB is its BIN chunk; other buffers without a URI are placeholders for decompressed data.
             return match &self.bin {
                 Some(bin) if index == 0 => Ok(bin),
                 _ => Err(self.error(at, "has no URI and no bytes in the file")),
@@ -230,14 +230,14 @@ impl Document {
         Ok(cell.get_or_init(|| bytes))
     }
 
-    /// The bytes behind a URI; `anywhere`: also those of a file beside the glTF that has only its last name.
+    /// Read the bytes that a URI names. With `anywhere`, a file of the same name beside the glTF file is accepted, too.
     pub fn fetch(&self, uri: &str, at: &str, anywhere: bool) -> Result<Vec<u8>> {
         let bytes = match files::target(uri).map_err(|what| self.error(at, what))? {
-            files::Target::Data(bytes) => bytes,
-            files::Target::File(_) if self.contained && files::contained(uri).is_none() => {
+            files::UriTarget::Data(bytes) => bytes,
+            files::UriTarget::File(_) if self.contained && files::contained(uri).is_none() => {
                 return Err(self.error(at, format!("{uri:?} {}", files::NOT_CONTAINED)));
             }
-            files::Target::File(name) => {
+            files::UriTarget::File(name) => {
                 files::read(&files::locate(self.dir(), uri, &name, anywhere), self.left.get())?
             }
         };
@@ -297,8 +297,8 @@ fn json_of(path: &Path) -> Result<Vec<u8>> {
     Ok(json)
 }
 
-/// The files that a `.gltf` or `.glb` names, as reading it would find them: its buffers, its images, and of a landscape its
-/// texels with the meshes that they were baked from.
+/// Paths of the files that a `.gltf` or `.glb` refers to, resolved as reading would: buffers, images, and, in a landscape, texels with the
+/// meshes that they were baked from and the picture of the sky.
 pub fn named_files(path: &Path) -> Vec<PathBuf> {
     let json = overview(path);
     let dir = path.parent().unwrap_or(Path::new(""));
@@ -316,7 +316,7 @@ pub fn named_files(path: &Path) -> Vec<PathBuf> {
     uris.extend(sky.and_then(uri).map(|uri| (uri, false)));
     uris.iter()
         .filter_map(|(uri, anywhere)| match files::target(uri) {
-            Ok(files::Target::File(name)) => Some(files::locate(dir, uri, &name, *anywhere)),
+            Ok(files::UriTarget::File(name)) => Some(files::locate(dir, uri, &name, *anywhere)),
             _ => None,
         })
         .collect()
@@ -327,7 +327,7 @@ pub fn is_landscape(path: &Path) -> bool {
     overview(path).pointer(&format!("/extensions/{}", EXTENSION_NAME)).is_some()
 }
 
-/// The JSON of a file; nothing of what cannot be read.
+/// The JSON of a file; null if it cannot be read.
 pub fn overview(path: &Path) -> Value {
     let json = json_of(path).unwrap_or_default();
     serde_json::from_slice(json.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(&json)).unwrap_or_default()

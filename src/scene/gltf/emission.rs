@@ -1,4 +1,4 @@
-//! What a material says of the light that it gives off.
+//! Emission of materials: the emissive factor and texture, and KHR_materials_emissive_strength.
 
 use gltf::json::{Material, texture::Info};
 
@@ -10,8 +10,8 @@ use crate::scene::texture::TextureRef;
 /// Name of the extension that gives factors above 1.
 const STRENGTH: &str = "KHR_materials_emissive_strength";
 
-/// Light that the material `json` at `at` gives off; none where its factor or its strength is 0. `read` gives the texture that a
-/// reference names, if it can be had.
+/// Emission of the material `json` at the place `at` of the file; `None` where its factor or its strength is 0. `read` reads a texture, or gives
+/// `None` if that is not possible.
 ///
 /// # Errors
 /// [`crate::Error::Input`] where the strength is no number from 0 on.

@@ -1,5 +1,5 @@
-//! `VTEX_volumetric_texture`: texels and environment of the root, shells of materials; every range checked, and a
-//! counted warning for what this version does not draw.
+//! The extension `VTEX_volumetric_texture`: texels and environment of the root, and shells and copies of materials. All ranges are checked;
+//! properties that this version does not use give a counted warning.
 
 mod object;
 mod phong;
@@ -17,14 +17,14 @@ use crate::volume::{Palette, Style};
 use crate::{Result, Warnings};
 use object::{ANY, Object};
 pub use phong::ReadTexture;
-use phong::{Ground, phong, styles};
+use phong::{ImageContext, phong, styles};
 
 /// Extension object of the root.
 #[derive(Debug, Default)]
 pub struct Root {
     pub texels: Vec<TexelRef>,
     pub environment: Environment,
-    /// The wind over all of it.
+    /// The wind over the whole landscape.
     pub wind: Option<Wind>,
 }
 
@@ -84,7 +84,7 @@ fn texel(json: &Object, warnings: &mut Warnings) -> Result<TexelRef> {
         None => None,
     };
     let bytes = facts.first().and_then(|f| f.bytes.clone());
-    // Of one that has no file the landscape's name says nothing.
+    // The path of an embedded texel does not name it.
     let stem =
         paths.first().filter(|_| bytes.is_none()).and_then(|p| p.file_stem()).map(|s| s.to_string_lossy().into_owned());
     Ok(TexelRef {
@@ -103,12 +103,12 @@ fn texel(json: &Object, warnings: &mut Warnings) -> Result<TexelRef> {
     })
 }
 
-/// A material's extension object. `texels`: those of the root; one that is shown in other colours is added. `textures` reads the
-/// images of its layers.
+/// The shell in a material's extension object `json` at a place of the file. Texels in other colours or frames are added to `texels`;
+/// `textures` reads the images of its layers.
 pub fn material<'a>(
     document: &Document,
     (json, at): (&Value, &str),
-    texels: &mut Texels,
+    texels: &mut TexelTable,
     textures: &'a mut ReadTexture<'a>,
     warnings: &mut Warnings,
 ) -> Result<ShellMaterial> {
@@ -120,18 +120,23 @@ pub fn material<'a>(
         return Err(json.error("thickness", "must be above 0"));
     }
     let tex_coord = json.integer("texCoord", 7)?.unwrap_or(0) as usize;
-    let mut ground = Ground { textures, tex_coord };
+    let mut images = ImageContext { textures, tex_coord };
     Ok(ShellMaterial {
         tex_coord,
         w: json.number("w", ANY)?.unwrap_or(0.0),
         dw: json.number("dw", ANY)?.unwrap_or(1.0),
         thickness,
         surface_visible: json.choice("surface", &[("visible", true), ("hidden", false)])?.unwrap_or(true),
-        layers: layers.iter().map(|l| layer(l, texels, &mut ground, warnings)).collect::<Result<_>>()?,
+        layers: layers.iter().map(|l| layer(l, texels, &mut images, warnings)).collect::<Result<_>>()?,
     })
 }
 
-fn layer(json: &Object, texels: &mut Texels, ground: &mut Ground<'_>, warnings: &mut Warnings) -> Result<Layer> {
+fn layer(
+    json: &Object,
+    texels: &mut TexelTable,
+    images: &mut ImageContext<'_>,
+    warnings: &mut Warnings,
+) -> Result<Layer> {
     json.known(
         &[
             "texel",
@@ -154,12 +159,12 @@ fn layer(json: &Object, texels: &mut Texels, ground: &mut Ground<'_>, warnings: 
     if skin_range[0] >= skin_range[1] {
         return Err(json.error("skinRange", "must be from less to more"));
     }
-    let (palette, phong) = styles(json, Some(ground), warnings)?;
+    let (palette, phong) = styles(json, Some(images), warnings)?;
     let cycle = cycle(json, texels, warnings)?;
     let (mut discrete, mut continuous) = (None, None);
     if let Some(jitter) = json.object("jitter")? {
         jitter.known(&["discrete", "continuous"], &[], warnings);
-        let read = |d: Object| self::discrete(&d, texels, (&palette, cycle), ground, warnings);
+        let read = |d: Object| self::discrete(&d, texels, (&palette, cycle), images, warnings);
         discrete = jitter.object("discrete")?.map(read).transpose()?;
         continuous = jitter.object("continuous")?.map(|c| self::continuous(&c, warnings)).transpose()?;
     }
@@ -168,7 +173,7 @@ fn layer(json: &Object, texels: &mut Texels, ground: &mut Ground<'_>, warnings: 
         return Err(json.error("scale", "must not be 0"));
     }
     Ok(Layer {
-        texel: texels.shown(texel, &palette, cycle),
+        texel: texels.index_of_variant(texel, &palette, cycle),
         wrap: json.wrap()?,
         offset: json.vec3("offset", ANY)?.unwrap_or([0.0; 3]),
         scale,
@@ -181,17 +186,17 @@ fn layer(json: &Object, texels: &mut Texels, ground: &mut Ground<'_>, warnings: 
     })
 }
 
-/// Whether a material's extension object places rigid copies, and is no shell.
+/// Whether a material's extension object describes rigid copies, and not a shell.
 pub fn places_copies(json: &Value) -> bool {
     json.get("copies").is_some()
 }
 
-/// The texels of rigid copies: `copies` of a material's extension object.
+/// The texels of rigid copies, by the object `copies` of a material's extension object.
 pub fn copies(
     document: &Document,
     json: &Value,
     at: &str,
-    texels: &mut Texels,
+    texels: &mut TexelTable,
     warnings: &mut Warnings,
 ) -> Result<Vec<Variant>> {
     let outer = Object::new(document, json, format!("{at}.{NAME}"))?;
@@ -204,7 +209,7 @@ pub fn copies(
     if variants.is_empty() {
         let what = "is needed where there are no variants";
         let texel = json.texel(texels.own)?.ok_or_else(|| json.error("texel", what))?;
-        variants.push(Variant::alone(texels.shown(texel, &palette, cycle)));
+        variants.push(Variant::alone(texels.index_of_variant(texel, &palette, cycle)));
     }
     for variant in &mut variants {
         variant.phong = variant.phong.within(&phong);
@@ -215,9 +220,9 @@ pub fn copies(
 /// The `variants` of jittered or of rigid copies.
 fn variants(
     json: &Object,
-    texels: &mut Texels,
+    texels: &mut TexelTable,
     (palette, cycle): (&Palette, Option<Cycle>),
-    mut ground: Option<&mut Ground<'_>>,
+    mut images: Option<&mut ImageContext<'_>>,
     warnings: &mut Warnings,
 ) -> Result<Vec<Variant>> {
     let mut variants = Vec::new();
@@ -228,15 +233,15 @@ fn variants(
         if weight <= 0.0 {
             return Err(variant.error("weight", "must be above 0"));
         }
-        let (phong, keep) = phong(&variant, ground.as_deref_mut(), warnings)?;
+        let (phong, keep) = phong(&variant, images.as_deref_mut(), warnings)?;
         let palette = Palette { rest: if keep { palette.rest } else { Style::BLANK }, ..palette.clone() };
-        variants.push(Variant { texel: texels.shown(texel, &palette, cycle), weight, phong });
+        variants.push(Variant { texel: texels.index_of_variant(texel, &palette, cycle), weight, phong });
     }
     Ok(variants)
 }
 
-/// The root's texels, and behind them those of other colours and of other frames.
-pub struct Texels {
+/// The texels of a scene: those that the root lists, followed by the same in other colours and other frames.
+pub struct TexelTable {
     own: usize,
     pub all: Vec<TexelRef>,
     /// Seconds.
@@ -245,15 +250,15 @@ pub struct Texels {
     wind: Option<Wind>,
 }
 
-impl Texels {
-    /// `all`: those of the root; `time`: the moment, seconds.
-    pub fn new(all: Vec<TexelRef>, time: f64, wind: Option<Wind>) -> Texels {
-        Texels { own: all.len(), all, time, wind }
+impl TexelTable {
+    /// From the root's texels `all`, the time in seconds, and the root's wind.
+    pub fn new(all: Vec<TexelRef>, time: f64, wind: Option<Wind>) -> TexelTable {
+        TexelTable { own: all.len(), all, time, wind }
     }
 
-    /// The index of the root's texel `index` in the colours of `palette`, in its frame of the moment, or of the first of all
-    /// its frames in a row where copies show different ones.
-    fn shown(&mut self, index: usize, palette: &Palette, cycle: Option<Cycle>) -> usize {
+    /// Index of the root's texel `index` in the colours of `palette`, which is added to the table if needed. Of an animated texel it is the frame of
+    /// the current time or, where copies show different frames, the first of all frames, which follow one another.
+    fn index_of_variant(&mut self, index: usize, palette: &Palette, cycle: Option<Cycle>) -> usize {
         let Some(own) = self.all.get(index) else { return index };
         let count = own.frames.len() as u32;
         let cycle = cycle.filter(|_| count > 1);
@@ -295,8 +300,8 @@ impl Texels {
     }
 }
 
-/// The `animation` of a layer or of copies, at the moment.
-fn cycle(json: &Object, texels: &Texels, warnings: &mut Warnings) -> Result<Option<Cycle>> {
+/// The `animation` of a layer or of copies at the current time.
+fn cycle(json: &Object, texels: &TexelTable, warnings: &mut Warnings) -> Result<Option<Cycle>> {
     let Some(json) = json.object("animation")? else { return Ok(None) };
     json.known(&["mode", "framesPerSecond", "phase", "phaseScale", "frame", "seed"], &[], warnings);
     let mode = json.choice("mode", &[("loop", Mode::Loop), ("pingpong", Mode::PingPong), ("random", Mode::Random)])?;
@@ -307,13 +312,13 @@ fn cycle(json: &Object, texels: &Texels, warnings: &mut Warnings) -> Result<Opti
     Ok(Some(Cycle {
         mode: mode.unwrap_or_default(),
         phase: json.choice("phase", &phases)?.unwrap_or_default(),
-        // 1e-9: a time that is meant to be the beginning of a frame, and falls short of it by rounding.
+        // The addend makes up for rounding where the time is meant to be the beginning of a frame.
         position: position + 1e-9,
         seed: json.integer("seed", u32::MAX.into())?.unwrap_or(0) as u32,
     }))
 }
 
-/// The `wind` of an object: what it does not say is as in `base`.
+/// The `wind` of an object; absent properties are taken from `base`.
 fn wind(json: &Object, base: Option<Wind>, warnings: &mut Warnings) -> Result<Option<Wind>> {
     let Some(json) = json.object("wind")? else { return Ok(base) };
     json.known(&["direction", "strength", "gustScale", "speed", "seed"], &[], warnings);
@@ -333,24 +338,24 @@ fn wind(json: &Object, base: Option<Wind>, warnings: &mut Warnings) -> Result<Op
     }))
 }
 
-/// The wind that a material's shell bends in.
+/// The wind in which a material's shell bends.
 pub fn wind_of_shell(
     document: &Document,
     json: &Value,
     at: &str,
-    texels: &Texels,
+    texels: &TexelTable,
     warnings: &mut Warnings,
 ) -> Result<Option<WindField>> {
     let json = Object::new(document, json, format!("{at}.{NAME}"))?;
     Ok(wind(&json, texels.wind, warnings)?.map(|w| w.at(texels.time)))
 }
 
-/// The wind that the copies of a material lean in.
+/// The wind in which the copies of a material lean.
 pub fn wind_of_copies(
     document: &Document,
     json: &Value,
     at: &str,
-    texels: &Texels,
+    texels: &TexelTable,
     warnings: &mut Warnings,
 ) -> Result<Option<WindField>> {
     let outer = Object::new(document, json, format!("{at}.{NAME}"))?;
@@ -360,9 +365,9 @@ pub fn wind_of_copies(
 
 fn discrete(
     json: &Object,
-    texels: &mut Texels,
+    texels: &mut TexelTable,
     shown: (&Palette, Option<Cycle>),
-    ground: &mut Ground<'_>,
+    images: &mut ImageContext<'_>,
     warnings: &mut Warnings,
 ) -> Result<Discrete> {
     const KEYS: [&str; 8] = ["seed", "orientations", "mirror", "scale", "displace", "presence", "variants", "tint"];
@@ -381,12 +386,12 @@ fn discrete(
         scale,
         displace: json.vec3("displace", 0.0..=MAX_DISPLACEMENT)?.unwrap_or([0.0; 3]),
         presence: json.number("presence", 0.0..=1.0)?.unwrap_or(1.0),
-        variants: variants(json, texels, shown, Some(ground), warnings)?,
+        variants: variants(json, texels, shown, Some(images), warnings)?,
         tint: json.colours("tint")?,
     })
 }
 
-/// Cells that a copy may be displaced by; a ray looks into as many cells around it.
+/// Largest displacement of a copy, in cells. A ray has to visit as many cells around its own.
 const MAX_DISPLACEMENT: f64 = 4.0;
 
 fn continuous(json: &Object, warnings: &mut Warnings) -> Result<Continuous> {

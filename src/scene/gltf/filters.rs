@@ -1,8 +1,8 @@
-//! The filters of meshopt compression, undone: octahedral normals, quaternions, shared exponents, YCoCg colours.
+//! Decoding of the filters of meshopt compression: octahedral normals, quaternions, shared exponents, YCoCg colours.
 //!
 //! Based on: EXT_meshopt_compression, KHR_meshopt_compression; Meyer et al., *On Floating-Point Normal Vectors*, 2010.
 
-/// Change that decoded elements still need, and the bytes of one number.
+/// Filter by which decoded elements still have to be converted, with the bytes of one number where that varies.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Filter {
     Octahedral(usize),

@@ -20,13 +20,13 @@ use crate::scene::{files, image};
 use crate::volume::Finish;
 use crate::{Result, Warnings};
 
-/// Every material of the file, so that indices are the file's, then the default for parts without one. Those that no
-/// part uses are not looked into. Afterwards each part has the texture coordinates that its material asks for.
+/// All materials of the file, with the file's indices, followed by the default for parts without one. Materials that no part uses are not read.
+/// Afterwards each part has the sets of texture coordinates that its material needs.
 pub fn read(
     document: &Document,
     options: &ReadOptions,
     parts: &mut [Part],
-    texels: &mut extension::Texels,
+    texels: &mut extension::TexelTable,
     warnings: &mut Warnings,
 ) -> Result<Vec<Material>> {
     let count = document.root.materials.len();
@@ -64,7 +64,7 @@ pub fn read(
 fn material(
     images: &mut Images,
     i: usize,
-    texels: &mut extension::Texels,
+    texels: &mut extension::TexelTable,
     warnings: &mut Warnings,
 ) -> Result<Material> {
     let document = images.document;
@@ -111,14 +111,14 @@ fn material(
     let shell = shell.map(read).transpose()?;
     let unlit = extensions.is_some_and(|e| e.unlit.is_some());
     let transmission = transmission::read(document, extensions.map(|e| &e.others), &at, |info| {
-        // Its alpha is what counts, or where a colour was cut out of its picture.
+        // The alpha of the factor texture is its value, so it is kept.
         if images.options.textures { images.reference(info, false, &at, warnings) } else { Ok(None) }
     })?;
     let emission = if unlit || !images.options.emission {
         None
     } else {
         emission::read(document, json, &at, |info| {
-            // Its alpha says nothing.
+            // The alpha of an emissive texture has no meaning.
             if images.options.textures { images.reference(info, true, &at, warnings) } else { Ok(None) }
         })?
     };
@@ -137,7 +137,7 @@ fn material(
     })
 }
 
-/// The older material model: its diffuse colour is what is baked.
+/// The older material model, of which the diffuse colour is used.
 #[derive(serde::Deserialize)]
 #[serde(rename_all = "camelCase")]
 struct SpecularGlossiness {
@@ -145,20 +145,21 @@ struct SpecularGlossiness {
     diffuse_texture: Option<Info>,
 }
 
-/// Way in which a sampler lays an image on, as far as it matters here; ordered, so that it can be a key.
+/// The parameters of a sampler that matter here: wrap modes along u and v (0 repeat, 1 mirror, 2 clamp), and whether lookups are nearest. It is
+/// used as a key.
 type Sampling = ([u8; 2], bool);
 
-/// Textures made so far. An image that is laid on in several ways is decoded for each, so that it is not held once more.
+/// Textures that were decoded so far. An image with several samplers is decoded for each of them, so that no undecoded copy is kept.
 struct Images<'a> {
     document: &'a Document,
     options: &'a ReadOptions,
-    /// Images that cannot be had.
+    /// Images that cannot be read.
     missing: BTreeSet<usize>,
     textures: BTreeMap<(usize, Sampling, bool), Arc<Texture>>,
 }
 
 impl Images<'_> {
-    /// A texture as a material refers to it; none, with a counted warning, where its image cannot be had.
+    /// The texture that a material refers to; `None`, with a counted warning, if its image cannot be read.
     fn reference(
         &mut self,
         info: &Info,
@@ -226,7 +227,7 @@ impl Images<'_> {
                 .add(format!("texture {name} has alpha, which is not used: an alphaMode of OPAQUE takes it for solid"));
         }
         if opaque {
-            // glTF has alpha ignored then, also by those who average colours weighted by it.
+            // glTF ignores alpha then, so it must not weight averages of colours either.
             texture.texels.iter_mut().for_each(|t| t[3] = 255);
         }
         let texture = Arc::new(texture);
@@ -234,7 +235,7 @@ impl Images<'_> {
         Ok(Some(texture))
     }
 
-    /// None, with a counted warning, where the image is missing or broken.
+    /// Decode an image; `None`, with a counted warning, if it is missing or broken.
     fn decode(&self, id: usize, warnings: &mut Warnings) -> Result<Option<Texture>> {
         let at = format!("images[{id}]");
         let document = self.document;
@@ -269,8 +270,8 @@ fn wrap(mode: &Checked<WrappingMode>) -> u8 {
     }
 }
 
-/// Map by which a material lays its textures on the set `set` of texture coordinates: KHR_texture_transform of the first texture that
-/// uses it, base colour before the others; identity where there is none.
+/// KHR_texture_transform of the first of a material's textures that uses the set `set` of texture coordinates, base colour before the others;
+/// identity if there is none.
 #[cfg(feature = "bake")]
 pub fn uv_transform(material: Option<&gltf::json::Material>, set: u32) -> [[f32; 3]; 2] {
     let Some(material) = material else { return IDENTITY };

@@ -1,4 +1,4 @@
-//! EXT_meshopt_compression and KHR_meshopt_compression: buffer views packed by byte-wise deltas.
+//! Decoder of EXT_meshopt_compression and KHR_meshopt_compression: buffer views that are packed by byte-wise deltas.
 //!
 //! Based on: the glTF extensions of those names (bitstream versions 0 and 1 for attributes, 1 for indices).
 
@@ -7,7 +7,7 @@ use serde_json::Value;
 use super::filters;
 use super::filters::Filter;
 
-/// Bytes are packed in groups of so many.
+/// Number of bytes in a group, which are packed with the same width.
 const GROUP: usize = 16;
 
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -23,7 +23,7 @@ pub struct Spec {
     pub buffer: usize,
     pub byte_offset: u64,
     pub byte_length: u64,
-    /// Bytes an element, once decoded.
+    /// Bytes per element after decoding.
     pub stride: usize,
     count: usize,
     mode: Mode,
@@ -112,7 +112,7 @@ fn narrow(indices: &[u32], stride: usize) -> Vec<u8> {
     indices.iter().flat_map(|i| i.to_le_bytes().into_iter().take(stride)).collect()
 }
 
-/// A cursor that runs out instead of past the end.
+/// A cursor over bytes; reading past the end gives `None`.
 struct Bytes<'a>(&'a [u8]);
 
 impl<'a> Bytes<'a> {
@@ -126,7 +126,7 @@ impl<'a> Bytes<'a> {
         self.take(1).map(|b| b[0])
     }
 
-    /// Seven bits a byte, lowest first, at most five bytes.
+    /// A variable-length integer: seven bits per byte, lowest first, at most five bytes.
     fn varint(&mut self) -> Option<u32> {
         let mut value = 0;
         for shift in (0..35).step_by(7) {
@@ -150,7 +150,7 @@ fn attributes(packed: &[u8], count: usize, stride: usize) -> Option<Vec<u8>> {
         0xA1 => 1,
         _ => return None,
     };
-    // The tail: the element before the first, and in version 1 how each four bytes of an element are coded.
+    // The tail holds the element before the first one and, in version 1, the coding of each four bytes of an element.
     let channels = if version == 0 { 0 } else { stride / 4 };
     let tail_len = (stride + channels).max(if version == 0 { 32 } else { 24 });
     let body_len = packed.len().checked_sub(1 + tail_len)?;
@@ -210,7 +210,7 @@ fn byte_groups(data: &mut Bytes, n: usize, widths: [u32; 4]) -> Option<Vec<u8>> 
     Some(out)
 }
 
-/// Add up what four byte streams say, into bytes `k..k + 4` of each element.
+/// Sum up the deltas of four byte streams, into bytes `k..k + 4` of each element.
 fn undo_deltas(
     deltas: &[Vec<u8>; 4],
     channel: u8,
@@ -242,7 +242,7 @@ fn undo_deltas(
     Some(())
 }
 
-/// The last sixteen of something, `get(0)` the newest.
+/// A ring of the last sixteen items; `get(0)` is the newest.
 struct Fifo<T> {
     items: [T; 16],
     next: usize,
@@ -257,7 +257,7 @@ impl<T: Copy> Fifo<T> {
         self.items[self.next.wrapping_sub(1 + age) & 15]
     }
 
-    /// Written always, kept only where `keep`.
+    /// Write an item, and advance only if `keep` is set.
     fn push(&mut self, value: T, keep: bool) {
         self.items[self.next] = value;
         self.next = (self.next + usize::from(keep)) & 15;

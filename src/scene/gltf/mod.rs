@@ -2,8 +2,8 @@
 
 mod accessor;
 mod animation;
+mod animation_json;
 mod attributes;
-mod clip;
 mod copies;
 mod document;
 mod emission;
@@ -89,7 +89,7 @@ pub fn read(path: &Path, options: &ReadOptions) -> Result<Scene> {
         return Err(Error::input(path, "", format!("nothing is drawn: no node of the scene shows a mesh{why}")));
     }
     let root = extension::root(&document, &mut warnings)?;
-    let mut texels = extension::Texels::new(root.texels, options.time.unwrap_or(0.0), root.wind);
+    let mut texels = extension::TexelTable::new(root.texels, options.time.unwrap_or(0.0), root.wind);
     let materials = material::read(&document, options, &mut parts.list, &mut texels, &mut warnings)?;
     let mut sets = Vec::with_capacity(standing.len());
     let mut left = options.max_instances - instances.len();

@@ -10,7 +10,7 @@ use crate::scene::model::{Camera, Light};
 use crate::scene::select::Selection;
 use crate::{Error, Result, Warnings};
 
-/// Visits of nodes: a file without shared nodes needs one each, one that shares them at every depth many more.
+/// Most visits of nodes. A tree needs one visit per node; a graph that shares nodes at every depth needs many more.
 const MAX_VISITS: usize = 1 << 22;
 
 /// Contents of the chosen scene, in world space.
@@ -114,7 +114,7 @@ pub fn walk(
     Ok(graph)
 }
 
-/// A node still to be visited, and what its ancestors pass down.
+/// A node that is still to be visited, with the state that its ancestors pass down.
 #[derive(Clone, Copy)]
 struct PendingNode {
     node: usize,
@@ -178,13 +178,13 @@ fn rotation(xyzw: [f64; 4], warnings: &mut Warnings) -> DQuat {
 }
 
 impl Graph {
-    /// Node → world; nodes outside the scene stand where their own ancestors put them.
+    /// Map from a node to the world. Nodes outside of the scene are placed by their own ancestors.
     pub fn world(&self, document: &Document, node: usize) -> Result<DAffine3> {
         let world = self.worlds.get(node).copied().flatten();
         world.ok_or_else(|| document.error(format!("nodes[{node}]"), "does not exist, or is its own ancestor"))
     }
 
-    /// Place the nodes that the scene does not hold: joints may be anywhere.
+    /// Compute the maps of nodes that the scene does not contain, since joints may be among them.
     fn place_others(&mut self, document: &Document, warnings: &mut Warnings) {
         let mut stack: Vec<(usize, DAffine3)> =
             tops(document).into_iter().map(|node| (node, DAffine3::IDENTITY)).collect();
@@ -200,7 +200,7 @@ impl Graph {
     }
 }
 
-/// Nodes that are no other's child.
+/// Nodes without a parent.
 fn tops(document: &Document) -> Vec<usize> {
     let mut is_child = vec![false; document.root.nodes.len()];
     for child in document.root.nodes.iter().flat_map(|n| n.children.iter().flatten()) {
@@ -238,7 +238,7 @@ impl<'a> Instancing<'a> {
         self.document.error(self.at(name), what)
     }
 
-    /// The attribute `name` of `N` numbers for each copy; three are filled up to four by 1.
+    /// The attribute `name`, with `N` numbers per copy; three numbers of a colour are extended by an alpha of 1.
     pub fn floats<const N: usize>(&self, name: &str) -> Result<Option<Vec<[f32; N]>>> {
         let Some(index) = self.json.get("attributes").and_then(|a| a.get(name)) else { return Ok(None) };
         let accessor = index.as_u64().and_then(|v| usize::try_from(v).ok());
@@ -248,8 +248,8 @@ impl<'a> Instancing<'a> {
     }
 }
 
-/// Where a placed mesh stands: once, or as often as EXT_mesh_gpu_instancing says.
-/// `posed`: the transform of a skinned mesh, which stands where its joints are.
+/// Transforms of a placed mesh: one, or as many as EXT_mesh_gpu_instancing gives. `posed` is the transform of a skinned mesh, whose joints place
+/// it.
 pub fn instances(
     document: &Document,
     placed: &Placed,

@@ -1,4 +1,4 @@
-//! Bilinear patches of a primitive: those that the extension lists, or the quads that FB_ngon_encoding makes of triangles.
+//! Bilinear patches of a primitive: those that the extension lists, or the quads that FB_ngon_encoding marks among triangles.
 
 use serde_json::Value;
 
@@ -21,10 +21,10 @@ pub struct Primitive<'a> {
     pub vertices: usize,
 }
 
-/// Corners of the patches, in the order 00, 10, 11, 01; `triangles`, brought into the order of a part that has patches.
+/// Corners of the patches at (U, V) = (0, 0), (1, 0), (1, 1), (0, 1). `triangles` are reordered so that those of patches come first.
 ///
 /// # Errors
-/// Where the file lists what are no patches of the primitive.
+/// Where the file lists patches that do not match the primitive's triangles.
 pub fn read(primitive: &Primitive<'_>, triangles: &mut Vec<[u32; 3]>) -> Result<Vec<[u32; 4]>> {
     if let Some(listed) = primitive.extension.and_then(|e| e.get("patches")) {
         return primitive.listed(listed, triangles);
@@ -37,12 +37,12 @@ pub fn read(primitive: &Primitive<'_>, triangles: &mut Vec<[u32; 3]>) -> Result<
     Ok(patches)
 }
 
-/// Whether a file says that its triangles are polygons.
+/// Whether a file encodes polygons by its triangles (FB_ngon_encoding).
 pub fn uses_polygons(document: &Document) -> bool {
     document.root.extensions_used.iter().any(|name| name == NGON)
 }
 
-/// The quads among polygons, and the triangles with those of the quads first.
+/// The quads among polygons, and all triangles, with those of the quads first.
 pub fn of_polygons(triangles: &[[u32; 3]]) -> (Vec<[u32; 4]>, Vec<[u32; 3]>) {
     let (mut patches, mut ordered, mut loose) = (Vec::new(), Vec::new(), Vec::new());
     for polygon in triangles.chunk_by(|s, t| s[0] == t[0]) {
@@ -64,7 +64,7 @@ pub fn triangles_of([a, b, c, d]: [u32; 4]) -> [[u32; 3]; 2] {
 }
 
 impl Primitive<'_> {
-    /// Whether its material grows a shell: of other surfaces, polygons are triangles.
+    /// Whether its material has a shell; polygons of other surfaces stay triangles.
     fn has_shell(&self) -> bool {
         let material = self.material.and_then(|m| self.document.root.materials.get(m));
         let shell = material.and_then(|m| m.extensions.as_ref()?.others.get(extension::NAME));
@@ -101,7 +101,7 @@ impl Primitive<'_> {
     }
 }
 
-/// A triangle from each of its corners on.
+/// A triangle beginning with each of its corners.
 fn turns([a, b, c]: [u32; 3]) -> [[u32; 3]; 3] {
     [[a, b, c], [b, c, a], [c, a, b]]
 }

@@ -1,4 +1,4 @@
-//! Mesh primitives → [`Part`]s, each made once for all nodes that show it alike.
+//! Conversion of mesh primitives to [`Part`]s, each once for all nodes that show it with the same skin and morph weights.
 
 use std::collections::BTreeMap;
 
@@ -10,19 +10,19 @@ use crate::geom::DAffine3;
 use crate::scene::model::Part;
 use crate::{Result, Warnings};
 
-/// The parts made so far, each once for all nodes that show it alike.
+/// The parts that were read so far.
 pub struct Parts {
     pub list: Vec<Part>,
-    made: BTreeMap<(usize, Option<usize>, Vec<u32>), Made>,
+    made: BTreeMap<(usize, Option<usize>, Vec<u32>), MeshParts>,
     /// Index of the material that parts without one get.
     default_material: usize,
 }
 
 /// The parts of a mesh as a node shows it.
 #[derive(Debug, Clone, Default)]
-pub struct Made {
+pub struct MeshParts {
     pub parts: Vec<usize>,
-    /// Part → world where a skin decides that instead of the node.
+    /// Map from the part to the world, where a skin determines it instead of the node.
     pub relative_to: Option<DAffine3>,
 }
 
@@ -38,7 +38,7 @@ impl Parts {
         graph: &Graph,
         placed: &Placed,
         warnings: &mut Warnings,
-    ) -> Result<Made> {
+    ) -> Result<MeshParts> {
         let at = format!("meshes[{}]", placed.mesh);
         let mesh = document.root.meshes.get(placed.mesh).ok_or_else(|| document.error(&*at, "does not exist"))?;
         let node = placed.node.and_then(|n| document.root.nodes.get(n));
@@ -52,7 +52,7 @@ impl Parts {
             Some(skin) => Some(skin::Skeleton::read(document, graph, skin, placed)?),
             None => None,
         };
-        let mut made = Made { parts: Vec::new(), relative_to: skeleton.as_ref().map(|s| s.origin) };
+        let mut made = MeshParts { parts: Vec::new(), relative_to: skeleton.as_ref().map(|s| s.origin) };
         for (i, primitive) in mesh.primitives.iter().enumerate() {
             let at = format!("{at}.primitives[{i}]");
             let targets = document.targets.get(placed.mesh).and_then(|m| m.get(i)).map_or(&[][..], Vec::as_slice);

@@ -1,5 +1,5 @@
-//! A model → a glTF file that says no more than glTF 2.0, KHR_lights_punctual, KHR_materials_unlit,
-//! KHR_materials_emissive_strength, KHR_texture_transform and EXT_mesh_gpu_instancing can.
+//! Writing of a model as a glTF file that uses nothing but glTF 2.0, KHR_lights_punctual, KHR_materials_unlit,
+//! KHR_materials_emissive_strength, KHR_texture_transform and EXT_mesh_gpu_instancing.
 
 mod affine;
 mod material;
@@ -18,12 +18,10 @@ use crate::{Error, Result, Warnings};
 use affine::{Placement, placement};
 use material::Materials;
 
-/// Distance from the world's origin from which on nodes are put below one that stands in their midst: positions of instances are
-/// of 32 bits.
+/// Distance from the world's origin beyond which all nodes get a parent in their midst, since positions of instances have 32 bits.
 const FAR: f64 = 4096.0;
 
-/// Store a model as `.glb` or, by any other name, as `.gltf` with a `.bin` beside it. What is drawn at several places is stored
-/// once.
+/// Store a model as `.glb` or, with any other extension, as `.gltf` with a `.bin` beside it. Parts with several instances are stored once.
 ///
 /// # Errors
 /// `Input` where nothing is drawn, `Limit` where a `.glb` would be larger than 4 GiB, `Io` where it cannot be written.
@@ -47,14 +45,14 @@ pub fn save(model: &Model, output: &Path, warnings: &mut Warnings) -> Result<()>
     file.save(output, &Saved::default())
 }
 
-/// What nodes are relative to: 0, where the scene lies near that.
+/// The origin of the nodes: 0 if the scene lies near it, else a point in its midst.
 fn middle(model: &Model) -> DVec3 {
     let n = model.instances.len() as f64;
     let mean = model.instances.iter().map(|i| i.transform.translation).sum::<DVec3>() / n;
     if mean.length() > FAR && mean.is_finite() { mean.round() } else { DVec3::ZERO }
 }
 
-/// Nodes for all instances. Parts that stand at the same places are one mesh.
+/// Add nodes for all instances. Parts with the same instances become primitives of one mesh.
 fn meshes(model: &Model, file: &mut Editor, warnings: &mut Warnings) -> Result<Vec<usize>> {
     let mut places: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
     for (i, instance) in model.instances.iter().enumerate() {
@@ -92,7 +90,7 @@ fn meshes(model: &Model, file: &mut Editor, warnings: &mut Warnings) -> Result<V
     Ok(nodes)
 }
 
-/// Nodes that show a mesh at places: instances of one node where they are several without shear.
+/// Add nodes that show a mesh with the given transforms; several without shear become instances of one node.
 fn show(
     mesh: usize,
     name: &str,
@@ -174,7 +172,7 @@ fn unit(v: [f32; 3]) -> [f32; 3] {
     DVec3::from_array(v.map(f64::from)).normalize_or(DVec3::Y).as_vec3().to_array()
 }
 
-/// A node that stands and looks as `to_world` has it, without its scale.
+/// A node with the position and the orientation of `to_world`, without its scale.
 fn standing(to_world: &DAffine3) -> Value {
     let m = to_world.matrix3;
     let back = m.z_axis.normalize_or(DVec3::Z);

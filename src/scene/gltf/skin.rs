@@ -1,4 +1,4 @@
-//! Skins in their default pose, applied: what is seen is where the joints put it.
+//! Skinning: vertices are moved by the joints of a skin as the nodes stand.
 
 use gltf::json::mesh::Semantic;
 
@@ -11,7 +11,7 @@ use crate::{Result, Warnings};
 
 /// The joints of a skin as the nodes stand.
 pub struct Skeleton {
-    /// Where posed vertices are measured from, so that far from the world's origin they keep their precision.
+    /// Origin of the posed vertices, near the joints, so that vertices far from the world's origin keep their precision.
     pub origin: DAffine3,
     /// Mesh space → `origin`'s space, for each joint.
     joints: Vec<DAffine3>,

@@ -1,4 +1,4 @@
-//! `KHR_materials_diffuse_transmission`: what it says, every range checked.
+//! Diffuse transmission of materials: `KHR_materials_diffuse_transmission`, with all ranges checked.
 
 use gltf::json::texture::Info;
 use serde_json::Value;
@@ -20,8 +20,8 @@ struct Json {
     diffuse_transmission_color_texture: Option<Info>,
 }
 
-/// Diffuse transmission of the material `at`, whose extensions are `others`; none where nothing comes through. `read` gives the
-/// texture that a reference names, if it can be had.
+/// Diffuse transmission of the material at the place `at` of the file, whose extensions are `others`; `None` where its factor is 0. `read` reads
+/// a texture, or gives `None` if that is not possible.
 pub fn read(
     document: &Document,
     others: Option<&serde_json::Map<String, Value>>,

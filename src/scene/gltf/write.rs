@@ -1,4 +1,4 @@
-//! A glTF file under edit: its JSON as it was read, new arrays of numbers, and URIs that still resolve where it is saved.
+//! An editor of glTF files: it keeps the JSON as it was read, adds arrays of numbers, and keeps URIs valid at the place where the file is saved.
 
 use std::collections::BTreeMap;
 use std::ffi::OsStr;
@@ -12,14 +12,14 @@ use serde_json::{Value, json};
 use super::document::{is_glb, overview, split_glb};
 use crate::format::{PartFile, open_file};
 use crate::scene::files;
-use crate::scene::files::Target;
+use crate::scene::files::UriTarget;
 use crate::{Error, Result, Warnings};
 
 /// Characters that a path segment of a URI may hold besides letters and digits (RFC 3986, pchar, without `:`).
 const SEGMENT: &AsciiSet =
     &NON_ALPHANUMERIC.remove(b'-').remove(b'.').remove(b'_').remove(b'~').remove(b'@').remove(b'+');
 
-/// The file, and what was added to it.
+/// A glTF file with the data that was added to it.
 pub struct Editor {
     path: PathBuf,
     pub json: Value,
@@ -36,7 +36,7 @@ pub struct Saved {
     /// Files that were copied beside the output because they lie outside its folder.
     pub copied: Vec<PathBuf>,
     pub warnings: Warnings,
-    /// By name, the copies that an earlier landscape of this name brought, and those that this one has.
+    /// By name, the copied files of an earlier landscape of the same name, and those of this one.
     earlier: BTreeMap<String, Copied>,
     copies: BTreeMap<String, Copied>,
 }
@@ -49,17 +49,18 @@ struct Copied {
     sha256: String,
 }
 
-/// Where a landscape keeps what it copied: of the same file another version may be written over, of others none.
+/// JSON pointer to the list of files that a landscape copied. Another version of the same original may replace a copy; other files are never
+/// overwritten.
 const COPIES: &str = "/asset/extras/vtexCopies";
 
-/// What a landscape says that it copied.
+/// The files that a landscape lists as copied.
 fn copies_of(json: &Value) -> impl Iterator<Item = (String, Copied)> {
     let all = json.pointer(COPIES).and_then(Value::as_object).into_iter().flatten();
     all.filter_map(|(name, copied)| Some((name.clone(), Copied::deserialize(copied).ok()?)))
 }
 
-/// The way from one folder to a file, both without links, with `/` between its parts.
-fn way(folder: &Path, file: &Path) -> String {
+/// Relative path from a folder to a file, both canonical, with `/` as separator.
+fn relative_path(folder: &Path, file: &Path) -> String {
     let same = folder.components().zip(file.components()).take_while(|(a, b)| a == b).count();
     let up = folder.components().skip(same).map(|_| "..".into());
     let down = file.components().skip(same).map(|c| c.as_os_str().to_string_lossy());
@@ -84,7 +85,7 @@ impl Editor {
         Ok(Editor { path: path.to_path_buf(), json, bin, added: Vec::new(), views: Vec::new(), limit })
     }
 
-    /// A file that holds nothing yet, and will be `path`.
+    /// An empty file that will be saved as `path`.
     pub fn new(path: &Path) -> Self {
         let json = json!({"asset": {"version": "2.0", "generator": concat!("vtex ", env!("CARGO_PKG_VERSION"))},
             "buffers": [{"byteLength": 0}]});
@@ -92,14 +93,14 @@ impl Editor {
         Editor { path: path.to_path_buf(), json, bin, added: Vec::new(), views: Vec::new(), limit }
     }
 
-    /// The object under `key` of `parent`, made where it is absent; an error where something else is there.
+    /// The object under `key` of `parent`, which is created if absent; an error if the value is no object.
     pub fn object<'a>(path: &Path, parent: &'a mut Value, key: &str) -> Result<&'a mut Value> {
         let wrong = || Error::input(path, key, "is not an object");
         let slot = parent.as_object_mut().ok_or_else(wrong)?.entry(key).or_insert_with(|| json!({}));
         if slot.is_object() { Ok(slot) } else { Err(wrong()) }
     }
 
-    /// Append to the array under `key` of the root; the index there.
+    /// Append to the array under `key` of the root. Returns the index.
     pub fn push(&mut self, key: &str, value: Value) -> Result<usize> {
         let wrong = || Error::input(&self.path, key, "is not an array");
         let slot = self.json.as_object_mut().ok_or_else(wrong)?.entry(key).or_insert_with(|| json!([]));
@@ -108,7 +109,7 @@ impl Editor {
         Ok(array.len() - 1)
     }
 
-    /// Name an extension in `extensionsUsed`.
+    /// Add an extension to `extensionsUsed`.
     pub fn use_extension(&mut self, name: &str) -> Result<()> {
         let used = self.json.get("extensionsUsed").and_then(Value::as_array);
         if !used.is_some_and(|used| used.iter().any(|n| n == name)) {
@@ -171,7 +172,7 @@ impl Editor {
     }
 
     /// Show node `node` in the scene that is read by default.
-    pub fn show(&mut self, node: usize) {
+    pub fn add_to_scene(&mut self, node: usize) {
         let scene = self.json.get("scene").and_then(Value::as_u64).unwrap_or(0);
         let Some(scene) = self.json.pointer_mut(&format!("/scenes/{scene}")).and_then(Value::as_object_mut) else {
             // Without scenes all nodes are shown.
@@ -189,12 +190,12 @@ impl Editor {
         }
         for mesh in 0..count {
             let node = self.push("nodes", json!({"mesh": mesh}))?;
-            self.show(node);
+            self.add_to_scene(node);
         }
         Ok(())
     }
 
-    /// Write down what was copied, for the next time.
+    /// Record the copied files in the JSON, for the next run.
     fn keep_copies(&mut self, saved: &Saved) -> Result<()> {
         let Some((parent, key)) = COPIES.rsplit_once('/') else { return Ok(()) };
         if saved.copies.is_empty() {
@@ -212,7 +213,7 @@ impl Editor {
     ///
     /// # Errors
     /// Where a file cannot be read or written, and where a copy would replace a different file of the same name.
-    pub fn settle(&mut self, output: &Path, saved: &mut Saved) -> Result<()> {
+    pub fn relocate_references(&mut self, output: &Path, saved: &mut Saved) -> Result<()> {
         for uri in uris(&mut self.json) {
             let text = uri.as_str().unwrap_or_default();
             if !text.starts_with("data:") && files::contained(text).is_none() {
@@ -252,21 +253,21 @@ impl Editor {
                 pieces.push([&(chunk.len() as u32).to_le_bytes()[..], &kind[..]].concat());
                 pieces.push(chunk);
             }
-            written(output, &pieces)?.finish()?;
+            write_part(output, &pieces)?.finish()?;
         } else {
             let mut beside = None;
             if let Some(bin) = self.bin.take() {
                 let name = format!("{stem}.bin");
                 self.json["buffers"][0]["uri"] = json!(encode(&name));
                 self.json["buffers"][0]["byteLength"] = json!(bin.len());
-                beside = Some(written(&folder.join(name), &[bin])?);
+                beside = Some(write_part(&folder.join(name), &[bin])?);
             } else if !self.added.is_empty() {
-                beside = Some(written(&folder.join(shell), &[std::mem::take(&mut self.added)])?);
+                beside = Some(write_part(&folder.join(shell), &[std::mem::take(&mut self.added)])?);
             }
             let text =
                 serde_json::to_vec_pretty(&self.json).map_err(|e| Error::input(output, "JSON", e.to_string()))?;
-            let text = written(output, &[text])?;
-            // Both are on the disk before the first takes its name: a landscape is hardly ever one half old and one half new.
+            let text = write_part(output, &[text])?;
+            // Both files are on the disk before either gets its name, so that a landscape is hardly ever half old and half new.
             beside.map_or(Ok(()), PartFile::finish)?;
             text.finish()?;
         }
@@ -290,8 +291,8 @@ impl Editor {
         let Some(uri) = buffer.get("uri").and_then(Value::as_str).map(str::to_owned) else { return Ok(()) };
         let folder = self.path.parent().unwrap_or(Path::new(""));
         let bytes = match files::target(&uri).map_err(|what| Error::input(&self.path, "buffers[0]", what))? {
-            Target::Data(bytes) => bytes,
-            Target::File(name) => files::read(&folder.join(&*name), self.limit)?,
+            UriTarget::Data(bytes) => bytes,
+            UriTarget::File(name) => files::read(&folder.join(&*name), self.limit)?,
         };
         if let Some(buffer) = buffer.as_object_mut() {
             buffer.shift_remove("uri");
@@ -300,7 +301,7 @@ impl Editor {
         Ok(())
     }
 
-    /// Give the new views their buffer: the BIN chunk where there is one, else a new file beside the output.
+    /// Assign the new views to a buffer: the BIN chunk if there is one, else a new file beside the output.
     fn place_added(&mut self, glb: bool, name: &str) -> Result<()> {
         if self.added.is_empty() {
             return Ok(());
@@ -354,12 +355,12 @@ impl Editor {
         }
         for slot in uris(&mut self.json) {
             let Some(uri) = slot.as_str() else { continue };
-            let Ok(Target::File(name)) = files::target(uri) else { continue };
+            let Ok(UriTarget::File(name)) = files::target(uri) else { continue };
             let Some(source) = files::find(&from, &name, false) else {
                 saved.warnings.add(format!("{name} is missing beside the input; its reference was left as it is"));
                 continue;
             };
-            *slot = json!(bring(&source, &to, &to_real, saved)?);
+            *slot = json!(copy_beside(&source, &to, &to_real, saved)?);
         }
         Ok(())
     }
@@ -409,10 +410,10 @@ pub fn reference(file: &Path, output: &Path, saved: &mut Saved) -> Result<String
         _ => Path::new("."),
     };
     let real = folder.canonicalize().map_err(|e| Error::io(folder, e))?;
-    bring(file, folder, &real, saved)
+    copy_beside(file, folder, &real, saved)
 }
 
-fn bring(file: &Path, folder: &Path, folder_real: &Path, saved: &mut Saved) -> Result<String> {
+fn copy_beside(file: &Path, folder: &Path, folder_real: &Path, saved: &mut Saved) -> Result<String> {
     let real = file.canonicalize().map_err(|e| Error::io(file, e))?;
     if let Ok(below) = real.strip_prefix(folder_real) {
         let segments: Option<Vec<String>> = below.iter().map(|s| s.to_str().map(encode)).collect();
@@ -424,10 +425,10 @@ fn bring(file: &Path, folder: &Path, folder_real: &Path, saved: &mut Saved) -> R
     let name =
         name.ok_or_else(|| Error::Options(format!("{}: a file name must be UTF-8 to be copied", file.display())))?;
     let copy = folder.join(name);
-    let from = way(folder_real, &real);
+    let from = relative_path(folder_real, &real);
     if !copy.exists() || !same_bytes(&real, &copy)? {
-        // Another version is written over if it is what an earlier run copied from there, byte for byte.
-        if copy.exists() && !is_own(&copy, folder, (name, &from), saved)? {
+        // An existing copy is overwritten only if an earlier run copied it, byte for byte, from the same original.
+        if copy.exists() && !is_earlier_copy(&copy, folder, (name, &from), saved)? {
             return Err(Error::Options(format!(
                 "{} lies outside the output's folder, and a different {name} is already there; write to another folder, or remove that one",
                 file.display()
@@ -445,7 +446,7 @@ fn bring(file: &Path, folder: &Path, folder_real: &Path, saved: &mut Saved) -> R
 
 /// Whether `copy` is, byte for byte, what an earlier landscape of this name or another one in `folder` has copied there from
 /// the same original.
-fn is_own(copy: &Path, folder: &Path, (name, from): (&str, &str), saved: &Saved) -> Result<bool> {
+fn is_earlier_copy(copy: &Path, folder: &Path, (name, from): (&str, &str), saved: &Saved) -> Result<bool> {
     if !copy.is_file() {
         return Ok(false);
     }
@@ -480,8 +481,8 @@ fn encode(name: &str) -> String {
     utf8_percent_encode(name, SEGMENT).to_string()
 }
 
-/// What will be the file `path` once it is finished, on the disk.
-fn written(path: &Path, pieces: &[Vec<u8>]) -> Result<PartFile> {
+/// Write and sync the content of the file `path` under a temporary name; finishing it gives it its name.
+fn write_part(path: &Path, pieces: &[Vec<u8>]) -> Result<PartFile> {
     let mut part = PartFile::create(path)?;
     for piece in pieces {
         part.write_all(piece).map_err(|e| Error::io(path, e))?;

@@ -12,11 +12,11 @@ use std::path::{Path, PathBuf};
 
 use super::text::{decode, keyword, logical_lines, without_comment};
 use super::texture::srgb_to_linear;
-use super::triangulate::Cutter;
+use super::triangulate::Triangulator;
 use super::{Instance, Material, Model, Part, ReadOptions, far, files, topology};
 use crate::geom::{Aabb, DAffine3, DVec3};
 use crate::{Error, Result, Warnings};
-use statements::{Kind, Statements};
+use statements::{ElementKind, Statements};
 
 /// Read a file. `options.include` and `exclude` choose objects and groups by name; colours of vertices are taken as
 /// sRGB, `Kd` as linear; v of texture coordinates is turned to point down. Where positions are far from 0, those of the parts
@@ -41,7 +41,7 @@ pub fn read(path: &Path, options: &ReadOptions) -> Result<Model> {
     };
     statements.finish()?;
     let mut warnings = std::mem::take(&mut statements.warnings);
-    // Names of objects and materials are not handed on, so that all geometry is one mesh.
+    // Names of objects and materials are not passed on to tobj, so all geometry is one mesh.
     let mesh = models.into_iter().next().map(|m| m.mesh).unwrap_or_default();
     let geometry = Geometry::new(&mesh, statements.decimals);
     if geometry.white > 1.0 {
@@ -104,7 +104,7 @@ struct Geometry<'a> {
     mesh: &'a tobj::Mesh,
     offset: DVec3,
     decimals: far::Decimals,
-    /// What colours of vertices are divided by: 255 where any is above 1.
+    /// Divisor of vertex colours: 255 if any of them is above 1.
     white: f64,
 }
 
@@ -119,8 +119,8 @@ impl<'a> Geometry<'a> {
     /// The parts of all runs of elements, in the order of [`Statements::parts`]; with `patches`, convex faces of four corners are
     /// bilinear patches.
     fn parts(&self, statements: &Statements, patches: bool) -> Vec<Part> {
-        let mut parts: Vec<Building> = statements.parts.iter().map(|_| Building::default()).collect();
-        let mut cutter = Cutter::new();
+        let mut parts: Vec<PartBuilder> = statements.parts.iter().map(|_| PartBuilder::default()).collect();
+        let mut triangulator = Triangulator::new();
         let mut indices = &self.mesh.indices[..];
         // tobj gives no counts of corners where every element has three.
         let mut arities = self.mesh.face_arities.iter();
@@ -135,13 +135,13 @@ impl<'a> Geometry<'a> {
                 ids.extend(corners.iter().map(|&c| building.vertex(c, self)));
                 let part = &mut building.part;
                 match run.kind {
-                    Kind::Points => part.points.extend(&ids),
-                    Kind::Polyline => part.lines.extend(topology::line_strip(&ids, false)),
-                    Kind::Face => {
+                    ElementKind::Points => part.points.extend(&ids),
+                    ElementKind::Polyline => part.lines.extend(topology::line_strip(&ids, false)),
+                    ElementKind::Face => {
                         let wide = |&i: &u32| DVec3::from(part.positions[i as usize].map(f64::from));
                         let polygon: Vec<DVec3> = ids.iter().map(wide).collect();
                         let first = part.triangles.len();
-                        cutter.cut(&polygon, |t| part.triangles.push(t.map(|i| ids[i])));
+                        triangulator.triangulate(&polygon, |t| part.triangles.push(t.map(|i| ids[i])));
                         if let ([a, b, c, d], true) = (&ids[..], patches)
                             && part.triangles[first..] == [[*a, *b, *c], [*a, *c, *d]]
                         {
@@ -152,23 +152,23 @@ impl<'a> Geometry<'a> {
                 }
             }
         }
-        parts.into_iter().map(Building::finish).collect()
+        parts.into_iter().map(PartBuilder::finish).collect()
     }
 }
 
-/// A part that grows.
+/// A part that is being built.
 #[derive(Default)]
-struct Building {
+struct PartBuilder {
     part: Part,
     /// The triangles of its patches, which come before the others.
     of_patches: Vec<[u32; 3]>,
-    /// Vertex of the mesh → vertex of the part.
+    /// For each vertex of the mesh that was used, its number in the part.
     vertices: HashMap<u32, u32>,
     has_uvs: bool,
     has_normals: bool,
 }
 
-impl Building {
+impl PartBuilder {
     /// The part's own number of a vertex of the mesh.
     fn vertex(&mut self, vertex: u32, geometry: &Geometry) -> u32 {
         let next = self.vertices.len() as u32;
@@ -181,7 +181,7 @@ impl Building {
         let position = DVec3::from(row(&mesh.positions).unwrap_or([f64::NAN; 3]));
         let part = &mut self.part;
         part.positions.push(far::subtract(position, geometry.offset, geometry.decimals).as_vec3().to_array());
-        // NaN stands for what a corner has not, or has not as a number.
+        // NaN stands for a missing or invalid attribute of a corner.
         let uv = mesh.texcoords.as_chunks::<2>().0.get(at).copied().unwrap_or([f64::NAN; 2]);
         self.has_uvs |= !uv[0].is_nan();
         let [u, v] = uv.map(|c| c as f32);

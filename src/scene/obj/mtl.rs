@@ -23,8 +23,8 @@ pub struct MtlMaterial {
     folder: PathBuf,
     diffuse: Option<[f32; 3]>,
     opacity: Option<f32>,
-    color_map: Option<Map>,
-    alpha_map: Option<Map>,
+    color_map: Option<TextureMap>,
+    alpha_map: Option<TextureMap>,
     /// True where it emits light.
     emits: bool,
 }
@@ -39,7 +39,7 @@ impl MtlMaterial {
 
 /// A texture statement.
 #[derive(Debug, Clone, PartialEq)]
-struct Map {
+struct TextureMap {
     file: String,
     clamp: bool,
     offset: [f32; 2],
@@ -79,7 +79,7 @@ impl Library {
 
     /// Add the materials of the file `path` that has these bytes. What is not understood is left out and counted.
     pub fn add(&mut self, path: &Path, bytes: &[u8], warnings: &mut Warnings) {
-        let (text, names) = statements(&decode(bytes), warnings);
+        let (text, names) = rewrite_statements(&decode(bytes), warnings);
         let folder = path.parent().unwrap_or(Path::new(""));
         let materials = match tobj::load_mtl_buf(&mut text.as_bytes()) {
             Ok((materials, _)) => materials,
@@ -93,17 +93,17 @@ impl Library {
             folder: folder.to_path_buf(),
             diffuse: material.diffuse.map(|c| c.map(|v| v as f32)),
             opacity: material.dissolve.map(|v| v as f32),
-            color_map: material.diffuse_texture.as_deref().and_then(map),
-            alpha_map: material.dissolve_texture.as_deref().and_then(map),
+            color_map: material.diffuse_texture.as_deref().and_then(parse_map),
+            alpha_map: material.dissolve_texture.as_deref().and_then(parse_map),
             emits: material.emissive.is_some_and(|c| c.iter().any(|v| *v > 0.0))
                 || material.unknown_param.contains_key("map_Ke"),
         }));
     }
 }
 
-/// The statements of `text` that tobj is to read, and the names of the materials: tobj gets their numbers, since it does
-/// without a material that has no name.
-fn statements(text: &str, warnings: &mut Warnings) -> (String, Vec<String>) {
+/// The statements of `text` in the form in which tobj is to read them, and the names of the materials. Names are replaced by numbers, since tobj
+/// ignores a material without a name.
+fn rewrite_statements(text: &str, warnings: &mut Warnings) -> (String, Vec<String>) {
     let (mut out, mut names) = (String::new(), Vec::new());
     let mut has_opacity = false;
     for (_, line) in logical_lines(text) {
@@ -150,8 +150,8 @@ fn number(text: &str) -> Option<f32> {
 }
 
 /// `-option values … file name with spaces`
-fn map(mut rest: &str) -> Option<Map> {
-    let mut map = Map { file: String::new(), clamp: false, offset: [0.0; 2], scale: [1.0; 2] };
+fn parse_map(mut rest: &str) -> Option<TextureMap> {
+    let mut map = TextureMap { file: String::new(), clamp: false, offset: [0.0; 2], scale: [1.0; 2] };
     while let Some(option) = rest.strip_prefix('-') {
         let (name, mut tail) = option.split_once(char::is_whitespace)?;
         let mut word = || {
@@ -163,7 +163,7 @@ fn map(mut rest: &str) -> Option<Map> {
             "o" | "s" | "t" => {
                 let mut values = [if name == "s" { 1.0 } else { 0.0 }; 2];
                 for k in 0..3 {
-                    // One to three numbers; what is none begins the name or the next option.
+                    // One to three numbers; the first word that is no number belongs to the name or the next option.
                     let Some(value) = number(tail.trim_start().split(char::is_whitespace).next()?) else { break };
                     let after = tail.trim_start().split_once(char::is_whitespace);
                     tail = after?.1;
@@ -192,7 +192,7 @@ fn map(mut rest: &str) -> Option<Map> {
     (!map.file.is_empty()).then_some(map)
 }
 
-/// Textures decoded so far, by the name that the text has, and the bytes that all may still take.
+/// Textures that were decoded so far, by their path, and the bytes that may still be allocated.
 pub struct Textures {
     decoded: BTreeMap<PathBuf, Option<Arc<Texture>>>,
     left: u64,
@@ -214,7 +214,7 @@ impl Textures {
         Ok(())
     }
 
-    /// A material with its textures; those that cannot be had are left out and counted.
+    /// Convert a material, and decode its textures; those that cannot be read are left out and counted as warnings.
     ///
     /// # Errors
     /// [`Error::Limit`] where textures take more memory than is allowed.
@@ -225,12 +225,12 @@ impl Textures {
         warnings: &mut Warnings,
     ) -> Result<Material> {
         let opacity = source.opacity.unwrap_or(1.0).clamp(0.0, 1.0);
-        let mut load = |map: &Option<Map>| match map.as_ref().filter(|_| options.textures) {
+        let mut load = |map: &Option<TextureMap>| match map.as_ref().filter(|_| options.textures) {
             Some(map) => self.load(&source.folder, &map.file, options, warnings),
             None => Ok(None),
         };
         let (color, alpha) = (load(&source.color_map)?, load(&source.alpha_map)?);
-        // What is made of them for this material.
+        // Memory of the combined texture.
         let side = |f: fn(&Texture) -> u32| color.iter().chain(&alpha).map(|t| u64::from(f(t))).max().unwrap_or(0);
         let made = 4 * side(|t| t.width) * side(|t| t.height);
         self.charge(made, &source.name, options)?;
@@ -243,13 +243,7 @@ impl Textures {
                 "material {name}: its picture {file} has alpha, which an OBJ uses only where the material says map_d {file} too"
             ));
         }
-        let same = source.color_map.as_ref().zip(source.alpha_map.as_ref()).is_some_and(|(c, a)| c.file == a.file);
-        let texture = match (&color, &alpha) {
-            (None, None) => None,
-            (Some(color), None) => Some(with_alpha(color, |_| 255)),
-            (Some(color), Some(alpha)) if same => Some(with_alpha(color, mask_of(alpha))),
-            (color, Some(alpha)) => Some(merged(color.as_deref(), alpha)),
-        };
+        let texture = combined(source, color.as_deref(), alpha.as_deref());
         let textured = color.is_some();
         let mut diffuse = source.diffuse.unwrap_or([1.0; 3]);
         if textured && diffuse == [0.0; 3] {
@@ -324,6 +318,17 @@ impl Textures {
     }
 }
 
+/// The texture of a material, from the images of its `map_Kd` and `map_d`.
+fn combined(source: &MtlMaterial, color: Option<&Texture>, alpha: Option<&Texture>) -> Option<Texture> {
+    let is_same = source.color_map.as_ref().zip(source.alpha_map.as_ref()).is_some_and(|(c, a)| c.file == a.file);
+    match (color, alpha) {
+        (None, None) => None,
+        (Some(color), None) => Some(with_alpha(color, |_| 255)),
+        (Some(color), Some(alpha)) if is_same => Some(with_alpha(color, mask_of(alpha))),
+        (color, Some(alpha)) => Some(merged(color, alpha)),
+    }
+}
+
 /// Opacity of a texel of `map_d`: its alpha where the image has any, else its brightness.
 fn mask_of(alpha: &Texture) -> fn(&[u8; 4]) -> u8 {
     if alpha.texels.iter().any(|t| t[3] < 255) {
@@ -368,14 +373,14 @@ mod tests {
 
     #[test]
     fn options_stand_before_a_name_with_spaces() {
-        let m = map("-s 2 3 1 -o 0.5 -clamp on -mm 0 1 -bm 0.2 my bark.png").unwrap();
-        let expected = Map { file: "my bark.png".into(), clamp: true, offset: [0.5, 0.0], scale: [2.0, 3.0] };
+        let m = parse_map("-s 2 3 1 -o 0.5 -clamp on -mm 0 1 -bm 0.2 my bark.png").unwrap();
+        let expected = TextureMap { file: "my bark.png".into(), clamp: true, offset: [0.5, 0.0], scale: [2.0, 3.0] };
         assert_eq!(m, expected);
-        assert_eq!(map("leaf 2.png").unwrap().file, "leaf 2.png");
-        assert_eq!(map("-imfchan r bump.jpg -bm 1.5").unwrap().file, "bump.jpg -bm 1.5");
-        assert_eq!(map("\"C:\\a b.png\"").unwrap().file, "C:\\a b.png");
+        assert_eq!(parse_map("leaf 2.png").unwrap().file, "leaf 2.png");
+        assert_eq!(parse_map("-imfchan r bump.jpg -bm 1.5").unwrap().file, "bump.jpg -bm 1.5");
+        assert_eq!(parse_map("\"C:\\a b.png\"").unwrap().file, "C:\\a b.png");
         for broken in ["", "-s", "-s 1", "-o 1 2", "-clamp", "-x y"] {
-            assert_eq!(map(broken), None, "{broken}");
+            assert_eq!(parse_map(broken), None, "{broken}");
         }
     }
 

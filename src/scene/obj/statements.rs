@@ -1,9 +1,9 @@
-//! OBJ statements on their way to tobj: the pass in front of it for what it cannot say or misreads.
+//! Filter of OBJ statements before tobj reads them, for what tobj cannot read or misreads.
 //!
-//! Lines are handed on as they stand where tobj 4.0 reads them as this crate means them. Kept here, since tobj has it not or
-//! gives up the whole file, without a place: lines that go on after a backslash, comments after a statement, `p`, vertices of
-//! seven numbers, colours of some vertices alone, corners of which some have texture coordinates and some have not, indices
-//! beyond the vertices, the ways in which C libraries print NaN, and objects that have groups.
+//! Lines are passed on unchanged where tobj 4.0 reads them correctly. This filter handles what tobj does not support, or for which it rejects the
+//! whole file without a line number: lines that continue after a backslash, comments after a statement, `p`, vertices of seven numbers, colours
+//! of only some vertices, faces in which only some corners have texture coordinates, indices beyond the vertices, the ways in which C libraries
+//! print NaN, and objects that contain groups.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -17,30 +17,30 @@ use crate::scene::text::{keyword, logical_lines, without_comment};
 use crate::scene::{ReadOptions, files};
 use crate::{Error, Result, Warnings};
 
-/// Corners of one face: beyond, cutting it takes too long.
+/// Most corners of one face; triangulating more takes too long.
 const MAX_CORNERS: usize = 1 << 16;
 
-/// Kind of an element.
+/// ElementKind of an element.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Kind {
+pub enum ElementKind {
     Points,
     Polyline,
     Face,
 }
 
-/// Elements in a row that are of one kind and one part.
+/// A run of successive elements of one kind and one part.
 #[derive(Debug, Clone, Copy)]
 pub struct Run {
     /// Index into [`Statements::parts`].
     pub part: usize,
-    pub kind: Kind,
+    pub kind: ElementKind,
     pub elements: usize,
 }
 
 /// Key of a part: the name of its object, or of its group where there is none, and its material.
 pub type PartKey = (String, Option<usize>);
 
-/// The statements of a file; [`BufRead`] gives those that tobj reads.
+/// The filtered statements of a file, which tobj reads through [`BufRead`].
 pub struct Statements<'a> {
     lines: Box<dyn Iterator<Item = (usize, Cow<'a, str>)> + 'a>,
     path: &'a Path,
@@ -128,7 +128,7 @@ impl<'a> Statements<'a> {
         }
     }
 
-    /// Error that stopped the reading, with its line.
+    /// The error that stopped tobj, with its line.
     pub fn fault(&mut self, error: tobj::LoadError) -> Error {
         if self.bytes > self.options.max_bytes {
             let what = format!("reading {} (raise option `memory`), in bytes,", self.path.display());
@@ -154,7 +154,7 @@ impl<'a> Statements<'a> {
         self.selection.finish("object or group")
     }
 
-    /// Read one line; what tobj is to read of it goes to `out`.
+    /// Read one line, and write what tobj is to read to `out`.
     fn read_line(&mut self, line: &str) -> Result<(), String> {
         let line = without_comment(line);
         let (key, rest) = keyword(line);
@@ -171,17 +171,17 @@ impl<'a> Statements<'a> {
                 self.counts[2] += 1;
                 self.numbers("vn", rest.split_whitespace());
             }
-            "f" => self.element(rest, Kind::Face)?,
-            "l" => self.element(rest, Kind::Polyline)?,
-            "p" => self.element(rest, Kind::Points)?,
+            "f" => self.element(rest, ElementKind::Face)?,
+            "l" => self.element(rest, ElementKind::Polyline)?,
+            "p" => self.element(rest, ElementKind::Points)?,
             "o" => {
                 self.object = rest.into();
                 self.group.clear();
-                self.choose();
+                self.update_selection();
             }
             "g" => {
                 self.group = rest.into();
-                self.choose();
+                self.update_selection();
             }
             "usemtl" => {
                 self.material = self.library.position(rest);
@@ -222,13 +222,13 @@ impl<'a> Statements<'a> {
             self.out.push_str(if self.coloured { " 1 1 1" } else { "" });
             return Ok(());
         }
-        // tobj leaves out part of a colour that is no number, and so shifts all that follow.
+        // tobj skips a component of a colour that is no number, which would shift all following ones.
         let bad = rest.split_whitespace().skip(3).take(3).find(|w| !w.contains('#') && w.parse::<f64>().is_err());
         bad.map_or(Ok(()), |word| Err(format!("{word} is not a number")))
     }
 
-    /// Decide whether what follows is wanted.
-    fn choose(&mut self) {
+    /// Decide whether the elements of the current object and group are wanted.
+    fn update_selection(&mut self) {
         let names = [&self.object, &self.group];
         let mut included = self.selection.takes_all();
         let mut excluded = false;
@@ -252,15 +252,15 @@ impl<'a> Statements<'a> {
     }
 
     /// A face, a polyline or points.
-    fn element(&mut self, rest: &str, kind: Kind) -> Result<(), String> {
+    fn element(&mut self, rest: &str, kind: ElementKind) -> Result<(), String> {
         let mut corners: Vec<Corner> = Vec::new();
         let (mut outside, mut as_it_stands) = (false, true);
         for word in rest.split_whitespace() {
             let corner = self.corner(word)?;
             outside |= corner[0].is_none();
-            // tobj takes the neighbour's texture coordinate or normal where a corner has none and others have.
+            // tobj reuses the neighbour's texture coordinate or normal for a corner that has none while others have.
             as_it_stands &= (1..3).all(|k| corner[k].is_some() == (self.totals[k] > 0));
-            // And it takes no index that does not exist.
+            // And it rejects indices that do not exist.
             as_it_stands &=
                 word.split('/').filter(|field| !field.is_empty()).count() == corner.iter().flatten().count();
             corners.push(corner);
@@ -270,9 +270,9 @@ impl<'a> Statements<'a> {
             return Ok(());
         }
         let least = match kind {
-            Kind::Points => 1,
-            Kind::Polyline => 2,
-            Kind::Face => 3,
+            ElementKind::Points => 1,
+            ElementKind::Polyline => 2,
+            ElementKind::Face => 3,
         };
         if corners.len() < least {
             self.warnings.add("a face or line with too few corners is left out");
@@ -302,7 +302,7 @@ impl<'a> Statements<'a> {
             return Ok(());
         }
         for corner in corners {
-            // What is missing is the NaN that follows the file's last statement.
+            // A missing attribute becomes the NaN that is appended after the file's last statement.
             let [v, t, n] = [0, 1, 2].map(|k| corner[k].unwrap_or(self.totals[k]) + 1);
             let _ = match [self.totals[1] > 0, self.totals[2] > 0] {
                 [true, true] => std::fmt::write(&mut self.out, format_args!(" {v}/{t}/{n}")),
@@ -314,7 +314,7 @@ impl<'a> Statements<'a> {
         Ok(())
     }
 
-    /// `v`, `v/vt`, `v//vn` or `v/vt/vn`: counted from 1, or from the end where negative. What does not exist is none.
+    /// Parse `v`, `v/vt`, `v//vn` or `v/vt/vn`; indices count from 1, or from the end if negative. Indices that do not exist give `None`.
     fn corner(&mut self, word: &str) -> Result<Corner, String> {
         let mut out = [None; 3];
         for (k, field) in word.splitn(3, '/').enumerate() {
@@ -342,7 +342,7 @@ impl<'a> Statements<'a> {
                     return Ok(false);
                 }
                 self.ended = true;
-                // For corners that have no texture coordinate or no normal where others have.
+                // For corners without a texture coordinate or normal in a file in which others have one.
                 self.out.push_str("vt nan nan\nvn nan nan nan\n");
                 return Ok(true);
             };

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use super::grammar::Surface;
 use crate::geom::{DAffine3, DMat3, DVec3};
 use crate::scene::model::Part;
-use crate::scene::triangulate::Cutter;
+use crate::scene::triangulate::Triangulator;
 use crate::source::curve::Strand;
 use crate::{Error, Result, Warnings};
 
@@ -117,13 +117,13 @@ impl Plant {
     }
 
     /// Draw a disc around `centre` in the plane of two axes.
-    pub fn disc(&mut self, cutter: &mut Cutter, centre: DVec3, [a, b]: [DVec3; 2], radius: f64, ink: Ink) {
+    pub fn disc(&mut self, triangulator: &mut Triangulator, centre: DVec3, [a, b]: [DVec3; 2], radius: f64, ink: Ink) {
         let corner = |i: usize| {
             let (sin, cos) = super::expr::sin_cos(360.0 * i as f64 / DISC_CORNERS as f64);
             centre + radius * (cos * a + sin * b)
         };
         let corners: Vec<DVec3> = (0..DISC_CORNERS).map(corner).collect();
-        self.fill(cutter, &corners, ink);
+        self.fill(triangulator, &corners, ink);
     }
 
     /// Add a corner to the innermost of the polygons that are open.
@@ -151,7 +151,7 @@ impl Plant {
     }
 
     /// Fill a polygon as its corners were given.
-    pub fn polygon(&mut self, cutter: &mut Cutter, mut polygon: Vec<DVec3>, ink: Ink) {
+    pub fn polygon(&mut self, triangulator: &mut Triangulator, mut polygon: Vec<DVec3>, ink: Ink) {
         let Some(&first) = polygon.first() else {
             self.warnings.add("polygons of fewer than three corners are left out");
             return;
@@ -165,17 +165,17 @@ impl Plant {
             self.warnings.add("polygons of fewer than three corners are left out");
             return;
         }
-        self.fill(cutter, &polygon, ink);
+        self.fill(triangulator, &polygon, ink);
     }
 
-    fn fill(&mut self, cutter: &mut Cutter, polygon: &[DVec3], ink: Ink) {
+    fn fill(&mut self, triangulator: &mut Triangulator, polygon: &[DVec3], ink: Ink) {
         let [r, g, b] = ink.colour;
         let part = self.polygons.entry(ink.material).or_default();
         let first = part.positions.len() as u32;
         part.positions.extend(polygon.iter().map(|p| p.as_vec3().to_array()));
         part.colors.get_or_insert_default().resize(part.positions.len(), [r, g, b, 1.0]);
         let before = part.triangles.len();
-        cutter.cut(polygon, |t| part.triangles.push(t.map(|i| first + i as u32)));
+        triangulator.triangulate(polygon, |t| part.triangles.push(t.map(|i| first + i as u32)));
         self.counts.polygons += 1;
         self.bytes += polygon_bytes(polygon.len(), part.triangles.len() - before);
     }
@@ -184,7 +184,7 @@ impl Plant {
     /// material of `ink` is the surface's.
     pub fn place(
         &mut self,
-        cutter: &mut Cutter,
+        triangulator: &mut Triangulator,
         (symbol, surface): (char, &Surface),
         (position, frame): (DVec3, DMat3),
         [x, y, z]: [f64; 3],
@@ -195,7 +195,7 @@ impl Plant {
         match surface {
             Surface::Polygon { corners, colour } => {
                 let corners: Vec<DVec3> = corners.iter().map(|c| to_world.transform_point3(*c)).collect();
-                self.fill(cutter, &corners, Ink { colour: colour.unwrap_or(ink.colour), ..ink });
+                self.fill(triangulator, &corners, Ink { colour: colour.unwrap_or(ink.colour), ..ink });
             }
             Surface::Patches { positions, colours, triangles, .. } => {
                 let part = self.polygons.entry(ink.material).or_default();

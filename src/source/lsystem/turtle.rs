@@ -12,7 +12,7 @@ use super::expr::sin_cos;
 use super::grammar::{Grammar, Surface};
 use super::plant::{Ink, Limb, Plant};
 use crate::geom::{DMat3, DVec3};
-use crate::scene::triangulate::Cutter;
+use crate::scene::triangulate::Triangulator;
 use crate::{Error, Result};
 
 /// Largest coordinate, in units: beyond it single precision keeps nothing of a plant's detail.
@@ -49,7 +49,7 @@ pub struct Turtle<'g> {
     cut: Option<u64>,
     /// True after the symbol that a surface's name follows.
     surface: bool,
-    cutter: Cutter,
+    triangulator: Triangulator,
     plant: Plant,
 }
 
@@ -76,7 +76,7 @@ impl<'g> Turtle<'g> {
             open: Vec::new(),
             cut: None,
             surface: false,
-            cutter: Cutter::new(),
+            triangulator: Triangulator::new(),
             plant: Plant { warnings: grammar.warnings.clone(), ..Plant::default() },
         }
     }
@@ -129,7 +129,7 @@ impl<'g> Turtle<'g> {
             Action::EndPolygon => match self.open.pop() {
                 Some(polygon) => {
                     let ink = self.ink();
-                    self.plant.polygon(&mut self.cutter, polygon, ink);
+                    self.plant.polygon(&mut self.triangulator, polygon, ink);
                 }
                 None => self.plant.warnings.add("a } that closes nothing is left out"),
             },
@@ -151,7 +151,7 @@ impl<'g> Turtle<'g> {
             Action::Disc(factor) => {
                 let radius = self.radius(factor, arguments);
                 let (ink, f) = (self.ink(), self.state.frame);
-                self.plant.disc(&mut self.cutter, self.state.position, [f.x_axis, f.y_axis], radius, ink);
+                self.plant.disc(&mut self.triangulator, self.state.position, [f.x_axis, f.y_axis], radius, ink);
             }
             Action::Surface => self.surface = true,
             Action::ScaledSurface => self.place(symbol, arguments)?,
@@ -357,7 +357,7 @@ impl<'g> Turtle<'g> {
         let s = &self.state;
         let material = self.grammar.materials.surface(symbol).unwrap_or_else(|| self.ink().material);
         let ink = Ink { colour: s.colour, material };
-        self.plant.place(&mut self.cutter, (symbol, surface), (s.position, s.frame), size, ink);
+        self.plant.place(&mut self.triangulator, (symbol, surface), (s.position, s.frame), size, ink);
         let Surface::Patches { end, .. } = surface else { return Ok(()) };
         let end = size[0] * s.frame * DVec3::new(end.y, -end.x, end.z);
         self.plant.end_limb(&mut self.state.limb);

@@ -1,4 +1,4 @@
-//! A JSON object of the extension, its properties read with their ranges checked.
+//! A JSON object of the extension, whose properties are read with their ranges checked. The methods return `None` for absent properties.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -37,7 +37,7 @@ impl<'a> Object<'a> {
         warnings.add(format!("{NAME}: {what} is ignored"));
     }
 
-    /// A word about every property that is not read: `later` are defined, the rest unheard of.
+    /// Warn of every property that is not read: `later` lists those that the specification defines; the others are unknown.
     pub fn known(&self, read: &[&str], later: &[&str], warnings: &mut Warnings) {
         for key in self.json.keys().map(String::as_str) {
             if later.contains(&key) {
@@ -92,7 +92,7 @@ impl<'a> Object<'a> {
         })
     }
 
-    /// Three times true or false.
+    /// A list of three booleans.
     pub fn flags(&self, key: &str) -> Result<Option<[bool; 3]>> {
         let Some(json) = self.json.get(key) else { return Ok(None) };
         let flags: Option<Vec<bool>> = json.as_array().and_then(|l| l.iter().map(Value::as_bool).collect());
@@ -123,7 +123,7 @@ impl<'a> Object<'a> {
         json.as_str().ok_or_else(|| self.error(key, "is not a text")).map(Some)
     }
 
-    /// How the texel's geometry stood when a frame was baked.
+    /// Pose of the texel's geometry when a frame was baked.
     pub fn pose(&self, warnings: &mut Warnings) -> Result<Option<Pose>> {
         let Some(json) = self.object("pose")? else { return Ok(None) };
         json.known(&["time", "animations"], &[], warnings);
@@ -167,7 +167,7 @@ impl<'a> Object<'a> {
         index.map(|i| Some(i as usize)).ok_or_else(|| self.error("texel", &what))
     }
 
-    /// The bytes of the buffer view that it names, and what to call them in messages.
+    /// The bytes of the buffer view that it names, and a path that names them in messages.
     pub fn buffer_view(&self) -> Result<Option<(PathBuf, Arc<[u8]>)>> {
         let Some(index) = self.integer("bufferView", u32::MAX.into())? else { return Ok(None) };
         let view = self.document.view(index as usize)?;

@@ -16,11 +16,11 @@ use crate::volume::material::MOST_MATERIALS;
 use crate::volume::{Finish, Palette, Style};
 use crate::{Result, Warnings};
 
-/// Reads the texture of a `textureInfo` in the object at a place of the file; the flag: whether its alpha means nothing.
+/// Reads the texture of a `textureInfo`. The arguments are the info, whether alpha is to be ignored, the place in the file, and warnings.
 pub type ReadTexture<'a> = dyn FnMut(&Info, bool, &str, &mut Warnings) -> Result<Option<TextureRef>> + 'a;
 
-/// What images of a shell's layers lie on.
-pub struct Ground<'a> {
+/// How the images of a shell's layers are read.
+pub struct ImageContext<'a> {
     pub textures: &'a mut ReadTexture<'a>,
     /// Set of texture coordinates that gives the shell's u and v.
     pub tex_coord: usize,
@@ -29,9 +29,13 @@ pub struct Ground<'a> {
 const CONSTANTS: [&str; 5] = ["ambientFactor", "diffuseFactor", "specularFactor", "shininess", "useTexelAlbedo"];
 const VARIATIONS: [&str; 4] = ["ambientTexture", "diffuseTexture", "specularTexture", "noise"];
 
-/// What a layer, or copies, make of a texel: `palette` and `phong` of `json`. `ground`: what images may lie on.
-pub fn styles(json: &Object, ground: Option<&mut Ground<'_>>, warnings: &mut Warnings) -> Result<(Palette, Phong)> {
-    let (phong, keep) = phong(json, ground, warnings)?;
+/// The `palette` and `phong` objects of a layer or of copies. Without `images`, textures are refused.
+pub fn styles(
+    json: &Object,
+    images: Option<&mut ImageContext<'_>>,
+    warnings: &mut Warnings,
+) -> Result<(Palette, Phong)> {
+    let (phong, keep) = phong(json, images, warnings)?;
     let rest = if keep { Style::OWN } else { Style::BLANK };
     let mut styles = BTreeMap::new();
     if let Some(palette) = json.object("palette")? {
@@ -45,7 +49,7 @@ pub fn styles(json: &Object, ground: Option<&mut Ground<'_>>, warnings: &mut War
     Ok((Palette { styles, rest }, phong))
 }
 
-/// The style of a material in a palette; what its highlights do not say is as in `outer`.
+/// The style of a material in a palette; absent parameters of its highlights are taken from `outer`.
 fn style(palette: &Object, name: &str, outer: &Finish, warnings: &mut Warnings) -> Result<Style> {
     let Some(json) = palette.object(name)? else { return Ok(Style::OWN) };
     if let Some(key) = VARIATIONS.iter().find(|key| json.json.contains_key(**key)) {
@@ -60,21 +64,21 @@ fn style(palette: &Object, name: &str, outer: &Finish, warnings: &mut Warnings) 
     Ok(Style { factor, keep, finish })
 }
 
-/// The `phong` object of `json`, and whether the texel's own albedo stays; of nothing, no change.
-pub fn phong(json: &Object, ground: Option<&mut Ground<'_>>, warnings: &mut Warnings) -> Result<(Phong, bool)> {
+/// The `phong` object of `json`, and whether the texel's own albedo is used; without such an object nothing is changed.
+pub fn phong(json: &Object, images: Option<&mut ImageContext<'_>>, warnings: &mut Warnings) -> Result<(Phong, bool)> {
     let Some(json) = json.object("phong")? else { return Ok((Phong::default(), true)) };
     json.known(&[&CONSTANTS[..], &VARIATIONS].concat(), &[], warnings);
     let (diffuse, finish, keep) = constants(&json)?;
     let mut variation = Variation { noise: noise(&json, warnings)?, ..Variation::default() };
-    match ground {
-        Some(ground) => {
-            variation.ambient = image(&json, "ambientTexture", ground, true, warnings)?;
-            variation.diffuse = image(&json, "diffuseTexture", ground, true, warnings)?;
-            variation.specular = image(&json, "specularTexture", ground, false, warnings)?;
+    match images {
+        Some(images) => {
+            variation.ambient = image(&json, "ambientTexture", images, true, warnings)?;
+            variation.diffuse = image(&json, "diffuseTexture", images, true, warnings)?;
+            variation.specular = image(&json, "specularTexture", images, false, warnings)?;
         }
         None => {
             if let Some(key) = VARIATIONS[..3].iter().find(|key| json.json.contains_key(**key)) {
-                return Err(json.error(key, "lies on the ground below a shell, and rigid copies have none: use noise"));
+                return Err(json.error(key, "lies on the images below a shell, and rigid copies have none: use noise"));
             }
         }
     }
@@ -84,7 +88,7 @@ pub fn phong(json: &Object, ground: Option<&mut Ground<'_>>, warnings: &mut Warn
     Ok((Phong { diffuse, finish, variations }, keep))
 }
 
-/// The constants of a phong object: factor of the albedo, finish, and whether the texel's own albedo stays.
+/// The constants of a phong object: factor of the albedo, finish, and whether the texel's own albedo is used.
 fn constants(json: &Object) -> Result<([f64; 3], Finish, bool)> {
     let keep = match json.json.get("useTexelAlbedo") {
         None => true,
@@ -102,16 +106,16 @@ fn constants(json: &Object) -> Result<([f64; 3], Finish, bool)> {
 fn image(
     json: &Object,
     key: &str,
-    ground: &mut Ground<'_>,
+    images: &mut ImageContext<'_>,
     opaque: bool,
     warnings: &mut Warnings,
 ) -> Result<Option<TextureRef>> {
     let Some(value) = json.json.get(key) else { return Ok(None) };
     let info: Info = serde_json::from_value(value.clone()).map_err(|e| json.error(key, &e.to_string()))?;
-    let found = (ground.textures)(&info, opaque, &format!("{}.{key}", json.at), warnings)?;
-    if let Some(set) = found.as_ref().map(|t| t.tex_coord).filter(|&set| set != 0 && set != ground.tex_coord) {
+    let found = (images.textures)(&info, opaque, &format!("{}.{key}", json.at), warnings)?;
+    if let Some(set) = found.as_ref().map(|t| t.tex_coord).filter(|&set| set != 0 && set != images.tex_coord) {
         let what =
-            format!("has texCoord {set}: such an image lies on the shell's own coordinates, {}", ground.tex_coord);
+            format!("has texCoord {set}: such an image lies on the shell's own coordinates, {}", images.tex_coord);
         return Err(json.error(key, &what));
     }
     Ok(found)

@@ -113,7 +113,7 @@ fn phong_is_read_and_its_ranges_checked() {
     assert!(error.contains("palette.leaf.noise: stands in a palette"), "{error}");
     let copies = json!({"copies": {"texel": 0, "phong": {"diffuseTexture": {"index": 0}}}});
     let error = shell().set("/materials/0/extensions/VTEX_volumetric_texture", copies).error();
-    assert!(error.contains("copies.phong.diffuseTexture: lies on the ground below a shell"), "{error}");
+    assert!(error.contains("copies.phong.diffuseTexture: lies on the images below a shell"), "{error}");
 }
 
 #[test]

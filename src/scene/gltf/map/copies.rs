@@ -1,4 +1,4 @@
-//! Rigid copies: how large each texel is as one, and the nodes that place them.
+//! Rigid copies in a mapping: the size of each texel as a copy, and writing and removing the nodes that hold copies.
 
 use std::collections::BTreeMap;
 
@@ -10,7 +10,7 @@ use super::super::nodes::{self, Graph, INSTANCING, Placed};
 use super::super::write::Editor;
 use super::options::{Cells, MapOptions};
 use super::plan::metres_per_unit;
-use super::scatter::Target;
+use super::scatter::SampledTriangles;
 use super::shell::restyle;
 use super::surface::{Surface, WRITTEN};
 use crate::error::length;
@@ -18,25 +18,25 @@ use crate::geom::{Aabb, DVec3};
 use crate::scene::copies::to_texel;
 use crate::{Result, Warnings};
 
-/// The source's origin may lie this far outside of the content, in its widths, and still be what stands on the ground.
+/// Largest distance of the source's origin outside of the content, in widths of the content, at which the origin is put on the ground.
 const PIVOT_ROOM: f64 = 0.25;
-/// Copies along the shorter side of a ground that is smaller than one.
+/// Number of copies along the shorter side of a ground that is smaller than one copy; copies are scaled to fit.
 const FEW_FIT: f64 = 16.0;
 
 /// A texel as copies of it are placed, at scale 1: metres, the source's origin at 0, +Y up.
-pub struct Kind {
+pub struct CopyModel {
     pub name: String,
     /// The content's box.
     pub content: Aabb,
-    /// What is put on the ground.
+    /// The point that is put on the ground.
     pub pivot: DVec3,
-    /// Factor that all its copies are drawn by.
+    /// Scale of all its copies.
     pub size: f64,
     /// Its share of all copies.
     pub share: f64,
 }
 
-impl Kind {
+impl CopyModel {
     /// Mean width of the content, metres.
     pub fn width(&self) -> f64 {
         let size = self.content.size();
@@ -51,27 +51,27 @@ impl Kind {
     }
 }
 
-/// The copies of one texel on one material.
-pub struct Stand {
+/// The copies of one texel on one material, which become one node.
+pub struct CopyGroup {
     pub material: Option<usize>,
     /// Index of the texel, among those that are mapped.
-    pub kind: usize,
+    pub model: usize,
     pub translations: Vec<DVec3>,
     pub rotations: Vec<[f32; 4]>,
     pub scales: Vec<f32>,
-    /// Factors of the albedo; none where all are 1.
+    /// Factors of the albedo; empty where all are 1.
     pub tints: Vec<[f32; 3]>,
 }
 
 /// The texels with their sizes and shares.
-pub fn kinds(
+pub fn models(
     options: &MapOptions,
     cell: [f64; 2],
-    target: &Target,
+    target: &SampledTriangles,
     notes: &mut Vec<String>,
     warnings: &mut Warnings,
-) -> Vec<Kind> {
-    let mut kinds: Vec<Kind> = Vec::new();
+) -> Vec<CopyModel> {
+    let mut models: Vec<CopyModel> = Vec::new();
     let weights = |k: usize| options.weights.get(k).copied().unwrap_or(1.0);
     let total: f64 = (0..options.texels.len()).map(weights).sum();
     for (k, (path, info)) in options.texels.iter().enumerate() {
@@ -83,7 +83,7 @@ pub fn kinds(
         let (size, middle) = (content.size(), content.centre());
         let off = (middle.abs() - 0.5 * size) / size.x.max(size.z).max(f64::MIN_POSITIVE);
         let below = DVec3::new(middle.x, content.min.y, middle.z);
-        // Stacks and scans often have their origin somewhere else.
+        // The origin of stacks and scans is often far from the object.
         let far = off.x > PIVOT_ROOM || off.z > PIVOT_ROOM || content.min.y > 0.5 * size.y || content.max.y <= 0.0;
         if far {
             notes.push(format!(
@@ -91,18 +91,18 @@ pub fn kinds(
             ));
         }
         let pivot = if far { below } else { DVec3::ZERO };
-        kinds.push(Kind { name, content, pivot, size: 1.0, share: weights(k) / total });
+        models.push(CopyModel { name, content, pivot, size: 1.0, share: weights(k) / total });
     }
     let widest =
         options.texels.iter().map(|(_, i)| i.bounds.size().max_element() * metres_per_unit(i)).fold(0.0, f64::max);
-    let tallest = kinds.iter().map(|k| k.content.size().y).fold(0.0, f64::max);
+    let tallest = models.iter().map(|k| k.content.size().y).fold(0.0, f64::max);
     let cell = (cell[0] * cell[1]).sqrt();
     let side = target.area().sqrt();
     if options.sizes.len() > 1 {
-        for (kind, metres) in kinds.iter_mut().zip(&options.sizes).filter(|(k, _)| k.content.size().y > 0.0) {
-            kind.size = metres / kind.content.size().y;
+        for (model, metres) in models.iter_mut().zip(&options.sizes).filter(|(k, _)| k.content.size().y > 0.0) {
+            model.size = metres / model.content.size().y;
         }
-        return kinds;
+        return models;
     }
     let factor = match (options.sizes.first(), options.cells) {
         (Some(metres), _) if tallest > 0.0 => metres / tallest,
@@ -117,12 +117,12 @@ pub fn kinds(
         }
         _ => 1.0,
     };
-    kinds.iter_mut().for_each(|k| k.size = factor);
-    kinds
+    models.iter_mut().for_each(|k| k.size = factor);
+    models
 }
 
-/// Where copies stand on the surfaces' materials already.
-pub fn standing(document: &Document, graph: &Graph, surfaces: &[&Surface]) -> Result<Vec<DVec3>> {
+/// Positions of the copies that earlier mappings placed on the surfaces' materials.
+pub fn existing_positions(document: &Document, graph: &Graph, surfaces: &[&Surface]) -> Result<Vec<DVec3>> {
     let mut found = Vec::new();
     for placed in graph.meshes.iter().filter(|placed| holds_copies(document, placed, surfaces)) {
         let places = nodes::instances(document, placed, None, &mut Warnings::default())?;
@@ -132,7 +132,7 @@ pub fn standing(document: &Document, graph: &Graph, surfaces: &[&Surface]) -> Re
 }
 
 /// Whether an earlier mapping placed copies on one of the surfaces' materials.
-pub fn stand(document: &Document, graph: &Graph, surfaces: &[&Surface]) -> bool {
+pub fn has_copies(document: &Document, graph: &Graph, surfaces: &[&Surface]) -> bool {
     graph.meshes.iter().any(|placed| holds_copies(document, placed, surfaces))
 }
 
@@ -142,13 +142,13 @@ fn holds_copies(document: &Document, placed: &Placed, surfaces: &[&Surface]) -> 
     extras.is_some_and(|e| stands_on(&e, surfaces))
 }
 
-/// Whether a node's `extras` say that it holds copies that were placed on one of the surfaces' materials.
+/// Whether a node's `extras` mark it as holding copies on one of the surfaces' materials.
 fn stands_on(extras: &Value, surfaces: &[&Surface]) -> bool {
     let Some(ground) = extras.get(WRITTEN).and_then(|w| w.get("ground")) else { return false };
     surfaces.iter().any(|s| *ground == json!(s.material))
 }
 
-/// Take away the copies that an earlier mapping placed on the surfaces' materials.
+/// Remove the copies that earlier mappings placed on the surfaces' materials.
 pub fn remove(surfaces: &[&Surface], editor: &mut Editor, warnings: &mut Warnings) {
     let Some(nodes) = editor.json.get_mut("nodes").and_then(Value::as_array_mut) else { return };
     let mut gone = Vec::new();
@@ -158,7 +158,7 @@ pub fn remove(surfaces: &[&Surface], editor: &mut Editor, warnings: &mut Warning
         {
             let name = node.get("name").and_then(Value::as_str).unwrap_or("copies");
             warnings.add(format!("{name:?} of an earlier mapping are replaced (option `add` keeps them)"));
-            // The node stays, so that numbers of others do, and shows nothing.
+            // The node itself is kept, so that the indices of other nodes stay valid, but it shows nothing.
             for key in ["mesh", "extensions", "extras"] {
                 node.shift_remove(key);
             }
@@ -176,29 +176,29 @@ pub fn remove(surfaces: &[&Surface], editor: &mut Editor, warnings: &mut Warning
 /// Add the node of a stand, its stand-in mesh and its material.
 pub fn write(
     options: &MapOptions,
-    kind: &Kind,
-    stand: &Stand,
+    model: &CopyModel,
+    group: &CopyGroup,
     ground: &str,
     texel: usize,
     editor: &mut Editor,
 ) -> Result<()> {
-    let bounds = Aabb::around(stand.translations.iter().copied());
-    // Near its own origin f32 keeps millimetres, wherever the landscape lies.
+    let bounds = Aabb::around(group.translations.iter().copied());
+    // Relative to an origin in their midst, positions in f32 keep their millimetres wherever the landscape lies.
     let origin = bounds.centre().round();
-    let near: Vec<[f32; 3]> = stand.translations.iter().map(|t| (*t - origin).as_vec3().to_array()).collect();
+    let near: Vec<[f32; 3]> = group.translations.iter().map(|t| (*t - origin).as_vec3().to_array()).collect();
     let translation = editor.add_floats(&near, false)?;
-    let rotation = editor.add_floats(&stand.rotations, false)?;
-    let scales: Vec<[f32; 3]> = stand.scales.iter().map(|&s| [s; 3]).collect();
+    let rotation = editor.add_floats(&group.rotations, false)?;
+    let scales: Vec<[f32; 3]> = group.scales.iter().map(|&s| [s; 3]).collect();
     let scale = editor.add_floats(&scales, false)?;
     let mut copies = serde_json::Map::new();
     copies.insert("texel".into(), json!(texel));
     restyle(options, &mut copies);
-    let name = format!("{} on {ground}", kind.name);
+    let name = format!("{} on {ground}", model.name);
     let material = json!({"name": name, "extensions": {NAME: {"copies": copies}}});
     let material = editor.push("materials", material)?;
-    // The content's box, for viewers that know nothing of texels.
+    // The stand-in mesh is the content's box, which viewers show that do not know texels.
     let corner = |k: usize| {
-        let pick = |axis: usize| if k >> axis & 1 == 0 { kind.content.min[axis] } else { kind.content.max[axis] };
+        let pick = |axis: usize| if k >> axis & 1 == 0 { model.content.min[axis] } else { model.content.max[axis] };
         [pick(0) as f32, pick(1) as f32, pick(2) as f32]
     };
     let positions = editor.add_floats(&std::array::from_fn::<_, 8, _>(corner), true)?;
@@ -207,16 +207,16 @@ pub fn write(
     let mesh = editor.push("meshes", json!({"name": name, "primitives": [primitive]}))?;
     editor.place_loose_meshes(mesh)?;
     let mut attributes = BTreeMap::from([("TRANSLATION", translation), ("ROTATION", rotation), ("SCALE", scale)]);
-    if !stand.tints.is_empty() {
-        attributes.insert("_VTEX_TINT", editor.add_floats(&stand.tints, false)?);
+    if !group.tints.is_empty() {
+        attributes.insert("_VTEX_TINT", editor.add_floats(&group.tints, false)?);
     }
     let mut node = json!({"name": name, "mesh": mesh, "extensions": {INSTANCING: {"attributes": attributes}},
-        "extras": {WRITTEN: {"ground": stand.material}}});
+        "extras": {WRITTEN: {"ground": group.material}}});
     if origin != DVec3::ZERO {
         node["translation"] = json!(origin.to_array());
     }
     let node = editor.push("nodes", node)?;
-    editor.show(node);
+    editor.add_to_scene(node);
     editor.use_extension(INSTANCING)?;
     editor.use_extension(NAME)
 }

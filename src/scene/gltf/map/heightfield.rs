@@ -1,25 +1,25 @@
-//! A picture of heights (PNG, TIFF, GeoTIFF) as a ground to be mapped: one vertex per pixel, in a .glb of its own.
+//! Conversion of a height map (PNG, TIFF, GeoTIFF) to a ground mesh that is then mapped: one vertex per pixel, in a temporary .glb.
 
 use std::path::Path;
 
 use serde_json::json;
 
-use super::made;
-use super::made::Made;
 use super::surface::WRITTEN;
+use super::temp_glb;
+use super::temp_glb::TempGlb;
 use crate::geom::DVec3;
 use crate::scene::raster::Raster;
 use crate::{Error, Result};
 
-/// Pixels of a ground.
+/// Most pixels of a height map.
 const MOST_VERTICES: u64 = 1 << 24;
 
-/// Whether the name is that of a picture.
+/// Whether the file name is that of a height map.
 pub fn is_picture(path: &Path) -> bool {
     path.extension().is_some_and(|e| ["png", "tif", "tiff"].iter().any(|known| e.eq_ignore_ascii_case(known)))
 }
 
-/// Width and height of a pixel, and the heights of black and white, metres; by default what the file says.
+/// Scale of a height map, where it is not to be taken from the file.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Scales {
     /// Width and height of a pixel, metres.
@@ -28,11 +28,11 @@ pub struct Scales {
     pub relief: Option<[f64; 2]>,
 }
 
-/// Make the ground of a picture: north, which is up in the picture, is −z, and the picture's middle is x = z = 0.
+/// Make the ground of a height map. North, which is up in the picture, is −z, and the picture's middle is x = z = 0.
 ///
 /// # Errors
-/// As [`Raster::open`]; `Options` where the file does not say how large it is, and nobody else does.
-pub fn make(path: &Path, scales: Scales, notes: &mut Vec<String>) -> Result<Made> {
+/// As [`Raster::open`]; `Options` where neither the file nor `scales` tells the size of a pixel, or the heights of a PNG.
+pub fn make(path: &Path, scales: Scales, notes: &mut Vec<String>) -> Result<TempGlb> {
     let raster = Raster::open(path)?;
     let (columns, rows) = (raster.width, raster.height);
     let needed = columns as u64 * rows as u64;
@@ -72,7 +72,7 @@ pub fn make(path: &Path, scales: Scales, notes: &mut Vec<String>) -> Result<Made
     write(path, (&vertices, [columns, rows]), &triangles, origin)
 }
 
-/// Metres at a stored number: `[at 0, of a step]`.
+/// Height in metres of a stored number: `[of 0, per unit]`.
 fn metres(path: &Path, raster: &Raster, relief: Option<[f64; 2]>, unit: f64) -> Result<[f64; 2]> {
     match (relief, raster.white, raster.measured) {
         (Some([low, high]), Some(white), _) => Ok([low, (high - low) / f64::from(white)]),
@@ -92,7 +92,7 @@ fn metres(path: &Path, raster: &Raster, relief: Option<[f64; 2]>, unit: f64) -> 
     }
 }
 
-/// One vertex per pixel's middle, and how many have no height (NaN).
+/// One vertex at the middle of each pixel, and the number of those without a height (NaN).
 fn vertices(raster: &Raster, pixel: [f64; 2], [base, step]: [f64; 2]) -> (Vec<DVec3>, usize) {
     let (columns, rows) = (raster.width, raster.height);
     let along = |i: usize, n: usize, metres: f64| (i as f64 + 0.5 - 0.5 * n as f64) * metres;
@@ -123,7 +123,7 @@ fn triangles(columns: usize, rows: usize, vertices: &[DVec3]) -> Vec<[u32; 3]> {
     out
 }
 
-/// The slope's normal by the neighbours' heights.
+/// Unit normal of vertex k, from its neighbours' heights.
 fn normal(vertices: &[DVec3], [columns, rows]: [usize; 2], k: usize) -> DVec3 {
     let (i, j) = (k % columns, k / columns);
     let known = |k: usize, or: DVec3| vertices.get(k).copied().filter(|v| !v.y.is_nan()).unwrap_or(or);
@@ -139,10 +139,10 @@ fn write(
     (vertices, size): (&[DVec3], [usize; 2]),
     triangles: &[[u32; 3]],
     origin: Option<[f64; 2]>,
-) -> Result<Made> {
+) -> Result<TempGlb> {
     let mut bin: Vec<u8> = Vec::with_capacity(vertices.len() * 32 + triangles.len() * 12);
     let mut put = |v: f64| bin.extend((v as f32).to_le_bytes());
-    // A hole's vertex is in no triangle; it still needs a number.
+    // The vertex of a hole belongs to no triangle, but needs finite coordinates.
     let sound = |v: &DVec3| if v.y.is_nan() { DVec3::new(v.x, 0.0, v.z) } else { *v };
     vertices.iter().for_each(|v| sound(v).to_array().into_iter().for_each(&mut put));
     (0..vertices.len()).for_each(|k| normal(vertices, size, k).to_array().into_iter().for_each(&mut put));
@@ -175,5 +175,5 @@ fn write(
             {"bufferView": 2, "componentType": 5126, "count": n, "type": "VEC2"},
             {"bufferView": 3, "componentType": 5125, "count": 3 * triangles.len(), "type": "SCALAR"}],
     });
-    made::save(path, &json, &bin)
+    temp_glb::save(path, &json, &bin)
 }

@@ -1,9 +1,9 @@
 //! Covers a plain glTF mesh with texels: rigid copies of isolated objects, shells of what is continuous.
 
-mod borders;
 mod copies;
+mod cut_copies;
+mod density;
 mod heightfield;
-mod made;
 mod motion;
 mod objmesh;
 mod options;
@@ -13,8 +13,8 @@ mod points;
 mod quads;
 mod scatter;
 mod shell;
-mod sieve;
 mod surface;
+mod temp_glb;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -56,88 +56,178 @@ pub fn map(input: &Path, options: &MapOptions, output: &Path) -> Result<Mapped> 
         ));
     }
     if crate::scene::files::extension(input) == "obj" {
-        let (made, warnings) = objmesh::make(input, options.patches)?;
-        let mut mapped = map_mesh(&made.path, options, output)?;
+        let (ground, warnings) = objmesh::make(input, options.patches)?;
+        let mut mapped = map_mesh(&ground.path, options, output)?;
         mapped.saved.warnings.merge(warnings);
         return Ok(mapped);
     }
     map_mesh(input, options, output)
 }
 
+/// Cover a glTF mesh.
 fn map_mesh(input: &Path, options: &MapOptions, output: &Path) -> Result<Mapped> {
-    let cyclic = |(_, info): &(PathBuf, Info)| info.cyclic[0] || info.cyclic[1];
-    let continuous = options.texels.iter().filter(|t| cyclic(t)).count();
+    let mut rigid = takes_rigid_copies(options)?;
+    options::check(options, rigid)?;
+    let read = ReadOptions { contained: true, ..ReadOptions::default() };
+    let document = Document::open(input, &read)?;
+    support::check(&document)?;
+    let mut warnings = Warnings::default();
+    let chosen = chosen(&document, options)?;
+    let mut selection = Selection::new(&[], &[]);
+    let graph = nodes::walk(&document, &read, &mut selection, &mut Warnings::default())?;
+    let surfaces = covered_surfaces(&document, &graph, options, &chosen, &mut warnings)?;
+    // A file that brings its own _VTEX_ attributes is meant for shells.
+    if rigid && !options.replace && !options.add && surfaces.iter().any(has_authored_attributes) {
+        rigid = false;
+        options::check(options, rigid)?;
+    }
+    let mut mapped = Mapped::default();
+    let plan = Plan::new(options, &surfaces, rigid, &mut mapped.notes, &mut warnings)?;
+    let mut editor = Editor::open(input, read.max_bytes)?;
+    let mut saved = Saved::default();
+    editor.relocate_references(output, &mut saved)?;
+    let texels = texels(&mut editor, input, options, output, &mut saved)?;
+    let mesh =
+        CoveredMesh { input, document: &document, graph: &graph, options, surfaces: &surfaces, plan: &plan, texels };
+    if !options.add {
+        copies::remove(&mesh.all_surfaces(), &mut editor, &mut warnings);
+    }
+    if rigid {
+        mesh.place_copies(&mut editor, &mut mapped, &mut warnings)?;
+    } else {
+        mesh.write_shells(&mut editor, &mut mapped, &mut warnings)?;
+    }
+    motion::write(&mut editor.json, &options.motion, &mesh.texels);
+    editor.save(output, &saved)?;
+    saved.warnings.merge(warnings);
+    mapped.saved = saved;
+    Ok(mapped)
+}
+
+/// Whether the texels are placed as rigid copies: isolated objects are, unless option `bend` is set, and cyclic texels are not.
+///
+/// # Errors
+/// `Options` where there are texels of both kinds.
+fn takes_rigid_copies(options: &MapOptions) -> Result<bool> {
+    let cyclic = |(_, info): &&(PathBuf, Info)| info.cyclic[0] || info.cyclic[1];
+    let continuous = options.texels.iter().filter(cyclic).count();
     if continuous > 0 && continuous < options.texels.len() && !options.bend {
         let what = "cyclic texels fill shells and others stand as rigid copies: map them one by one (option `add`), or bend \
                     all (option `bend`)";
         return Err(Error::Options(what.into()));
     }
-    let mut rigid = continuous == 0 && !options.bend;
-    options::check(options, rigid)?;
-    let read = ReadOptions { contained: true, ..ReadOptions::default() };
-    let document = Document::open(input, &read)?;
-    support::check(&document)?;
-    let mut mapped = Mapped::default();
-    let mut warnings = Warnings::default();
-    let chosen = chosen(&document, options)?;
-    let mut selection = Selection::new(&[], &[]);
-    let graph = nodes::walk(&document, &read, &mut selection, &mut Warnings::default())?;
+    Ok(continuous == 0 && !options.bend)
+}
+
+/// The surfaces of the `chosen` materials (of all, if the options name none) that have an area.
+///
+/// # Errors
+/// `Input` where there is no such surface; as reading the file.
+fn covered_surfaces(
+    document: &Document,
+    graph: &nodes::Graph,
+    options: &MapOptions,
+    chosen: &BTreeSet<usize>,
+    warnings: &mut Warnings,
+) -> Result<Vec<Surface>> {
     let set = if let Chart::Uv(set) = options.chart { set } else { 0 };
     let up = match options.heights {
         Heights::Auto => Some(DVec3::Y),
         Heights::Along(d) => d.try_normalize(),
         Heights::Normals => None,
     };
-    // What stands in for a texel is no ground.
-    let stand_ins = super::copies::stand_ins(&document);
+    // The stand-in mesh of a rigid copy is not covered.
+    let stand_ins = super::copies::stand_ins(document);
     let takes = |m: Option<usize>| {
         let stands = m.and_then(|m| stand_ins.get(m)).is_some_and(|stands| *stands);
         !stands && (options.materials.is_empty() || m.is_some_and(|m| chosen.contains(&m)))
     };
     let planar = matches!(options.chart, Chart::Planar(_));
-    let mut surfaces = surfaces(&document, &graph.meshes, &takes, set, (up, planar), &mut warnings)?;
-    if !surfaces.iter().any(|s| s.has_area()) {
-        return Err(Error::input(input, "", "the chosen materials have no triangles in the scene to cover"));
-    }
+    let mut surfaces = surfaces(document, &graph.meshes, &takes, set, (up, planar), warnings)?;
     surfaces.retain(Surface::has_area);
-    // A file's own vectors are made for shells.
-    let own = |s: &Surface| {
-        let geometry = &s.geometry;
-        (geometry.uvw.is_some() && geometry.is_authored("_VTEX_UVW"))
-            || (geometry.heights.is_some() && geometry.is_authored("_VTEX_HEIGHT"))
-    };
-    if rigid && !options.replace && !options.add && surfaces.iter().any(own) {
-        rigid = false;
-        options::check(options, rigid)?;
+    if surfaces.is_empty() {
+        return Err(Error::input(&document.path, "", "the chosen materials have no triangles in the scene to cover"));
     }
-    let plan = Plan::new(options, &surfaces, rigid, &mut mapped.notes, &mut warnings)?;
+    Ok(surfaces)
+}
 
-    let mut editor = Editor::open(input, read.max_bytes)?;
-    let mut saved = Saved::default();
-    editor.settle(output, &mut saved)?;
-    let texels = texels(&mut editor, input, options, output, &mut saved)?;
-    let all: Vec<&Surface> = surfaces.iter().collect();
-    if !options.add {
-        copies::remove(&all, &mut editor, &mut warnings);
+/// Whether the file's author gave a surface attributes of a shell.
+fn has_authored_attributes(surface: &Surface) -> bool {
+    let geometry = &surface.geometry;
+    (geometry.uvw.is_some() && geometry.is_authored("_VTEX_UVW"))
+        || (geometry.heights.is_some() && geometry.is_authored("_VTEX_HEIGHT"))
+}
+
+/// A mesh that is covered, and the decisions about that.
+struct CoveredMesh<'a> {
+    input: &'a Path,
+    document: &'a Document,
+    graph: &'a nodes::Graph,
+    options: &'a MapOptions,
+    surfaces: &'a [Surface],
+    plan: &'a Plan,
+    /// Indices of the texels in the list of the root's extension.
+    texels: Vec<usize>,
+}
+
+impl CoveredMesh<'_> {
+    fn all_surfaces(&self) -> Vec<&Surface> {
+        self.surfaces.iter().collect()
     }
-    if rigid {
+
+    /// Place rigid copies on all surfaces.
+    fn place_copies(&self, editor: &mut Editor, mapped: &mut Mapped, warnings: &mut Warnings) -> Result<()> {
+        let CoveredMesh { document, graph, options, plan, texels, .. } = self;
         if !options.add {
-            remove_shells(&document, &surfaces, &mut editor, &mut warnings);
+            remove_shells(document, self.surfaces, editor, warnings);
         }
-        let said = (&mut mapped.notes, &mut warnings);
-        let one = options.points.is_some();
-        for (cell, members) in by_cell(&plan, &surfaces, one) {
-            let of = (&plan, &members[..], cell);
-            let said = (&mut *said.0, &mut *said.1);
-            mapped.covered.extend(place::place((&document, &graph), options, of, &texels, &mut editor, said)?);
+        for (cell, surfaces) in by_cell(plan, self.surfaces, options.points.is_some()) {
+            let ground = place::Ground { document, graph, plan, surfaces: &surfaces, cell };
+            mapped.covered.extend(place::place(&ground, options, texels, editor, &mut mapped.notes, warnings)?);
         }
-        motion::write(&mut editor.json, &options.motion, &texels);
-        editor.save(output, &saved)?;
-        saved.warnings.merge(warnings);
-        mapped.saved = saved;
-        return Ok(mapped);
+        Ok(())
     }
-    let homes = if options.add { Vec::new() } else { separate(&surfaces, &mut editor)? };
+
+    /// Give the materials of all surfaces shells, and the primitives the attributes that these need.
+    fn write_shells(&self, editor: &mut Editor, mapped: &mut Mapped, warnings: &mut Warnings) -> Result<()> {
+        let CoveredMesh { document, graph, options, surfaces, plan, texels, .. } = self;
+        let homes = if options.add { Vec::new() } else { separate(surfaces, editor)? };
+        note_kept_attributes(plan, options, &mut mapped.notes);
+        for (&index, numbers) in &by_material(surfaces, editor)? {
+            let of = |&i: &usize| Some((surfaces.get(i)?, plan.surfaces.get(i)?));
+            let members: Vec<(&Surface, &SurfacePlan)> = numbers.iter().filter_map(of).collect();
+            let Some(own) = shell::MaterialPlan::new(options, plan, &members) else { continue };
+            let shell = shell::material(options, plan, &own, texels);
+            let material = editor.json.pointer_mut(&format!("/materials/{index}"));
+            let material = material.ok_or_else(|| document.error(format!("materials[{index}]"), "does not exist"))?;
+            let name = material.get("name").and_then(Value::as_str).map_or(format!("material {index}"), str::to_owned);
+            let extensions = Editor::object(self.input, material, "extensions")?;
+            // With option `add` on rigid copies, there is no shell yet to which the layer could be added.
+            let has_shell = extensions.get(extension::NAME).is_some_and(|e| e.get("layers").is_some());
+            let fresh = !options.add || (!has_shell && copies::has_copies(document, graph, &self.all_surfaces()));
+            if !fresh {
+                shell::add(plan, &own, &shell, &mut extensions[extension::NAME], &name, warnings)?;
+            } else {
+                extensions[extension::NAME] = shell;
+            }
+            cut_copies::warn(options, plan, &members, &name, warnings);
+            mapped.covered.extend(covered(&name, plan, options, &members));
+            for (k, &i) in numbers.iter().enumerate().filter(|_| fresh) {
+                let mesh = homes.get(i).copied().unwrap_or(members[k].0.mesh);
+                shell::attributes(options, plan, &own, members[k], (mesh, index), editor)?;
+                quads::write(options.patches, members[k].0, mesh, editor)?;
+            }
+        }
+        editor.use_extension(extension::NAME)?;
+        if !options.patches {
+            quads::forget_polygons(editor);
+        }
+        Ok(())
+    }
+}
+
+/// Numbers of the surfaces of each material, by its index; surfaces without a material get a new one.
+fn by_material(surfaces: &[Surface], editor: &mut Editor) -> Result<BTreeMap<usize, Vec<usize>>> {
     let mut of_material: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
     let mut new_material = None;
     for (i, surface) in surfaces.iter().enumerate() {
@@ -147,44 +237,10 @@ fn map_mesh(input: &Path, options: &MapOptions, output: &Path) -> Result<Mapped>
         };
         of_material.entry(material).or_default().push(i);
     }
-    say_kept(&plan, options, &mut mapped.notes);
-    for (&index, members) in &of_material {
-        let of = |&i: &usize| Some((surfaces.get(i)?, plan.surfaces.get(i)?));
-        let members: Vec<(&Surface, &SurfacePlan)> = members.iter().filter_map(of).collect();
-        let Some(own) = shell::MaterialPlan::new(options, &plan, &members) else { continue };
-        let shell = shell::material(options, &plan, &own, &texels);
-        let material = editor.json.pointer_mut(&format!("/materials/{index}"));
-        let material = material.ok_or_else(|| document.error(format!("materials[{index}]"), "does not exist"))?;
-        let name = material.get("name").and_then(Value::as_str).map_or(format!("material {index}"), str::to_owned);
-        let extensions = Editor::object(input, material, "extensions")?;
-        // Among rigid copies, the first shell has nothing to be added to.
-        let has_shell = extensions.get(extension::NAME).is_some_and(|e| e.get("layers").is_some());
-        let fresh = !options.add || (!has_shell && copies::stand(&document, &graph, &all));
-        if !fresh {
-            shell::add(&plan, &own, &shell, &mut extensions[extension::NAME], &name, &mut warnings)?;
-        } else {
-            extensions[extension::NAME] = shell;
-        }
-        borders::say(options, &plan, &members, &name, &mut warnings);
-        mapped.covered.extend(covered(&name, &plan, options, &members));
-        for (k, &i) in of_material[&index].iter().enumerate().filter(|_| fresh) {
-            let mesh = homes.get(i).copied().unwrap_or(members[k].0.mesh);
-            shell::attributes(options, &plan, &own, members[k], (mesh, index), &mut editor)?;
-            quads::write(options.patches, members[k].0, mesh, &mut editor)?;
-        }
-    }
-    editor.use_extension(extension::NAME)?;
-    if !options.patches {
-        quads::forget_polygons(&mut editor);
-    }
-    motion::write(&mut editor.json, &options.motion, &texels);
-    editor.save(output, &saved)?;
-    saved.warnings.merge(warnings);
-    mapped.saved = saved;
-    Ok(mapped)
+    Ok(of_material)
 }
 
-/// Surfaces with cells of one width together, or all.
+/// Surfaces grouped by the size of their cells, or all in one group.
 fn by_cell<'a>(plan: &Plan, surfaces: &'a [Surface], all: bool) -> Vec<([f64; 2], Vec<&'a Surface>)> {
     let mut groups: Vec<([f64; 2], Vec<&Surface>)> = Vec::new();
     for (planned, surface) in plan.surfaces.iter().zip(surfaces) {
@@ -198,7 +254,7 @@ fn by_cell<'a>(plan: &Plan, surfaces: &'a [Surface], all: bool) -> Vec<([f64; 2]
     groups
 }
 
-/// Take away the shells that an earlier mapping gave the surfaces' materials.
+/// Remove the shells of earlier mappings from the surfaces' materials.
 fn remove_shells(document: &Document, surfaces: &[Surface], editor: &mut Editor, warnings: &mut Warnings) {
     for surface in surfaces {
         shell::strip(surface, editor);
@@ -220,7 +276,7 @@ fn remove_shells(document: &Document, surfaces: &[Surface], editor: &mut Editor,
     }
 }
 
-/// Indices of the materials that were asked for.
+/// Indices of the materials that the options name.
 fn chosen(document: &Document, options: &MapOptions) -> Result<BTreeSet<usize>> {
     let root = &document.root;
     let name = |i: usize| root.materials.get(i).and_then(|m| m.name.as_deref());
@@ -239,8 +295,8 @@ fn chosen(document: &Document, options: &MapOptions) -> Result<BTreeSet<usize>> 
     Ok(chosen)
 }
 
-/// The mesh that each surface's attributes go to: nodes that show a mesh in another size, or tilted, get a copy of it, which
-/// shares everything but what a mapping writes.
+/// For each surface the index of the mesh that gets its attributes. Nodes that show a mesh in another size or tilt get a copy of the mesh,
+/// which shares everything but the attributes that a mapping writes.
 fn separate(surfaces: &[Surface], editor: &mut Editor) -> Result<Vec<usize>> {
     let mut homes = Vec::with_capacity(surfaces.len());
     // By the mesh and the first node: the primitives of one mesh stay together.
@@ -269,8 +325,8 @@ fn separate(surfaces: &[Surface], editor: &mut Editor) -> Result<Vec<usize>> {
     Ok(homes)
 }
 
-/// A word about attributes that stay.
-fn say_kept(plan: &Plan, options: &MapOptions, notes: &mut Vec<String>) {
+/// Note which attributes of the file are kept.
+fn note_kept_attributes(plan: &Plan, options: &MapOptions, notes: &mut Vec<String>) {
     if options.add {
         return;
     }
@@ -284,15 +340,15 @@ fn say_kept(plan: &Plan, options: &MapOptions, notes: &mut Vec<String>) {
     }
 }
 
-/// What to say of one material: a line for each size of copies.
+/// Report about one material: one entry for each size of copies.
 fn covered(name: &str, plan: &Plan, options: &MapOptions, members: &[(&Surface, &SurfacePlan)]) -> Vec<Covered> {
     let mut all: Vec<Covered> = Vec::new();
     let content = options.texels.iter().map(|(_, info)| info.content.max.z).fold(0.0, f64::max);
     for (_, planned) in members {
         let [u, v] = planned.cell;
-        // The file's own coordinates may cover no area.
+        // Texture coordinates of the file may cover no area.
         let copies = if u * v > 0.0 { planned.area / (u * v) * options.presence } else { 0.0 };
-        // The shell may be higher than what stands in it.
+        // The shell may be higher than its content.
         let height = planned.thickness * (content / plan.dw).min(1.0);
         let near = |a: f64, b: f64| (a - b).abs() <= 1e-3 * a.abs().max(b.abs());
         match all.iter_mut().find(|c| near(c.cell[0], u) && near(c.cell[1], v) && near(c.height, height)) {
@@ -306,7 +362,7 @@ fn covered(name: &str, plan: &Plan, options: &MapOptions, members: &[(&Surface, 
     all
 }
 
-/// Name the texels in the root's extension; their indices there.
+/// Add the texels to the list in the root's extension. Returns their indices there.
 fn texels(
     editor: &mut Editor,
     input: &Path,

@@ -1,4 +1,4 @@
-//! What moves in a landscape, as it is written: texels of frames, how their copies go through them, and the wind.
+//! Motion in a landscape, as a mapping writes it: the frames of animated texels, the animation of copies, and the wind.
 
 use std::path::{Path, PathBuf};
 
@@ -35,8 +35,8 @@ pub fn frames(motion: &Motion, k: usize, path: &Path, output: &Path, saved: &mut
     Ok(out.into())
 }
 
-/// Give everything that shows one of `texels` (indices of the root's list) the wind, and what shows one that has frames and says
-/// nothing of its own the animation.
+/// Write the wind to all materials that show one of `texels` (indices of the root's list), and the animation to layers and copies that show
+/// one with frames and have no animation of their own.
 pub fn write(json: &mut Value, motion: &Motion, texels: &[usize]) {
     let has_frames = |k: usize| motion.frames.get(k).is_some_and(|list| list.len() > 1);
     let moving: Vec<usize> = texels.iter().enumerate().filter(|(k, _)| has_frames(*k)).map(|(_, i)| *i).collect();

@@ -1,4 +1,4 @@
-//! An OBJ mesh as a .glb to be mapped: its faces of four corners are bilinear patches.
+//! Conversion of an OBJ mesh to a .glb that is then mapped; its faces of four corners become bilinear patches.
 
 use std::io::Cursor;
 use std::path::Path;
@@ -6,14 +6,14 @@ use std::path::Path;
 use serde_json::{Map, Value, json};
 
 use super::super::extension;
-use super::made;
-use super::made::Made;
+use super::temp_glb;
+use super::temp_glb::TempGlb;
 use crate::scene::model::{Alpha, Material, Model, Part};
 use crate::scene::texture::{Texture, Wrap};
 use crate::scene::{ReadOptions, obj};
 use crate::{Error, Result, Warnings};
 
-/// The .glb's parts as they grow.
+/// The contents of the .glb while they are written.
 #[derive(Default)]
 struct Writer {
     bin: Vec<u8>,
@@ -28,7 +28,7 @@ struct Writer {
 ///
 /// # Errors
 /// As [`obj::read`].
-pub fn make(path: &Path, patches: bool) -> Result<(Made, Warnings)> {
+pub fn make(path: &Path, patches: bool) -> Result<(TempGlb, Warnings)> {
     let mut model = obj::read(path, &ReadOptions { patches, ..ReadOptions::default() })?;
     let warnings = std::mem::take(&mut model.warnings);
     let mut writer = Writer::default();
@@ -50,7 +50,7 @@ pub fn make(path: &Path, patches: bool) -> Result<(Made, Warnings)> {
             json[key] = json!(list);
         }
     }
-    Ok((made::save(path, &json, &writer.bin)?, warnings))
+    Ok((temp_glb::save(path, &json, &writer.bin)?, warnings))
 }
 
 impl Writer {
@@ -86,14 +86,14 @@ impl Writer {
         self.accessor(json!({"bufferView": view, "componentType": 5125, "count": N * values.len(), "type": "SCALAR"}))
     }
 
-    /// A primitive for each kind of what the part has.
+    /// A mesh with one primitive each for the part's triangles, lines and points.
     fn mesh(&mut self, part: &Part, model: &Model) -> Value {
         let mut attributes = Map::new();
         attributes.insert("POSITION".into(), self.floats(&part.positions).into());
         if let Some(normals) = &part.normals {
             attributes.insert("NORMAL".into(), self.floats(normals).into());
         }
-        // Where a material moves its texture, coordinates are moved here.
+        // The texture transform of the material is applied to the coordinates.
         let moved = model.materials.get(part.material).and_then(|m| m.texture.as_ref());
         for uvs in &part.uvs {
             let uvs: Vec<[f32; 2]> = uvs.iter().map(|uv| moved.map_or(*uv, |t| t.map(*uv))).collect();
@@ -142,7 +142,7 @@ impl Writer {
         Ok(own)
     }
 
-    /// The image as a PNG in the file; its index among the textures.
+    /// Store a texture as a PNG in the file. Returns its index among the textures.
     fn texture(&mut self, path: &Path, texture: &Texture) -> Result<usize> {
         let texels = texture.texels.iter().flatten().copied().collect();
         let image = image::RgbaImage::from_raw(texture.width, texture.height, texels);

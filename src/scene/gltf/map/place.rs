@@ -1,4 +1,4 @@
-//! Rigid copies: where each stands, how it is turned, how large it is and in which tint.
+//! Placement of rigid copies: position, rotation, size and tint of each.
 
 use std::f64::consts::TAU;
 
@@ -8,95 +8,91 @@ use serde_json::Value;
 use super::super::document::Document;
 use super::super::nodes::Graph;
 use super::super::write::Editor;
-use super::copies::{self, Kind, Stand};
+use super::copies::{self, CopyGroup, CopyModel};
+use super::density::DensityFilter;
 use super::options::{Arrangement, Cells, Covered, MapOptions, MaskOver, PointsTable};
 use super::plan::Plan;
 use super::points::{self, PlacedPoint, PointsUp};
-use super::scatter::{Border, Discs, Lookup, Point, Target};
-use super::sieve::Sieve;
+use super::scatter::{Border, GroundLookup, PoissonDiscs, SampledTriangles, SurfacePoint};
 use super::surface::{Coordinates, Surface, WRITTEN};
 use crate::geom::DVec3;
 use crate::random::SplitMix64;
 use crate::scene::shell::Orientations;
 use crate::{Error, Result, Warnings};
 
-/// The least distance between copies, in mean spacings. Random darts fill the plane at .83, and independent points have none:
-/// at this, stands look grown, neither planted in rows nor thrown.
-const APART: f64 = 0.7;
-/// Steeper slopes sink copies no more than this one does (tangent).
-const STEEPEST: f64 = 2.0;
-/// More copies than this are not placed in one mapping.
+/// Least distance between copies, in mean spacings. Dart throwing fills the plane at .83, and independent random points have no least
+/// distance; at this value copies look naturally grown, neither planted in rows nor strewn.
+const LEAST_SPACING: f64 = 0.7;
+/// Slope (tangent) from which on copies are not sunk any deeper.
+const MAX_SINK_SLOPE: f64 = 2.0;
+/// Most copies of one mapping.
 const MOST_COPIES: f64 = (1u64 << 24) as f64;
-/// Texture coordinates that leave the unit square by no more are taken to lie in it.
+/// Distance outside of the unit square at which texture coordinates still count as inside.
 const SQUARE: f64 = 0.01;
 
-/// Place copies on `surfaces`, whose cells are `cell` wide, and add their nodes to the file; what to say of them.
+/// The surfaces on which copies are placed, and the file that they are part of.
+pub struct Ground<'a> {
+    pub document: &'a Document,
+    pub graph: &'a Graph,
+    pub plan: &'a Plan,
+    pub surfaces: &'a [&'a Surface],
+    /// Size of a cell along u and v, metres, the same on all surfaces.
+    pub cell: [f64; 2],
+}
+
+/// Place copies on the ground, and add their nodes to the file; `texels` index the root's list. Returns what was placed, by material and
+/// texel.
 ///
 /// # Errors
 /// `Limit` where there would be too many; as [`points::read`] for a table of places.
 pub fn place(
-    (document, graph): (&Document, &Graph),
+    ground: &Ground<'_>,
     options: &MapOptions,
-    (plan, surfaces, cell): (&Plan, &[&Surface], [f64; 2]),
     texels: &[usize],
     editor: &mut Editor,
-    (notes, warnings): (&mut Vec<String>, &mut Warnings),
+    notes: &mut Vec<String>,
+    warnings: &mut Warnings,
 ) -> Result<Vec<Covered>> {
-    let mut target = Target::default();
+    let Ground { plan, surfaces, cell, .. } = *ground;
+    let mut target = SampledTriangles::default();
     for (i, surface) in surfaces.iter().enumerate() {
         for world in &surface.worlds {
             surface.faces(*world, Coordinates::Uv).for_each(|f| target.push(&f, i));
         }
     }
-    let kinds = copies::kinds(options, cell, &target, notes, warnings);
-    let mut planter = Planter::new(options, plan, (surfaces, &target), (&kinds, texels));
+    let models = copies::models(options, cell, &target, notes, warnings);
+    let mut placer = CopyPlacer::new(options, plan, (surfaces, &target), (&models, texels));
     match &options.points {
-        Some(table) => planter.by_table(table, origin(editor), warnings)?,
+        Some(table) => placer.by_table(table, origin(editor), warnings)?,
         None => {
             let over = mask_over(options, surfaces, notes);
-            let sieve = Sieve::new(options, &target, over, plan.up);
-            let per_area = density(options, cell, &kinds);
+            let filter = DensityFilter::new(options, &target, over, plan.up);
+            let per_area = density(options, cell, &models);
             let wanted = per_area * target.area() * options.presence;
-            if wanted.is_nan() || wanted > MOST_COPIES {
-                let (needed, allowed) = (wanted as u64, MOST_COPIES as u64);
-                return Err(Error::Limit {
-                    what: "placing copies (option `density`, option `sizes`)".into(),
-                    needed,
-                    allowed,
-                });
-            }
-            let standing = if options.add { copies::standing(document, graph, surfaces)? } else { Vec::new() };
+            check_count(wanted)?;
+            let existing = if options.add {
+                copies::existing_positions(ground.document, ground.graph, surfaces)?
+            } else {
+                Vec::new()
+            };
             match options.arrangement {
-                Arrangement::Scattered => planter.scatter(&sieve, (per_area, wanted), &standing, notes),
-                Arrangement::Rows => planter.in_rows(&sieve, per_area)?,
+                Arrangement::Scattered => placer.scatter(&filter, (per_area, wanted), &existing, notes),
+                Arrangement::Rows => placer.in_rows(&filter, per_area)?,
             }
         }
     }
-    if planter.overhanging > 0 {
-        let n = planter.overhanging;
+    if placer.overhanging > 0 {
+        let n = placer.overhanging;
         notes.push(format!("{n} copies that would overhang the border were left out (option `inset`)"));
     }
-    let mut stands = planter.stands;
-    stands.sort_by_key(|s| (s.material, s.kind));
+    let mut groups = placer.groups;
+    groups.sort_by_key(|group| (group.material, group.model));
     let mut covered = Vec::new();
-    for stand in &stands {
-        let kind = &kinds[stand.kind];
-        let material = stand.material.and_then(|m| document.root.materials.get(m));
-        let name = material.and_then(|m| m.name.clone());
-        let name = name.or(stand.material.map(|m| format!("material {m}"))).unwrap_or_else(|| "bare faces".into());
-        copies::write(options, kind, stand, &name, texels.get(stand.kind).copied().unwrap_or(0), editor)?;
-        let largest = match options.points {
-            Some(_) => f64::from(stand.scales.iter().copied().fold(0.0, f32::max)),
-            None => kind.size * options.scale[1],
-        };
-        let size = kind.content.size() * largest;
-        covered.push(Covered {
-            material: name,
-            texel: Some(kind.name.clone()),
-            cell: [size.x, size.z],
-            height: size.y,
-            copies: stand.translations.len() as f64,
-        });
+    for group in &groups {
+        let model = &models[group.model];
+        let name = material_name(ground.document, group.material);
+        copies::write(options, model, group, &name, texels.get(group.model).copied().unwrap_or(0), editor)?;
+        covered.push(report(options, model, group, name));
     }
     if covered.is_empty() {
         warnings.add("nothing was placed: no place was left for a copy (option `density`, option `sizes`, option `presence`, slope, altitude)");
@@ -104,7 +100,33 @@ pub fn place(
     Ok(covered)
 }
 
-/// What a picture of densities lies on, and a word about it.
+/// Check that a number of copies is within the limit.
+fn check_count(wanted: f64) -> Result<()> {
+    if wanted.is_nan() || wanted > MOST_COPIES {
+        let (needed, allowed) = (wanted as u64, MOST_COPIES as u64);
+        return Err(Error::Limit { what: "placing copies (option `density`, option `sizes`)".into(), needed, allowed });
+    }
+    Ok(())
+}
+
+/// Name of a material for messages and nodes.
+fn material_name(document: &Document, material: Option<usize>) -> String {
+    let name = material.and_then(|m| document.root.materials.get(m)).and_then(|m| m.name.clone());
+    name.or(material.map(|m| format!("material {m}"))).unwrap_or_else(|| "bare faces".into())
+}
+
+/// What was placed of one group.
+fn report(options: &MapOptions, model: &CopyModel, group: &CopyGroup, material: String) -> Covered {
+    let largest = match options.points {
+        Some(_) => f64::from(group.scales.iter().copied().fold(0.0, f32::max)),
+        None => model.size * options.scale[1],
+    };
+    let size = model.content.size() * largest;
+    let texel = Some(model.name.clone());
+    Covered { material, texel, cell: [size.x, size.z], height: size.y, copies: group.translations.len() as f64 }
+}
+
+/// The domain of the density map, with a note about the choice.
 fn mask_over(options: &MapOptions, surfaces: &[&Surface], notes: &mut Vec<String>) -> MaskOver {
     let inside = |s: &&Surface| {
         let faces = s.faces(s.world(), Coordinates::Uv);
@@ -125,7 +147,7 @@ fn mask_over(options: &MapOptions, surfaces: &[&Surface], notes: &mut Vec<String
     over
 }
 
-/// East and north of the scene's origin, where the ground has them.
+/// East and north of the scene's origin, metres, if the ground has a place in a map.
 fn origin(editor: &Editor) -> Option<[f64; 2]> {
     let origin = editor.json.pointer(&format!("/extras/{WRITTEN}/origin"))?.as_array()?;
     let numbers: Vec<f64> = origin.iter().filter_map(Value::as_f64).collect();
@@ -133,90 +155,96 @@ fn origin(editor: &Editor) -> Option<[f64; 2]> {
 }
 
 /// Copies per square metre.
-fn density(options: &MapOptions, cell: [f64; 2], kinds: &[Kind]) -> f64 {
+fn density(options: &MapOptions, cell: [f64; 2], models: &[CopyModel]) -> f64 {
     if let Some(density) = options.density {
         return density;
     }
     if options.cells != Cells::Texel {
         return 1.0 / (cell[0] * cell[1]);
     }
-    // Crowns touch.
-    let mean = mean_square_width(kinds);
+    // By default the crowns of copies touch.
+    let mean = mean_square_width(models);
     if mean > 0.0 { 1.0 / mean } else { 1.0 }
 }
 
-fn mean_square_width(kinds: &[Kind]) -> f64 {
-    kinds.iter().map(|k| k.share * k.width() * k.width()).sum()
+fn mean_square_width(models: &[CopyModel]) -> f64 {
+    models.iter().map(|k| k.share * k.width() * k.width()).sum()
 }
 
-/// Half the least distance between two copies of one kind: kinds share the ground by their widths.
-fn radius(kind: &Kind, kinds: &[Kind], density: f64) -> f64 {
-    let mean = mean_square_width(kinds);
-    let share = if mean > 0.0 { kind.width() / mean.sqrt() } else { 1.0 };
-    0.5 * APART * share / density.sqrt()
+/// Half the least distance between two copies of one model, in metres. It is in proportion to the model's width.
+fn radius(model: &CopyModel, models: &[CopyModel], density: f64) -> f64 {
+    let mean = mean_square_width(models);
+    let share = if mean > 0.0 { model.width() / mean.sqrt() } else { 1.0 };
+    0.5 * LEAST_SPACING * share / density.sqrt()
 }
 
-/// Where one copy stands; what a table says of it, which replaces chance.
-struct Spot<'p> {
-    point: Point,
-    said: Option<&'p PlacedPoint>,
+/// The site of one copy. A row of a table replaces random choices.
+struct Site<'p> {
+    point: SurfacePoint,
+    row: Option<&'p PlacedPoint>,
 }
 
-/// Puts copies into the ground, one after the other.
-struct Planter<'a> {
+/// Places copies one after the other.
+struct CopyPlacer<'a> {
     options: &'a MapOptions,
     plan: &'a Plan,
     surfaces: &'a [&'a Surface],
-    target: &'a Target,
-    kinds: &'a [Kind],
+    target: &'a SampledTriangles,
+    models: &'a [CopyModel],
     texels: &'a [usize],
     border: Option<Border>,
     random: SplitMix64,
-    stands: Vec<Stand>,
+    groups: Vec<CopyGroup>,
     overhanging: u64,
 }
 
-impl<'a> Planter<'a> {
+impl<'a> CopyPlacer<'a> {
     fn new(
         options: &'a MapOptions,
         plan: &'a Plan,
-        (surfaces, target): (&'a [&'a Surface], &'a Target),
-        (kinds, texels): (&'a [Kind], &'a [usize]),
-    ) -> Planter<'a> {
+        (surfaces, target): (&'a [&'a Surface], &'a SampledTriangles),
+        (models, texels): (&'a [CopyModel], &'a [usize]),
+    ) -> CopyPlacer<'a> {
         let border = options.inset.then(|| {
-            let reach = kinds.iter().map(|k| k.reach() * options.scale[1]).fold(0.0, f64::max);
+            let reach = models.iter().map(|k| k.reach() * options.scale[1]).fold(0.0, f64::max);
             Border::new(&target.border(), reach, plan.up)
         });
         let random = SplitMix64::new(u64::from(options.seed));
-        let stands = Vec::new();
-        Planter { options, plan, surfaces, target, kinds, texels, border, random, stands, overhanging: 0 }
+        let groups = Vec::new();
+        CopyPlacer { options, plan, surfaces, target, models, texels, border, random, groups, overhanging: 0 }
     }
 
-    /// Irregularly, with a least distance from each other, and a quarter of a width from what stands already: the new may grow
-    /// under the crowns of the old.
-    fn scatter(&mut self, sieve: &Sieve, (per_area, wanted): (f64, f64), standing: &[DVec3], notes: &mut Vec<String>) {
-        let kinds = self.kinds;
-        let widest = kinds.iter().map(|k| radius(k, kinds, per_area).max(0.25 * k.width())).fold(0.0, f64::max);
-        let mut discs = Discs::new(widest);
-        let room = kinds.iter().map(|k| 0.5 * k.width() - radius(k, kinds, per_area)).fold(f64::INFINITY, f64::min);
+    /// Place copies irregularly, with a least distance from each other, and at least a quarter of their width from copies of earlier mappings:
+    /// new copies may stand under the crowns of old ones.
+    fn scatter(
+        &mut self,
+        filter: &DensityFilter,
+        (per_area, wanted): (f64, f64),
+        standing: &[DVec3],
+        notes: &mut Vec<String>,
+    ) {
+        let models = self.models;
+        let widest = models.iter().map(|k| radius(k, models, per_area).max(0.25 * k.width())).fold(0.0, f64::max);
+        let mut discs = PoissonDiscs::new(widest);
+        let room = models.iter().map(|k| 0.5 * k.width() - radius(k, models, per_area)).fold(f64::INFINITY, f64::min);
         standing.iter().for_each(|&p| discs.insert(p, room));
-        // The widest first: they find room less easily.
-        let mut order: Vec<usize> = (0..kinds.len()).collect();
-        order.sort_by(|&a, &b| kinds[b].width().total_cmp(&kinds[a].width()).then(a.cmp(&b)));
+        // Wide models come first, since they find room less easily.
+        let mut order: Vec<usize> = (0..models.len()).collect();
+        order.sort_by(|&a, &b| models[b].width().total_cmp(&models[a].width()).then(a.cmp(&b)));
         let (mut before, mut missing, mut share) = (0.0, 0.0, 0.0);
-        for kind in order {
-            // Shares that add up to the whole number of copies.
-            share += kinds[kind].share;
+        for model in order {
+            // Rounded so that the counts of all models add up to the wanted number.
+            share += models[model].share;
             let upto = wanted * share;
             let count = upto.round() - f64::round(before);
             before = upto;
-            let radius = radius(&kinds[kind], kinds, per_area);
+            let radius = radius(&models[model], models, per_area);
             let points = discs.throw(self.target, count.max(0.0) as usize, radius, &mut self.random);
             missing += count - points.len() as f64;
             for point in points {
-                // What is thinned keeps its room, or the next kind would crowd into it.
-                if sieve.is_open() || self.random.unit() < sieve.share(&point) {
-                    self.plant(kind, &Spot { point, said: None });
+                // A copy that is thinned out keeps its disc, or the next model would fill the gap.
+                if filter.is_open() || self.random.unit() < filter.share(&point) {
+                    self.add_copy(model, &Site { point, row: None });
                 }
             }
         }
@@ -225,44 +253,36 @@ impl<'a> Planter<'a> {
         }
     }
 
-    /// In rows along x and z, moved by the displacement, with gaps by the presence and the sieve.
-    fn in_rows(&mut self, sieve: &Sieve, per_area: f64) -> Result<()> {
-        let lookup = Lookup::new(self.target);
+    /// Place copies in rows along x and z, with random displacements, and with gaps by the presence and the density filter.
+    fn in_rows(&mut self, filter: &DensityFilter, per_area: f64) -> Result<()> {
+        let lookup = GroundLookup::new(self.target);
         let (bounds, step) = (self.target.bounds(), 1.0 / per_area.sqrt());
         let counts = [bounds.size().x / step, bounds.size().z / step].map(|n| n.floor().max(1.0));
-        let needed = counts[0] * counts[1];
-        if needed.is_nan() || needed > MOST_COPIES {
-            let (needed, allowed) = (needed as u64, MOST_COPIES as u64);
-            return Err(Error::Limit {
-                what: "placing copies (option `density`, option `sizes`)".into(),
-                needed,
-                allowed,
-            });
-        }
+        check_count(counts[0] * counts[1])?;
         let middle = bounds.centre();
         for row in 0..counts[1] as u64 {
             for column in 0..counts[0] as u64 {
                 let [i, j] = [(column, counts[0]), (row, counts[1])].map(|(k, n)| k as f64 + 0.5 - 0.5 * n);
                 let [du, dv] = [0, 1].map(|k| self.options.displace[k] * self.random.signed());
-                let (present, kind) = (self.random.unit() < self.options.presence, self.random.unit());
+                let (present, model) = (self.random.unit() < self.options.presence, self.random.unit());
                 let thinned = self.random.unit();
                 let Some(point) = lookup.at(middle.x + (i + du) * step, middle.z + (j + dv) * step) else { continue };
-                if present && thinned < sieve.share(&point) {
-                    self.plant(self.kind_of(kind), &Spot { point, said: None });
+                if present && thinned < filter.share(&point) {
+                    self.add_copy(self.model_at(model), &Site { point, row: None });
                 }
             }
         }
         Ok(())
     }
 
-    /// Where a table says.
+    /// Place copies where a table says.
     fn by_table(&mut self, table: &PointsTable, ground: Option<[f64; 2]>, warnings: &mut Warnings) -> Result<()> {
-        let names: Vec<String> = self.kinds.iter().map(|k| k.name.clone()).collect();
+        let names: Vec<String> = self.models.iter().map(|k| k.name.clone()).collect();
         let rows = points::read(&table.path, table.up, &names, warnings)?;
         let ground = ground.filter(|_| table.up == PointsUp::Z);
         let [x, y] = table.origin.or(ground).unwrap_or_default();
         let origin = if table.up == PointsUp::Z { DVec3::new(x, 0.0, -y) } else { DVec3::new(x, 0.0, y) };
-        let lookup = Lookup::new(self.target);
+        let lookup = GroundLookup::new(self.target);
         let mut beside = 0;
         for row in &rows {
             let at = row.at - origin;
@@ -270,7 +290,7 @@ impl<'a> Planter<'a> {
             let point = match (row.has_height, below) {
                 (true, below) => {
                     let surface = below.map_or(0, |b| b.surface);
-                    Point { at, normal: below.map_or(DVec3::Y, |b| b.normal), surface, uv: [0.0; 2] }
+                    SurfacePoint { at, normal: below.map_or(DVec3::Y, |b| b.normal), surface, uv: [0.0; 2] }
                 }
                 (false, Some(point)) => point,
                 (false, None) => {
@@ -278,9 +298,9 @@ impl<'a> Planter<'a> {
                     continue;
                 }
             };
-            let kind = self.random.unit();
-            let kind = row.texel.unwrap_or_else(|| self.kind_of(kind));
-            self.plant(kind, &Spot { point, said: Some(row) });
+            let model = self.random.unit();
+            let model = row.texel.unwrap_or_else(|| self.model_at(model));
+            self.add_copy(model, &Site { point, row: Some(row) });
         }
         if beside == rows.len() as u64 {
             let bounds = self.target.bounds();
@@ -298,67 +318,68 @@ impl<'a> Planter<'a> {
         Ok(())
     }
 
-    /// The kind at `unit` in [0, 1) of all shares.
-    fn kind_of(&self, unit: f64) -> usize {
+    /// The model that a random number `unit` in [0, 1) selects by the models' shares.
+    fn model_at(&self, unit: f64) -> usize {
         let mut below = 0.0;
-        let found = self.kinds.iter().position(|k| {
+        let found = self.models.iter().position(|k| {
             below += k.share;
             unit < below
         });
-        found.unwrap_or(self.kinds.len().saturating_sub(1))
+        found.unwrap_or(self.models.len().saturating_sub(1))
     }
 
-    /// Place one copy, unless it would overhang where it must not.
-    fn plant(&mut self, kind: usize, spot: &Spot) {
-        let (own, point, said) = (&self.kinds[kind], &spot.point, spot.said);
+    /// Place one copy, unless it would overhang the border and option `inset` forbids that.
+    fn add_copy(&mut self, model: usize, site: &Site) {
+        let (own, point, row) = (&self.models[model], &site.point, site.row);
         let up = self.plan.up.unwrap_or(point.normal);
         let [least, most] = self.options.scale;
         let chance = least + self.random.unit() * (most - least);
         let high = own.content.size().y;
-        let scale = match said.map(|s| (s.size, s.scale)) {
+        let scale = match row.map(|s| (s.size, s.scale)) {
             Some((Some(metres), factor)) if high > 0.0 => metres / high * factor.unwrap_or(1.0),
             Some((_, Some(factor))) => own.size * factor,
             _ => own.size * chance,
         };
         let turn = self.random.unit() * TAU;
         let turn = if self.options.orientations == Orientations::Identity { 0.0 } else { turn };
-        let turn = said.and_then(|s| s.turn).unwrap_or(turn);
+        let turn = row.and_then(|s| s.turn).unwrap_or(turn);
         let ramp = self.options.tint_by_copy().map(|[a, b]| {
             let t = self.random.unit();
             std::array::from_fn(|k| a[k] + t * (b[k] - a[k]))
         });
-        let tint = said.and_then(|s| s.tint).or(ramp);
+        let tint = row.and_then(|s| s.tint).or(ramp);
         if self.border.as_ref().is_some_and(|b| b.is_within(point.at, own.reach() * scale / own.size, up)) {
             self.overhanging += 1;
             return;
         }
         let rotation = DQuat::from_rotation_arc(DVec3::Y, up) * DQuat::from_rotation_y(turn);
         let cosine = point.normal.dot(up).abs().clamp(1e-6, 1.0);
-        let slope = ((1.0 - cosine * cosine).sqrt() / cosine).min(STEEPEST);
+        let slope = ((1.0 - cosine * cosine).sqrt() / cosine).min(MAX_SINK_SLOPE);
         let at = point.at - up * (self.options.sink * slope) - rotation * (own.pivot * scale);
         let material = self.surfaces.get(point.surface).and_then(|s| s.material);
-        let stand = self.stand(material, kind);
-        // The tints of those before it that have none.
-        if tint.is_some() || !stand.tints.is_empty() {
-            stand.tints.resize(stand.translations.len(), [1.0; 3]);
-            stand.tints.push(tint.unwrap_or([1.0; 3]).map(|v| v as f32));
+        let group = self.group(material, model);
+        // Copies before the first tinted one get the tint 1.
+        if tint.is_some() || !group.tints.is_empty() {
+            group.tints.resize(group.translations.len(), [1.0; 3]);
+            group.tints.push(tint.unwrap_or([1.0; 3]).map(|v| v as f32));
         }
-        stand.translations.push(at);
-        stand.rotations.push(rotation.to_array().map(|v| v as f32));
-        stand.scales.push(scale as f32);
+        group.translations.push(at);
+        group.rotations.push(rotation.to_array().map(|v| v as f32));
+        group.scales.push(scale as f32);
     }
 
-    /// The stand of a kind on a material; a texel that is given twice comes twice as often, in one stand.
-    fn stand(&mut self, material: Option<usize>, kind: usize) -> &mut Stand {
-        let same =
-            |k: &usize| self.texels.get(*k) == self.texels.get(kind) && self.kinds[*k].size == self.kinds[kind].size;
-        let shown = (0..self.kinds.len()).find(same).unwrap_or(kind);
-        let own = self.stands.iter().position(|s| (s.material, s.kind) == (material, shown));
+    /// The group of copies of a model on a material. A texel that is given twice comes twice as often, in one group.
+    fn group(&mut self, material: Option<usize>, model: usize) -> &mut CopyGroup {
+        let same = |k: &usize| {
+            self.texels.get(*k) == self.texels.get(model) && self.models[*k].size == self.models[model].size
+        };
+        let shown = (0..self.models.len()).find(same).unwrap_or(model);
+        let own = self.groups.iter().position(|s| (s.material, s.model) == (material, shown));
         let own = own.unwrap_or_else(|| {
             let (translations, rotations, scales, tints) = (vec![], vec![], vec![], vec![]);
-            self.stands.push(Stand { material, kind: shown, translations, rotations, scales, tints });
-            self.stands.len() - 1
+            self.groups.push(CopyGroup { material, model: shown, translations, rotations, scales, tints });
+            self.groups.len() - 1
         });
-        &mut self.stands[own]
+        &mut self.groups[own]
     }
 }

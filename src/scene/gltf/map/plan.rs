@@ -1,5 +1,5 @@
-//! Every number of a mapping, decided: where copies grow to, which coordinates they are laid by, and how large they are on
-//! each primitive.
+//! The plan of a mapping: the direction in which copies grow, the texture coordinates by which they are laid out, and their size on each
+//! primitive.
 
 use super::options::{Cells, Chart, Heights, MapOptions};
 use super::surface::{Coordinates, Surface, SurfaceStats};
@@ -9,28 +9,28 @@ use crate::scene::shell::Orientations;
 use crate::volume::Info;
 use crate::{Error, Result, Warnings};
 
-/// Above this share of facing up, heights are straight up by default; below its negative, the ground faces down.
+/// Mean cosine between the ground's normals and up above which heights are straight up by default; below its negative, the ground faces down.
 const FACES_UP: f64 = 0.7;
-/// A mesh must have room for so many copies along its shorter side, else they are made smaller to fit `FEW_FIT`.
+/// Least number of copies along the mesh's shorter side. If fewer fit, copies are made smaller, so that `FEW_FIT` of them fit.
 const FEW: f64 = 3.0;
 const FEW_FIT: f64 = 16.0;
-/// Charts whose metres per unit are within this factor have one density.
+/// Charts whose metres per unit agree within this factor get copies of the same size.
 const SAME_DENSITY: f64 = 1.1;
-/// Height vectors of the file lie flat where their mean cosine with the normals is below the first, and were made with Z up
-/// where it is above the second once they are turned.
+/// Height vectors of the file seem to have been made with Z up if their mean cosine with the normals is below the first value, and above the
+/// second one after they are turned from Z up to Y up.
 const LIES_FLAT: f64 = 0.3;
 const STANDS_UP: f64 = 0.7;
 
-/// The decisions.
+/// The decisions of a mapping.
 pub struct Plan {
-    /// Straight along a unit vector, or along the normals.
+    /// Unit direction in which all copies grow; `None` for along the normals.
     pub up: Option<DVec3>,
     pub chart: Chart,
-    /// Where the planar chart starts.
+    /// Origin of the planar chart, metres.
     pub origin: [f64; 2],
-    /// How much of the texel's cube a shell holds.
+    /// Share of the texel's cube, along w, that the shell holds.
     pub dw: f64,
-    /// As the surfaces.
+    /// One plan per surface.
     pub surfaces: Vec<SurfacePlan>,
 }
 
@@ -52,7 +52,7 @@ pub struct SurfacePlan {
 }
 
 impl Plan {
-    /// `rigid`: for copies that need no texture coordinates.
+    /// Decide; `rigid` tells that rigid copies are placed, which need no texture coordinates.
     pub fn new(
         options: &MapOptions,
         surfaces: &[Surface],
@@ -76,7 +76,7 @@ impl Plan {
             .map(|&own| if own { Coordinates::Own } else { planar.unwrap_or(Coordinates::Uv) })
             .collect();
         let groups = groups(surfaces, &coordinates, up);
-        // Rigid copies need coordinates where they are counted by them alone.
+        // Rigid copies need texture coordinates only where their number is given in units of these.
         let counted = !rigid || matches!(options.cells, Cells::Repeat(_));
         let unusable = |g: &Group| counted && !g.stats.usable() && (options.add || g.coordinates != Coordinates::Own);
         if let Some(group) = groups.iter().find(|g| unusable(g)) {
@@ -128,7 +128,7 @@ impl Plan {
     }
 }
 
-/// Where copies grow to, and a word where the ground is not as it should be.
+/// The direction in which copies grow, with warnings about unusual grounds.
 fn up(options: &MapOptions, surfaces: &[Surface], notes: &mut Vec<String>, warnings: &mut Warnings) -> Option<DVec3> {
     for surface in surfaces {
         if options.replace || !surface.geometry.is_authored("_VTEX_HEIGHT") {
@@ -170,7 +170,7 @@ fn up(options: &MapOptions, surfaces: &[Surface], notes: &mut Vec<String>, warni
     }
 }
 
-/// The chart that is taken where nothing of the file's own stays.
+/// The chart of the surfaces that do not keep the file's own _VTEX_UVW.
 fn chart(
     options: &MapOptions,
     surfaces: &[Surface],
@@ -198,7 +198,7 @@ fn chart(
     }
 }
 
-/// Surfaces whose charts have one density, so that copies go on from one to the next.
+/// Surfaces that share a chart and its density, so that copies continue from one to the next.
 struct Group {
     coordinates: Coordinates,
     members: Vec<usize>,
@@ -240,16 +240,16 @@ impl Group {
         (metres[0] * extent[0]).min(metres[1] * extent[1])
     }
 
-    /// Cells per unit of the chart, and their width in metres; `width` is what is aimed at.
+    /// Cells per unit of the chart, and the size of a cell in metres; `width` is the wanted size.
     fn cells(&self, options: &MapOptions, width: f64) -> ([f64; 2], [f64; 2]) {
         let (metres, span) = (self.metres(), self.stats.extent());
         let planar = matches!(self.coordinates, Coordinates::Planar(_));
         if self.coordinates == Coordinates::Own && !options.add {
-            // The file's coordinates are counted in copies.
+            // The file's own _VTEX_UVW are in units of copies.
             return ([1.0; 2], metres);
         }
         let own = self.coordinates == Coordinates::Own;
-        // Whole copies fit the mesh, or the unit square of texture coordinates where the mesh spans just that.
+        // A whole number of copies fits the mesh, or the unit square of texture coordinates if the mesh fills it.
         let whole = |k: usize| {
             let n = metres[k] * span[k] / width;
             let square = planar || (!own && (span[k] - 1.0).abs() < 0.1);
@@ -268,7 +268,7 @@ impl Group {
     }
 }
 
-/// The width of a copy in a shell that is aimed at, metres.
+/// The wanted width of a copy in a shell, metres.
 fn width(options: &MapOptions, groups: &[Group], notes: &mut Vec<String>, warnings: &mut Warnings) -> f64 {
     if let Cells::Wide(width) = options.cells {
         return width;

@@ -1,5 +1,5 @@
-//! Tables of places for rigid copies (`.csv`, `.tsv`), as surveys and other scatter tools write them: x, y [, z], size, scale, turn,
-//! tint, texel, by the names of the first line, in any order.
+//! Tables of positions for rigid copies (`.csv`, `.tsv`), as surveys and other scatter tools write them: columns x, y [, z], size, scale,
+//! turn, tint and texel, named by the first line, in any order.
 
 use std::path::Path;
 
@@ -40,9 +40,10 @@ pub struct PlacedPoint {
     pub texel: Option<usize>,
 }
 
-/// Rows of one table.
+/// Most rows of a table.
 const MOST_POINTS: usize = 1 << 24;
 
+/// Meaning of a column; the first six hold numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Column {
     X,
@@ -55,6 +56,7 @@ enum Column {
     Texel,
 }
 
+/// Names of columns, in lower case.
 const NAMES: [(&str, Column); 17] = [
     ("x", Column::X),
     ("easting", Column::X),
@@ -78,80 +80,18 @@ const NAMES: [(&str, Column); 17] = [
 /// Read a table. `texels`: names that its column `texel` may hold.
 ///
 /// # Errors
-/// `Io`, `Input` with the line where a value is none, a texel is unknown, or the columns of the ground plane are missing.
+/// `Io`; `Input` with the line where a value is invalid, a texel is unknown, or a coordinate is missing.
 pub fn read(path: &Path, up: PointsUp, texels: &[String], warnings: &mut Warnings) -> Result<Vec<PlacedPoint>> {
     let bytes = files::read(path, 1 << 31)?;
     let text = decode(&bytes);
     let mut lines = logical_lines(&text).filter(|(_, l)| !l.trim().is_empty() && !l.trim_start().starts_with('#'));
-    let wrong = |line: usize, what: String| Error::input(path, format!("line {line}"), what);
     let (number, first) = lines.next().ok_or_else(|| Error::input(path, "", "holds no points"))?;
-    let separator = [',', '\t', ';'].into_iter().find(|s| first.contains(*s)).unwrap_or(' ');
-    let names: Vec<String> = fields(&first, separator).map(|f| f.1.to_lowercase()).collect();
-    let columns: Vec<Option<Column>> =
-        names.iter().map(|n| NAMES.iter().find(|known| known.0 == n).map(|known| known.1)).collect();
-    let plane =
-        if up == PointsUp::Z { [(Column::X, "x"), (Column::Y, "y")] } else { [(Column::X, "x"), (Column::Z, "z")] };
-    for (column, name) in plane {
-        if !columns.contains(&Some(column)) {
-            let known = "x, y, z, size (metres high), scale, turn (degrees), tint (#rrggbb), texel";
-            return Err(wrong(number, format!("no column is named {name}; the first line names the columns: {known}")));
-        }
-    }
-    for (i, column) in columns.iter().enumerate() {
-        if column.is_some() && columns[..i].contains(column) {
-            return Err(wrong(number, format!("column {} is the second for the same: `{}`", i + 1, names[i])));
-        }
-    }
-    let unknown = columns.iter().filter(|c| c.is_none()).count();
+    let table = Table::new(path, up, texels, (number, &first))?;
+    let unknown = table.columns.iter().filter(|c| c.is_none()).count();
     warnings.add_many(format!("{}: columns of other names are ignored", path.display()), unknown as u64);
     let mut points = Vec::new();
     for (line, text) in lines {
-        let mut values = [f64::NAN; 6];
-        let mut point = PlacedPoint {
-            line,
-            at: DVec3::ZERO,
-            has_height: false,
-            size: None,
-            scale: None,
-            turn: None,
-            tint: None,
-            texel: None,
-        };
-        for (k, (column, (_, field))) in columns.iter().zip(fields(&text, separator)).enumerate() {
-            let Some(column) = column.filter(|_| !field.is_empty()) else { continue };
-            match column {
-                Column::Tint => {
-                    let tint = hex(field).ok_or_else(|| wrong(line, format!("tint is `{field}` and not a #rrggbb")))?;
-                    point.tint = Some(tint);
-                }
-                Column::Texel => {
-                    let index = texels.iter().position(|t| t == field).ok_or_else(|| {
-                        wrong(line, format!("no texel is named `{field}`; there are: {}", texels.join(", ")))
-                    })?;
-                    point.texel = Some(index);
-                }
-                number => {
-                    let value = field.parse().ok().filter(|v: &f64| v.is_finite());
-                    values[number as usize] =
-                        value.ok_or_else(|| wrong(line, format!("{} is `{field}` and not a number", names[k])))?;
-                }
-            }
-        }
-        let [x, y, z, size, scale, turn] = values;
-        let (north, height) = if up == PointsUp::Z { (y, z) } else { (-z, y) };
-        if x.is_nan() || north.is_nan() {
-            return Err(wrong(line, "has no place: a coordinate is missing".into()));
-        }
-        let positive = |v: f64, name: &str| match v {
-            v if v.is_nan() => Ok(None),
-            v if v > 0.0 => Ok(Some(v)),
-            _ => Err(wrong(line, format!("{name} must be above 0"))),
-        };
-        point.at = DVec3::new(x, if height.is_nan() { 0.0 } else { height }, -north);
-        point.has_height = !height.is_nan();
-        (point.size, point.scale) = (positive(size, "size")?, positive(scale, "scale")?);
-        point.turn = (!turn.is_nan()).then(|| turn.to_radians());
-        points.push(point);
+        points.push(table.row(line, &text)?);
         if points.len() > MOST_POINTS {
             let what = format!("{}: placing copies", path.display());
             return Err(Error::Limit { what, needed: points.len() as u64, allowed: MOST_POINTS as u64 });
@@ -161,6 +101,99 @@ pub fn read(path: &Path, up: PointsUp, texels: &[String], warnings: &mut Warning
         return Err(Error::input(path, "", "holds no points"));
     }
     Ok(points)
+}
+
+/// The form of a table, as its first line gives it.
+struct Table<'a> {
+    path: &'a Path,
+    up: PointsUp,
+    texels: &'a [String],
+    separator: char,
+    /// Names of the columns, in lower case.
+    names: Vec<String>,
+    /// Meanings of the columns; `None` for those that are ignored.
+    columns: Vec<Option<Column>>,
+}
+
+impl<'a> Table<'a> {
+    /// From the first line, which has the number `number`.
+    fn new(path: &'a Path, up: PointsUp, texels: &'a [String], (number, first): (usize, &str)) -> Result<Table<'a>> {
+        let separator = [',', '\t', ';'].into_iter().find(|s| first.contains(*s)).unwrap_or(' ');
+        let names: Vec<String> = fields(first, separator).map(|f| f.1.to_lowercase()).collect();
+        let columns: Vec<Option<Column>> =
+            names.iter().map(|n| NAMES.iter().find(|known| known.0 == n).map(|known| known.1)).collect();
+        let table = Table { path, up, texels, separator, names, columns };
+        let plane =
+            if up == PointsUp::Z { [(Column::X, "x"), (Column::Y, "y")] } else { [(Column::X, "x"), (Column::Z, "z")] };
+        for (column, name) in plane {
+            if !table.columns.contains(&Some(column)) {
+                let known = "x, y, z, size (metres high), scale, turn (degrees), tint (#rrggbb), texel";
+                let what = format!("no column is named {name}; the first line names the columns: {known}");
+                return Err(table.error(number, what));
+            }
+        }
+        for (i, column) in table.columns.iter().enumerate() {
+            if column.is_some() && table.columns[..i].contains(column) {
+                let what = format!("column {} is the second for the same: `{}`", i + 1, table.names[i]);
+                return Err(table.error(number, what));
+            }
+        }
+        Ok(table)
+    }
+
+    /// An error about a line.
+    fn error(&self, line: usize, what: impl Into<String>) -> Error {
+        Error::input(self.path, format!("line {line}"), what)
+    }
+
+    /// The point of one line.
+    fn row(&self, line: usize, text: &str) -> Result<PlacedPoint> {
+        let mut values = [f64::NAN; 6];
+        let (mut tint, mut texel) = (None, None);
+        for (k, (column, (_, field))) in self.columns.iter().zip(fields(text, self.separator)).enumerate() {
+            let Some(column) = column.filter(|_| !field.is_empty()) else { continue };
+            match column {
+                Column::Tint => {
+                    let wrong = || self.error(line, format!("tint is `{field}` and not a #rrggbb"));
+                    tint = Some(hex(field).ok_or_else(wrong)?);
+                }
+                Column::Texel => {
+                    let known = self.texels.join(", ");
+                    let wrong = || self.error(line, format!("no texel is named `{field}`; there are: {known}"));
+                    texel = Some(self.texels.iter().position(|t| t == field).ok_or_else(wrong)?);
+                }
+                number => {
+                    let value = field.parse().ok().filter(|v: &f64| v.is_finite());
+                    let wrong = || self.error(line, format!("{} is `{field}` and not a number", self.names[k]));
+                    values[number as usize] = value.ok_or_else(wrong)?;
+                }
+            }
+        }
+        let [x, y, z, size, scale, turn] = values;
+        let (north, height) = if self.up == PointsUp::Z { (y, z) } else { (-z, y) };
+        if x.is_nan() || north.is_nan() {
+            return Err(self.error(line, "has no place: a coordinate is missing"));
+        }
+        Ok(PlacedPoint {
+            line,
+            at: DVec3::new(x, if height.is_nan() { 0.0 } else { height }, -north),
+            has_height: !height.is_nan(),
+            size: self.positive(line, size, "size")?,
+            scale: self.positive(line, scale, "scale")?,
+            turn: (!turn.is_nan()).then(|| turn.to_radians()),
+            tint,
+            texel,
+        })
+    }
+
+    /// A value that must be above 0; `None` where it is absent (NaN).
+    fn positive(&self, line: usize, value: f64, name: &str) -> Result<Option<f64>> {
+        match value {
+            v if v.is_nan() => Ok(None),
+            v if v > 0.0 => Ok(Some(v)),
+            _ => Err(self.error(line, format!("{name} must be above 0"))),
+        }
+    }
 }
 
 /// Linear factors from `#rrggbb`.

@@ -1,4 +1,4 @@
-//! Points on triangles, evenly and irregularly spread, and how far they are from the border.
+//! Random points on triangles with a least distance (Poisson disks), lookups of the ground below a point, and distances to the border.
 //!
 //! Based on: R. Cook, *Stochastic Sampling in Computer Graphics*, TOG 1986 (Poisson disks by dart throwing); D. Cline et al.,
 //! *Dart Throwing on Surfaces*, CGF 2009.
@@ -12,7 +12,7 @@ use crate::random::SplitMix64;
 
 /// A point on a triangle.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Point {
+pub struct SurfacePoint {
     pub at: DVec3,
     /// Unit normal of the front of its triangle.
     pub normal: DVec3,
@@ -22,11 +22,11 @@ pub struct Point {
     pub uv: [f64; 2],
 }
 
-/// Triangles to throw darts at.
+/// The triangles on which points are sampled.
 #[derive(Default)]
-pub struct Target {
+pub struct SampledTriangles {
     triangles: Vec<Triangle>,
-    /// Area summed up to and with each.
+    /// Cumulative area, including each triangle.
     areas: Vec<f64>,
 }
 
@@ -41,14 +41,14 @@ struct Triangle {
 
 impl Triangle {
     /// The point a + s (b − a) + t (c − a).
-    fn point(&self, s: f64, t: f64) -> Point {
+    fn point(&self, s: f64, t: f64) -> SurfacePoint {
         let ([a, b, c], [p, q, r]) = (self.corners, self.uvs);
         let uv = std::array::from_fn(|k| p[k] + s * (q[k] - p[k]) + t * (r[k] - p[k]));
-        Point { at: a + s * (b - a) + t * (c - a), normal: self.normal, surface: self.surface, uv }
+        SurfacePoint { at: a + s * (b - a) + t * (c - a), normal: self.normal, surface: self.surface, uv }
     }
 }
 
-impl Target {
+impl SampledTriangles {
     /// Add a triangle of the caller's surface number `surface`.
     pub fn push(&mut self, face: &Face, surface: usize) {
         let area = 0.5 * face.cross.length();
@@ -76,7 +76,7 @@ impl Target {
     }
 
     /// A point, by area; `None` where there is no triangle.
-    fn dart(&self, random: &mut SplitMix64) -> Option<Point> {
+    fn dart(&self, random: &mut SplitMix64) -> Option<SurfacePoint> {
         let aim = random.unit() * self.area();
         let i = self.areas.partition_point(|&a| a <= aim).min(self.areas.len().checked_sub(1)?);
         let triangle = self.triangles.get(i)?;
@@ -87,7 +87,7 @@ impl Target {
         Some(triangle.point(s, t))
     }
 
-    /// The edges that only one triangle has, by the positions of their ends.
+    /// The edges that belong to only one triangle; edges with ends at the same positions are the same.
     pub fn border(&self) -> Vec<[DVec3; 2]> {
         let key = |p: DVec3| (p + 0.0).to_array().map(|v| (v as f32).to_bits());
         let ends = |a: DVec3, b: DVec3| {
@@ -106,16 +106,16 @@ impl Target {
     }
 }
 
-/// Discs that keep a distance from each other, in a grid of cells as wide as the largest.
-pub struct Discs {
+/// Discs that do not overlap, in a grid whose cells are as wide as the largest disc.
+pub struct PoissonDiscs {
     cell: f64,
     cells: HashMap<[i64; 3], Vec<(DVec3, f64)>, BuildHasherDefault<CellHasher>>,
     /// The largest radius so far.
     largest: f64,
 }
 
-/// Hashes cells by a multiplication for each number: a million copies look up as many millions of cells as there are darts, and
-/// nobody chooses cells so that they meet. (Knuth, *The Art of Computer Programming* 3, 6.4.)
+/// A hasher of cells with one multiplication per number. A million copies look up many millions of cells, and there is no adversary who could
+/// provoke collisions. (Knuth, *The Art of Computer Programming* 3, 6.4.)
 #[derive(Default)]
 struct CellHasher(u64);
 
@@ -141,31 +141,30 @@ impl Hasher for CellHasher {
     }
 }
 
-/// Darts thrown per disc that is wanted before the ground counts as full. At the least distance that `copies` asks for, three
-/// are enough on average.
+/// Darts per wanted disc after which the ground counts as full. At the least distance that `place` uses, three are enough on average.
 const DARTS: usize = 40;
 
-impl Discs {
+impl PoissonDiscs {
     /// `largest`: the largest radius that will come, metres.
-    pub fn new(largest: f64) -> Discs {
+    pub fn new(largest: f64) -> PoissonDiscs {
         let cell = if largest > 0.0 && largest.is_finite() { 2.0 * largest } else { 1.0 };
-        Discs { cell, cells: HashMap::default(), largest: f64::NEG_INFINITY }
+        PoissonDiscs { cell, cells: HashMap::default(), largest: f64::NEG_INFINITY }
     }
 
     fn cell_of(&self, p: DVec3) -> [i64; 3] {
         (p / self.cell).floor().to_array().map(|v| v as i64)
     }
 
-    /// `radius` may be negative: then others come nearer than their own.
+    /// Add a disc. A negative radius lets other discs come nearer than their own radius.
     pub fn insert(&mut self, p: DVec3, radius: f64) {
         let cell = self.cell_of(p);
         self.largest = self.largest.max(radius);
         self.cells.entry(cell).or_default().push((p, radius));
     }
 
-    /// Whether a disc there would keep the sum of the radii from all others.
+    /// Whether a disc at `p` would overlap no other.
     fn is_free(&self, p: DVec3, radius: f64) -> bool {
-        // No farther than this a disc can be in the way: at most two cells along an axis where discs are small.
+        // Discs beyond this distance cannot overlap it.
         let reach = (radius + self.largest).max(0.0);
         let (low, own, high) = (self.cell_of(p - reach), self.cell_of(p), self.cell_of(p + reach));
         let cells = |k: usize| low[k].max(own[k].saturating_sub(1))..=high[k].min(own[k].saturating_add(1));
@@ -176,8 +175,14 @@ impl Discs {
         cells(0).all(|x| cells(1).all(|y| cells(2).all(|z| free([x, y, z]))))
     }
 
-    /// Up to `count` more points of `target`, each `radius` and the other's from every other.
-    pub fn throw(&mut self, target: &Target, count: usize, radius: f64, random: &mut SplitMix64) -> Vec<Point> {
+    /// Throw darts at `target` for up to `count` points whose discs of radius `radius` overlap no other disc.
+    pub fn throw(
+        &mut self,
+        target: &SampledTriangles,
+        count: usize,
+        radius: f64,
+        random: &mut SplitMix64,
+    ) -> Vec<SurfacePoint> {
         let mut points = Vec::with_capacity(count);
         for _ in 0..count.saturating_mul(DARTS) {
             if points.len() == count {
@@ -193,23 +198,23 @@ impl Discs {
     }
 }
 
-/// The triangles of a target seen from above, to find the ground under a place.
-pub struct Lookup<'a> {
-    target: &'a Target,
+/// The triangles seen from above, in a grid, to find the ground below a point.
+pub struct GroundLookup<'a> {
+    target: &'a SampledTriangles,
     bounds: Aabb,
     /// Columns and rows along x and z, and the triangles whose bounds touch each.
     size: [usize; 2],
     cells: Vec<Vec<u32>>,
 }
 
-/// A lookup has some one cell per triangle, and at most so many along an axis.
+/// Most cells along an axis; otherwise there is about one cell per triangle.
 const MOST_COLUMNS: f64 = 2048.0;
 
-impl<'a> Lookup<'a> {
-    pub fn new(target: &'a Target) -> Lookup<'a> {
+impl<'a> GroundLookup<'a> {
+    pub fn new(target: &'a SampledTriangles) -> GroundLookup<'a> {
         let bounds = target.bounds();
         let side = (target.triangles.len() as f64).sqrt().ceil().clamp(1.0, MOST_COLUMNS) as usize;
-        let mut lookup = Lookup { target, bounds, size: [side; 2], cells: vec![Vec::new(); side * side] };
+        let mut lookup = GroundLookup { target, bounds, size: [side; 2], cells: vec![Vec::new(); side * side] };
         for (i, t) in target.triangles.iter().enumerate() {
             let own = Aabb::around(t.corners);
             let (low, high) = (lookup.column(own.min), lookup.column(own.max));
@@ -228,17 +233,17 @@ impl<'a> Lookup<'a> {
     }
 
     /// The highest point of the ground at (x, z); `None` where there is none.
-    pub fn at(&self, x: f64, z: f64) -> Option<Point> {
+    pub fn at(&self, x: f64, z: f64) -> Option<SurfacePoint> {
         let p = DVec3::new(x, 0.0, z);
         let [column, row] = self.column(p);
-        let mut best: Option<Point> = None;
+        let mut best: Option<SurfacePoint> = None;
         for &i in &self.cells[row * self.size[0] + column] {
             let triangle = &self.target.triangles[i as usize];
             let [a, b, c] = triangle.corners;
             let (e, f, d) = (b - a, c - a, p - a);
             let det = e.x * f.z - f.x * e.z;
             let (s, t) = ((d.x * f.z - f.x * d.z) / det, (e.x * d.z - d.x * e.z) / det);
-            // A place on an edge may lie outside of both triangles by rounding.
+            // By rounding, a point on an edge may lie outside of both triangles.
             const RIM: f64 = 1e-9;
             if s >= -RIM && t >= -RIM && s + t <= 1.0 + RIM {
                 let found = triangle.point(s, t);
@@ -251,11 +256,11 @@ impl<'a> Lookup<'a> {
     }
 }
 
-/// Whether points lie near a border, by a grid as coarse as the largest distance that is asked for.
+/// Tests whether points lie near a border, by a grid whose cells are as wide as the largest distance that is tested.
 pub struct Border {
     cell: f64,
     cells: HashMap<[i64; 3], Vec<[DVec3; 2]>>,
-    /// Unit vector along which all is seen.
+    /// Unit vector along which distances do not count.
     up: Option<DVec3>,
 }
 
@@ -264,12 +269,12 @@ fn flattened(v: DVec3, up: DVec3) -> DVec3 {
     v - up * up.dot(v)
 }
 
-/// An edge is entered into at most so many cells along each axis; longer ones are cut in pieces first.
+/// Most cells along an axis into which a piece of an edge is entered; longer edges are divided into pieces first.
 const MOST_CELLS: f64 = 4.0;
 
 impl Border {
-    /// `reach`: the largest distance that will be asked for. `up`: the unit vector along which the border is seen, where that is
-    /// the same for all points; it then counts however far above or below a point it is. Else it counts within the reach.
+    /// `reach` is the largest distance that will be tested, metres. `up` is the unit direction in which copies grow, if it is the same
+    /// everywhere; distances are then measured at right angles to it, however far above or below a point the border lies.
     pub fn new(edges: &[[DVec3; 2]], reach: f64, up: Option<DVec3>) -> Border {
         let mut border = Border { cell: reach.max(f64::MIN_POSITIVE), cells: HashMap::new(), up };
         for edge in edges {
@@ -295,8 +300,8 @@ impl Border {
         }
     }
 
-    /// Whether the border comes nearer to `p` than `distance`, at most the reach, seen along the unit vector `up`, or the one
-    /// that the border was made for.
+    /// Whether the border is nearer to `p` than `distance` (at most the reach), measured at right angles to the unit vector `up`, or to the one
+    /// with which the border was built.
     pub fn is_within(&self, p: DVec3, distance: f64, up: DVec3) -> bool {
         let (up, p) = self.up.map_or((up, p), |up| (up, flattened(p, up)));
         let cell = (p / self.cell).floor().to_array().map(|v| v as i64);
@@ -314,9 +319,9 @@ impl Border {
 mod tests {
     use super::*;
 
-    fn square(size: f64) -> Target {
+    fn square(size: f64) -> SampledTriangles {
         let p = |x: f64, z: f64| DVec3::new(x * size, 0.0, z * size);
-        let mut target = Target::default();
+        let mut target = SampledTriangles::default();
         for t in [[p(0.0, 0.0), p(0.0, 1.0), p(1.0, 1.0)], [p(0.0, 0.0), p(1.0, 1.0), p(1.0, 0.0)]] {
             let chart = t.map(|p| [p.x / size, p.z / size]);
             target.push(&Face { corners: t, cross: (t[1] - t[0]).cross(t[2] - t[0]), chart }, 0);
@@ -328,7 +333,7 @@ mod tests {
     fn discs_are_as_many_as_wanted_apart_and_even() {
         let (target, mut random) = (square(100.0), SplitMix64::new(5));
         assert!((target.area() - 1e4).abs() < 1e-9);
-        let points = Discs::new(3.5).throw(&target, 100, 3.5, &mut random);
+        let points = PoissonDiscs::new(3.5).throw(&target, 100, 3.5, &mut random);
         // One per 10 m square, .7 of its width apart: below what random darts fill the plane with (.83).
         assert_eq!(points.len(), 100);
         for (i, a) in points.iter().enumerate() {
@@ -339,7 +344,7 @@ mod tests {
         // Each quarter has near 25; discs that keep apart vary less than independent ones, whose deviation is 4.3.
         let quarter = points.iter().filter(|p| p.at.x < 50.0 && p.at.z < 50.0).count();
         assert!((17..=33).contains(&quarter), "{quarter}");
-        let again = Discs::new(3.5).throw(&target, 100, 3.5, &mut SplitMix64::new(5));
+        let again = PoissonDiscs::new(3.5).throw(&target, 100, 3.5, &mut SplitMix64::new(5));
         assert_eq!(points, again);
     }
 
@@ -349,7 +354,7 @@ mod tests {
         let roof = [[2.0, 3.0, 2.0], [2.0, 3.0, 4.0], [4.0, 5.0, 2.0f64]].map(DVec3::from_array);
         let cross = (roof[1] - roof[0]).cross(roof[2] - roof[0]);
         target.push(&Face { corners: roof, cross, chart: [[0.0; 2]; 3] }, 7);
-        let lookup = Lookup::new(&target);
+        let lookup = GroundLookup::new(&target);
         let found = lookup.at(3.0, 2.5).unwrap();
         assert!(found.surface == 7 && (found.at.y - 4.0).abs() < 1e-12, "{found:?}");
         let found = lookup.at(6.0, 2.0).unwrap();
@@ -361,7 +366,7 @@ mod tests {
 
     #[test]
     fn a_full_ground_takes_no_more() {
-        let mut discs = Discs::new(10.0);
+        let mut discs = PoissonDiscs::new(10.0);
         let points = discs.throw(&square(50.0), 1000, 10.0, &mut SplitMix64::new(1));
         // Hexagonal packing, with centres up to the border, is the most there can be.
         assert!((5..=13).contains(&points.len()), "{}", points.len());

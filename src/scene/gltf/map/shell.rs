@@ -1,4 +1,4 @@
-//! Shells: the extension object of a covered material, and the attributes of its primitives.
+//! Shells in a mapping: the extension object of a covered material, and the attributes of its primitives.
 
 use serde_json::{Map, Value, json};
 
@@ -11,7 +11,7 @@ use crate::scene::shell::{Continuous, Orientations};
 use crate::volume::Style;
 use crate::{Error, Result, Warnings};
 
-/// Of the noise by which tints vary over the land: so patches have uneven borders.
+/// Octaves of the noise by which tints vary over the land; with several, patches have uneven borders.
 const TINT_OCTAVES: u32 = 3;
 
 /// How the surfaces of one material are laid out.
@@ -30,13 +30,15 @@ impl MaterialPlan {
         let (_, first) = members.first()?;
         let raw: Vec<_> = members.iter().map(|(surface, planned)| in_raw_coordinates(surface, planned)).collect();
         let near = |a: f64, b: f64| (a - b).abs() <= 1e-9 * a.abs().max(b.abs()).max(1.0);
-        let same = |a: &Raw, b: &Raw| (0..2).all(|k| near(a.scale[k], b.scale[k]) && near(a.offset[k], b.offset[k]));
-        // One layer can say it for all.
+        let same = |a: &LayerTransform, b: &LayerTransform| {
+            (0..2).all(|k| near(a.scale[k], b.scale[k]) && near(a.offset[k], b.offset[k]))
+        };
+        // If all members agree, the layer's scale and offset suffice, and no attribute is written.
         let one = raw[0].as_ref().filter(|first| raw.iter().all(|r| r.as_ref().is_some_and(|r| same(r, first))));
         let planar = matches!(plan.chart, Chart::Planar(_));
         let write_uvw = options.attributes || planar || one.is_none();
-        let Raw { scale, offset } =
-            one.filter(|_| !write_uvw).copied().unwrap_or(Raw { scale: [1.0; 2], offset: [0.0; 2] });
+        let LayerTransform { scale, offset } =
+            one.filter(|_| !write_uvw).copied().unwrap_or(LayerTransform { scale: [1.0; 2], offset: [0.0; 2] });
         let thickness = first.thickness;
         let uneven = members.iter().any(|(_, p)| (p.thickness - thickness).abs() > 1e-6 * thickness || p.keeps_heights);
         let scaled = members.iter().any(|(s, _)| (s.world().matrix3.determinant().abs() - 1.0).abs() > 1e-3);
@@ -51,21 +53,21 @@ impl MaterialPlan {
     }
 }
 
-/// Scale and offset of a layer for coordinates as the primitive has them.
+/// Scale and offset of a layer for a primitive's own texture coordinates.
 #[derive(Clone, Copy)]
-struct Raw {
+struct LayerTransform {
     scale: [f64; 2],
     offset: [f64; 2],
 }
 
-/// What the plan's scale is for the primitive's own coordinates, before KHR_texture_transform; `None` where that turns them.
-fn in_raw_coordinates(surface: &Surface, planned: &SurfacePlan) -> Option<Raw> {
+/// The plan's scale for the primitive's own texture coordinates, before KHR_texture_transform; `None` where that rotates them.
+fn in_raw_coordinates(surface: &Surface, planned: &SurfacePlan) -> Option<LayerTransform> {
     if planned.coordinates != Coordinates::Uv {
-        return Some(Raw { scale: planned.scale, offset: [0.0; 2] });
+        return Some(LayerTransform { scale: planned.scale, offset: [0.0; 2] });
     }
     let [[a, b, x], [c, d, y]] = surface.geometry.uv_rows.map(|r| r.map(f64::from));
     let [u, v] = planned.scale;
-    (b == 0.0 && c == 0.0).then_some(Raw { scale: [a * u, d * v], offset: [x * u, y * v] })
+    (b == 0.0 && c == 0.0).then_some(LayerTransform { scale: [a * u, d * v], offset: [x * u, y * v] })
 }
 
 /// The extension object of a covered material; `texels` index the root's list.
@@ -105,7 +107,7 @@ pub fn material(options: &MapOptions, plan: &Plan, own: &MaterialPlan, texels: &
     if let Some(ramp) = options.tint_by_copy() {
         discrete.insert("tint".into(), json!(ramp));
     }
-    // What varies nothing is left out: a layer then has one copy in all cells.
+    // An object without any variation is left out, so that all cells of the layer are recognised as alike.
     let varies = options.orientations != Orientations::Identity
         || options.mirror != [false; 3]
         || options.scale != [1.0; 2]
@@ -141,7 +143,7 @@ fn continuous(c: &Continuous) -> Value {
     })
 }
 
-/// Write the `phong` and the `palette` of a layer, or of copies, where something is to be restyled.
+/// Write the `phong` and `palette` objects of a layer or of copies, if the options restyle anything.
 pub fn restyle(options: &MapOptions, layer: &mut Map<String, Value>) {
     let mut all = phong(&Style { finish: options.finish, ..Style::OWN });
     if let (Some(ramp), Some(metres)) = (options.tint, options.tint_patches) {
@@ -180,10 +182,10 @@ fn phong(style: &Style) -> Map<String, Value> {
     phong
 }
 
-/// Append the layer of `shell` to a shell that is there; its heights stay.
+/// Append the layer of `shell` to the existing shell `to`, whose height vectors stay.
 ///
 /// # Errors
-/// [`Error::Options`] where there is no shell, or where one layer cannot say it.
+/// [`Error::Options`] where there is no shell, or where scale and offset of one layer cannot express the mapping.
 pub fn add(
     plan: &Plan,
     own: &MaterialPlan,
@@ -193,7 +195,7 @@ pub fn add(
     warnings: &mut Warnings,
 ) -> Result<()> {
     let number = |key: &str| to.get(key).and_then(Value::as_f64).unwrap_or(1.0);
-    // Metres that a unit of w is high: of the shell, and of this layer.
+    // Height of the shell, and metres per unit of w: of the shell, and of this layer.
     let (height, unit) = (number("thickness"), number("thickness") / number("dw"));
     let natural = own.thickness / plan.dw;
     let layers = to.get_mut("layers").and_then(Value::as_array_mut).filter(|_| unit > 0.0 && natural > 0.0);
@@ -216,7 +218,7 @@ pub fn add(
     Ok(())
 }
 
-/// Give a primitive, found under `mesh`, its attributes and its material; those of an earlier mapping are taken away.
+/// Write the attributes and the material of a primitive of `mesh`, and remove attributes of earlier mappings.
 pub fn attributes(
     options: &MapOptions,
     plan: &Plan,
@@ -253,7 +255,7 @@ pub fn attributes(
         } else if !keeps {
             attributes.shift_remove(name);
         }
-        // The next mapping may replace these, and must keep the file's own.
+        // Recorded, so that the next mapping replaces these and keeps the file's own.
         if accessor.is_some() && !keeps {
             written.push(name);
         }
@@ -262,7 +264,7 @@ pub fn attributes(
     Ok(())
 }
 
-/// Take away the attributes that an earlier mapping wrote.
+/// Remove the attributes that an earlier mapping wrote.
 pub fn strip(surface: &Surface, editor: &mut Editor) {
     let at = format!("/meshes/{}/primitives/{}", surface.mesh, surface.primitive);
     let Some(primitive) = editor.json.pointer_mut(&at).and_then(Value::as_object_mut) else { return };
@@ -272,7 +274,7 @@ pub fn strip(surface: &Surface, editor: &mut Editor) {
     mark(primitive, &[]);
 }
 
-/// Note under `extras` which attributes a mapping wrote.
+/// Record under `extras` which attributes a mapping wrote.
 fn mark(primitive: &mut Map<String, Value>, written: &[&str]) {
     if !written.is_empty() {
         if let Some(extras) = primitive.entry("extras").or_insert_with(|| json!({})).as_object_mut() {

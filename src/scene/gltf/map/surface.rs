@@ -1,4 +1,4 @@
-//! The faces that a mapping covers: how large their texture coordinates are in metres, where they face, their attributes.
+//! The surfaces that a mapping covers: their geometry and attributes, the size of their texture coordinates in metres, and their orientation.
 
 use std::collections::{BTreeMap, HashMap};
 use std::rc::Rc;
@@ -26,12 +26,12 @@ pub struct Geometry {
     /// KHR_texture_transform of the texture that the coordinates belong to: uv' = rows · (u, v, 1).
     pub uv_rows: [[f32; 3]; 2],
     pub triangles: Vec<[u32; 3]>,
-    /// Whether triangles that begin at the same vertex are polygons.
+    /// Whether successive triangles that begin at the same vertex form polygons (FB_ngon_encoding).
     pub polygons: bool,
     /// `_VTEX_UVW` and `_VTEX_HEIGHT` of the file.
     pub uvw: Option<Vec<[f32; 3]>>,
     pub heights: Option<Vec<[f32; 3]>>,
-    /// Those of them that an earlier mapping wrote.
+    /// Names of the attributes that an earlier mapping wrote.
     written: Vec<String>,
 }
 
@@ -77,7 +77,7 @@ impl Geometry {
         let uv_rows = uv_transform(material, set as u32);
         let polygons = patches::uses_polygons(document)
             && source.mode == Checked::Valid(Mode::Triangles)
-            // What was left out may have stood between two polygons.
+            // A triangle that was left out may have separated two polygons.
             && 3 * triangles.len() == indices.len();
         Ok(Some(Geometry { polygons, positions, normals, uvs, uv_rows, triangles, uvw, heights, written }))
     }
@@ -86,7 +86,7 @@ impl Geometry {
         self.positions.get(i as usize).map_or(DVec3::ZERO, |p| DVec3::from(p.map(f64::from)))
     }
 
-    /// Whether the attribute `name`, if it is there, is the work of the file's maker and not of an earlier mapping.
+    /// Whether the attribute `name`, if present, comes from the file's author and not from an earlier mapping.
     pub fn is_authored(&self, name: &str) -> bool {
         !self.written.iter().any(|w| w == name)
     }
@@ -103,7 +103,7 @@ impl Geometry {
     }
 }
 
-/// Which coordinates a chart takes.
+/// The coordinates that a chart uses.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Coordinates {
     Uv,
@@ -113,13 +113,13 @@ pub enum Coordinates {
     Planar(usize),
 }
 
-/// One primitive of a mesh, where nodes show it in one size and with one direction of up.
+/// One primitive of a mesh, with all nodes that show it in the same size and with the same direction of up.
 pub struct Surface {
     pub mesh: usize,
     pub primitive: usize,
     pub material: Option<usize>,
     pub geometry: Rc<Geometry>,
-    /// Primitive → world; the first stands for all, which differ from it by shifts and turns about the heights.
+    /// Maps from the primitive to the world. The first stands for all, since they differ only by translations and by rotations about up.
     pub worlds: Vec<DAffine3>,
     /// Nodes that show it.
     pub nodes: Vec<usize>,
@@ -128,7 +128,7 @@ pub struct Surface {
 /// A triangle in the world with its chart coordinates.
 pub struct Face {
     pub corners: [DVec3; 3],
-    /// Half of it is the area; along the normal of a front face.
+    /// Twice the area vector, in the direction of the front face's normal.
     pub cross: DVec3,
     pub chart: [[f64; 2]; 3],
 }
@@ -238,12 +238,12 @@ impl Surface {
     }
 }
 
-/// (x, y, z) with Z up → the same with Y up, as exporters turn positions.
+/// A vector with Z up, converted to Y up as exporters do.
 fn turned([x, y, z]: [f32; 3]) -> [f32; 3] {
     [x, z, -y]
 }
 
-/// Zero where a flattened node leaves no inverse.
+/// The vector in single precision; zero if it is not finite, as where a flattened node has no inverse.
 fn finite(v: DVec3) -> [f32; 3] {
     if v.is_finite() { v.as_vec3().to_array() } else { [0.0; 3] }
 }
@@ -257,11 +257,11 @@ fn planar(p: DVec3, axis: usize) -> [f64; 2] {
     }
 }
 
-/// Nodes whose shapes agree to this can share a mapping.
-const ALIKE: f64 = 1e-4;
+/// Relative difference up to which two transforms of a primitive can share a mapping.
+const SAME_SHAPE: f64 = 1e-4;
 
-/// The chosen primitives: each once for all nodes that show it alike, which are those that differ by a shift and a turn
-/// about `up` only (any turn where there is none). `planar`: charts that depend on where a node is keep each node apart.
+/// The surfaces of the chosen primitives, each once for all nodes that show it alike: their transforms differ by a translation and a rotation
+/// about `up` only, or by any rotation without `up`. With `planar` charts, which depend on a node's position, each node is separate.
 pub fn surfaces(
     document: &Document,
     placed: &[Placed],
@@ -326,24 +326,24 @@ pub fn surfaces(
     Ok(surfaces)
 }
 
-/// Whether what is written for a primitive at `a` is right at `b` too.
+/// Whether the attributes that are written for a primitive at `a` are right at `b` too.
 fn alike(a: &DAffine3, b: &DAffine3, up: Option<DVec3>, planar: bool) -> bool {
     let near = |a: DMat3, b: DMat3| {
         let size = a.to_cols_array().iter().fold(0.0_f64, |m, v| m.max(v.abs()));
-        (a - b).to_cols_array().iter().all(|v| v.abs() <= ALIKE * size)
+        (a - b).to_cols_array().iter().all(|v| v.abs() <= SAME_SHAPE * size)
     };
     if planar {
         let size = a.translation.abs().max_element().max(1.0);
-        return near(a.matrix3, b.matrix3) && (a.translation - b.translation).abs().max_element() <= ALIKE * size;
+        return near(a.matrix3, b.matrix3) && (a.translation - b.translation).abs().max_element() <= SAME_SHAPE * size;
     }
-    // Lengths and angles within the primitive, and where up is: about it, a turn changes nothing.
+    // Lengths and angles within the primitive must agree, and the direction of up in it; rotations about up change nothing.
     let (aa, bb) = (a.matrix3.transpose() * a.matrix3, b.matrix3.transpose() * b.matrix3);
     let [p, q] = [a, b].map(|m| up.map_or(DVec3::ZERO, |up| m.matrix3.transpose() * up));
     let same_hand = (a.matrix3.determinant() < 0.0) == (b.matrix3.determinant() < 0.0);
-    near(aa, bb) && (p - q).length() <= ALIKE * p.length().max(q.length()) && same_hand
+    near(aa, bb) && (p - q).length() <= SAME_SHAPE * p.length().max(q.length()) && same_hand
 }
 
-/// What is known of surfaces that share a density of their chart.
+/// Measurements of surfaces that share a chart and its density.
 #[derive(Debug, Clone)]
 pub struct SurfaceStats {
     /// Square metres, of all placements.

@@ -1,4 +1,4 @@
-//! Affine maps as what a glTF node can say: a translation, a rotation and a scale, or two nodes where there is shear.
+//! Decomposition of affine maps for glTF nodes: a translation, a rotation and a scale, or two nested nodes where there is shear.
 //!
 //! Based on: G. Golub, C. Van Loan, *Matrix Computations*, 8.5 (Jacobi's method); the singular value decomposition.
 
@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 
 use crate::geom::{DAffine3, DMat3, DVec3};
 
-/// What one node says.
+/// The transform of one node.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Trs {
     pub translation: DVec3,
@@ -15,7 +15,7 @@ pub struct Trs {
     pub scale: DVec3,
 }
 
-/// An affine map by nodes.
+/// An affine map as one or two nodes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Placement {
     Rigid(Trs),
@@ -39,7 +39,7 @@ pub fn placement(map: &DAffine3) -> Option<Placement> {
     if !map.is_finite() || m.determinant() == 0.0 {
         return None;
     }
-    // A mirrored map is one that is not, of a mirrored first axis.
+    // A mirroring map is a rotation after the first axis is mirrored.
     let sign = m.determinant().signum();
     let [x, y, z] = [m.x_axis, m.y_axis, m.z_axis];
     let scale = DVec3::new(x.length(), y.length(), z.length());

@@ -1,4 +1,4 @@
-//! Materials of a model, and their pictures, as a glTF file has them; each is written when it is first used.
+//! Writing of a model's materials and their textures to a glTF file, each when it is first used.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -13,10 +13,10 @@ use crate::scene::texture::TextureRef;
 use crate::scene::texture::{Texture, Wrap};
 use crate::{Error, Result, Warnings};
 
-/// What has been written of a model's materials.
+/// The materials of a model and those that have been written.
 pub struct Materials<'a> {
     model: &'a Model,
-    /// By the model's material, and whether it has its texture.
+    /// Indices in the file by the model's material and whether it is written with its texture.
     known: BTreeMap<(usize, bool), usize>,
     textures: Vec<(Arc<Texture>, usize)>,
 }
@@ -31,7 +31,8 @@ impl<'a> Materials<'a> {
         self.model.materials.get(material)?.texture.as_ref().map(|t| t.tex_coord)
     }
 
-    /// The file's index of a material; `textured`: with its texture, whose coordinates are then set 0.
+    /// Index of a material in the file, which is written if needed; `textured` tells whether with its texture, which then uses set 0 of texture
+    /// coordinates.
     pub fn index(
         &mut self,
         material: usize,
@@ -107,8 +108,7 @@ fn plain(material: &Material, warnings: &mut Warnings) -> Value {
     said
 }
 
-/// `rows` as KHR_texture_transform has it; `None` where it is the identity. What is sheared cannot be said, and is no texture
-/// transform that a file could have had.
+/// A texture transform as KHR_texture_transform; `None` for the identity. It must be without shear, as those that were read from files are.
 fn transform([[a, b, c], [d, e, f]]: &[[f32; 3]; 2]) -> Option<Value> {
     let [a, b, c, d, e, f] = [*a, *b, *c, *d, *e, *f].map(f64::from);
     if [a, b, c, d, e, f] == [1.0, 0.0, 0.0, 0.0, 1.0, 0.0] {

@@ -1,5 +1,4 @@
-//! What a shell does to copies that is not said by its numbers: they are cut where it ends or its coordinates do, and stretched
-//! where these are.
+//! Warnings about copies that a shell would cut or stretch: where the mesh or its texture coordinates end, and where these are stretched.
 
 use std::collections::HashMap;
 
@@ -10,15 +9,15 @@ use crate::Warnings;
 use crate::error::length;
 use crate::geom::DVec3;
 
-/// Copies that are so much longer than wide are called stretched: a texel is a cube.
+/// Ratio of a cell's sides from which on its copies are reported as stretched.
 const STRETCHED: f64 = 1.25;
-/// How far an edge may lie from the border of cells, in cells.
+/// Largest distance of an edge from a border of cells on which it counts as lying, in cells.
 const ON_BORDER: f64 = 0.01;
-/// Of larger meshes it is taken for granted that they end somewhere.
+/// Meshes of more triangles are not checked, but taken to have a border somewhere.
 const MOST_TRIANGLES: usize = 1 << 20;
 
-/// Say what happens to copies on the faces of the material `name`.
-pub fn say(
+/// Warn of cut and stretched copies on the faces of the material `name`.
+pub fn warn(
     options: &MapOptions,
     plan: &Plan,
     members: &[(&Surface, &SurfacePlan)],
@@ -32,7 +31,7 @@ pub fn say(
             warnings.add(format!("{name}: copies are stretched to {width} × {depth} m; option `cells` sets them"));
         }
     }
-    // What goes on from cell to cell has no copies that one could see cut.
+    // Cyclic texels continue from cell to cell, so no cut shows.
     if options.texels.iter().all(|(_, info)| info.cyclic[0] && info.cyclic[1]) || !cuts(options, plan, members) {
         return;
     }
@@ -42,17 +41,17 @@ pub fn say(
     ));
 }
 
-/// An edge by the places of its ends, the lower first.
+/// An edge: the bits of the positions of its ends, the lower first.
 type Edge = [[u32; 3]; 2];
 
-/// Whether some copy is cut: an edge of one face alone, or where coordinates jump, that is no border of cells or that copies are
-/// displaced over.
+/// Whether some copy is cut. That is so at an edge that only one face has, or at which texture coordinates are discontinuous, unless the edge
+/// lies on a border of cells and copies are not displaced over it.
 fn cuts(options: &MapOptions, plan: &Plan, members: &[(&Surface, &SurfacePlan)]) -> bool {
     if members.iter().map(|(s, _)| s.geometry.triangles.len()).sum::<usize>() > MOST_TRIANGLES {
         return true;
     }
     let displaced = options.displace[..2].iter().any(|d| *d > 0.0);
-    // Coordinates of the ends in cells, by the face that was seen first; whether another has gone on from it.
+    // For each edge the cell coordinates of its ends in the first face, and whether a second face was found.
     let mut open: HashMap<Edge, ([[f64; 2]; 2], bool)> = HashMap::new();
     let mut cut = false;
     for (surface, planned) in members {
@@ -77,7 +76,7 @@ fn cuts(options: &MapOptions, plan: &Plan, members: &[(&Surface, &SurfacePlan)])
     cut || open.values().any(|(at, met)| !met && (displaced || !is_border(*at)))
 }
 
-/// A place, to be compared.
+/// The bits of a position in single precision, for comparison.
 fn place(p: DVec3) -> [u32; 3] {
     p.as_vec3().to_array().map(|v| (v + 0.0).to_bits())
 }

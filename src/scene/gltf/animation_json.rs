@@ -1,4 +1,4 @@
-//! Animations as the JSON of a file has them: which keys move what.
+//! The JSON of animations: channels, samplers and their targets, as serde reads them.
 
 use serde::Deserialize;
 
@@ -14,12 +14,12 @@ pub struct Animation {
 #[derive(Debug, Deserialize)]
 pub struct Channel {
     pub sampler: usize,
-    pub target: Target,
+    pub target: ChannelTarget,
 }
 
 #[derive(Debug, Deserialize)]
-pub struct Target {
-    /// Absent where an extension says what moves.
+pub struct ChannelTarget {
+    /// Absent where an extension names the target.
     pub node: Option<usize>,
     pub path: String,
 }
@@ -32,7 +32,7 @@ pub struct Sampler {
 }
 
 impl Animation {
-    /// Whether all it moves are nodes.
+    /// Whether all channels move properties of nodes, which core glTF knows.
     pub fn is_core(&self) -> bool {
         self.channels.iter().all(|c| c.target.node.is_some())
     }

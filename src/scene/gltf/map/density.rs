@@ -1,17 +1,17 @@
-//! How much of the full density stands at a place: by a picture, by the slope and by the altitude.
+//! Density of rigid copies on the ground: a factor in [0, 1] by a density map, by the slope and by the altitude.
 
 use super::options::{MapOptions, MaskOver};
-use super::scatter::{Point, Target};
+use super::scatter::{SampledTriangles, SurfacePoint};
 use crate::geom::{Aabb, DVec3};
 use crate::scene::raster::Raster;
 
-/// Half the width of a limit's soft edge: degrees of a slope, and a share of the ground's height of an altitude.
+/// Half the width of a limit's soft edge: of slopes in degrees, of altitudes as a share of the ground's height.
 const SOFT_SLOPE: f64 = 2.5;
 const SOFT_ALTITUDE: f64 = 0.04;
-/// And at most this share of the way between two limits.
+/// Largest half width of a soft edge, as a share of the distance between two limits.
 const SOFT_MOST: f64 = 0.25;
 
-/// From less to more, with soft edges: half of the copies stand at the limit itself.
+/// An interval with soft edges: the density at a limit itself is a half.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Band {
     low: f64,
@@ -20,7 +20,7 @@ struct Band {
 }
 
 impl Band {
-    /// Infinite limits are none.
+    /// A band between two limits, either of which may be infinite.
     fn new([low, high]: [f64; 2], soft: f64) -> Band {
         Band { low, high, soft: soft.min(SOFT_MOST * (high - low)) }
     }
@@ -38,10 +38,10 @@ impl Band {
     }
 }
 
-/// All that thins copies.
-pub struct Sieve<'a> {
+/// All that reduces the density of copies.
+pub struct DensityFilter<'a> {
     mask: Option<(&'a Raster, MaskOver)>,
-    /// Whether the picture is seen again beyond the unit square of texture coordinates.
+    /// Whether the density map repeats beyond the unit square of texture coordinates.
     repeats: bool,
     bounds: Aabb,
     slope: Option<Band>,
@@ -49,13 +49,18 @@ pub struct Sieve<'a> {
     up: Option<DVec3>,
 }
 
-impl<'a> Sieve<'a> {
-    /// `over`: what the picture lies on. `up`: where copies grow to, if that is one direction.
-    pub fn new(options: &'a MapOptions, target: &Target, over: MaskOver, up: Option<DVec3>) -> Sieve<'a> {
+impl<'a> DensityFilter<'a> {
+    /// `over` is the domain of the density map; `up` is the unit direction in which copies grow, if it is the same everywhere.
+    pub fn new(
+        options: &'a MapOptions,
+        target: &SampledTriangles,
+        over: MaskOver,
+        up: Option<DVec3>,
+    ) -> DensityFilter<'a> {
         let bounds = target.bounds();
-        // No ground is flatter than level.
+        // A least slope of 0 or below is no limit.
         let open = |[low, high]: [f64; 2]| [if low <= 0.0 { f64::NEG_INFINITY } else { low }, high];
-        Sieve {
+        DensityFilter {
             mask: options.density_map.as_ref().map(|m| (m, over)),
             repeats: !target.is_in_unit_square(),
             bounds,
@@ -66,7 +71,7 @@ impl<'a> Sieve<'a> {
     }
 
     /// Share of the full density, in [0, 1].
-    pub fn share(&self, point: &Point) -> f64 {
+    pub fn share(&self, point: &SurfacePoint) -> f64 {
         let mut share = 1.0;
         if let Some((mask, over)) = self.mask {
             share *= match over {
@@ -87,7 +92,7 @@ impl<'a> Sieve<'a> {
         share
     }
 
-    /// Whether anything is thinned.
+    /// Whether the density is 1 everywhere.
     pub fn is_open(&self) -> bool {
         self.mask.is_none() && self.slope.is_none() && self.altitude.is_none()
     }

@@ -1,4 +1,4 @@
-//! A .glb that is made of an input of another kind, to be mapped.
+//! A temporary .glb into which a ground of another kind is converted before it is mapped.
 
 use std::path::{Path, PathBuf};
 
@@ -6,14 +6,14 @@ use serde_json::Value;
 
 use crate::{Error, Result};
 
-/// The file, which is deleted with this.
-pub struct Made {
+/// A temporary file, which is deleted when this is dropped.
+pub struct TempGlb {
     pub path: PathBuf,
     _folder: tempfile::TempDir,
 }
 
-/// Write a .glb that has the name of `path`, in a folder of its own.
-pub fn save(path: &Path, json: &Value, bin: &[u8]) -> Result<Made> {
+/// Write a .glb with the file stem of `path` into a temporary folder of its own.
+pub fn save(path: &Path, json: &Value, bin: &[u8]) -> Result<TempGlb> {
     let mut text = json.to_string().into_bytes();
     text.resize(text.len().next_multiple_of(4), b' ');
     let padding = bin.len().next_multiple_of(4) - bin.len();
@@ -32,5 +32,5 @@ pub fn save(path: &Path, json: &Value, bin: &[u8]) -> Result<Made> {
     head.extend(bin);
     head.resize(head.len() + padding, 0);
     std::fs::write(&file, head).map_err(|e| Error::io(&file, e))?;
-    Ok(Made { path: file, _folder: folder })
+    Ok(TempGlb { path: file, _folder: folder })
 }
