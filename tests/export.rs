@@ -34,6 +34,10 @@ fn what_is_no_texel_or_no_page_is_refused_in_one_line() {
         (vec!["export", bad, "-o", "x.obj"], 2, ".html"),
         (vec!["export", "nothing.vtex", "-o", "x.html"], 1, "nothing.vtex"),
         (vec!["export", bad, "-o", "missing/x.html"], 1, "folder"),
+        (vec!["export", bad, "-o", "x.html", "--depth", "3"], 2, "--depth is no option of a .html"),
+        (vec!["export", bad, "-o", "x.ply", "--title", "x"], 2, "--title is no option of a .ply"),
+        (vec!["export", bad, "-o", "x.vdb", "--form", "blocks"], 2, "--form is no option of a .vdb"),
+        (vec!["export", bad, "-o", "x.glb", "--form", "splats", "--least-opacity", "0"], 2, "splats in a .glb"),
     ] {
         let done = vtex(&arguments, dir.path());
         let stderr = String::from_utf8_lossy(&done.stderr).into_owned();

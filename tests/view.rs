@@ -190,6 +190,7 @@ fn what_cannot_be_shown_is_one_line() {
     assert!(folder.fails(2, &["view", "quad.vtex", "--", "--sun", "1,2"]).contains("of a landscape"));
     assert!(folder.fails(2, &["view", "land.gltf", "--", "-o", "x.png"]).contains("--output"));
     assert!(folder.fails(2, &["view", "land.gltf", "--", "--what"]).contains("after --: "));
+    assert!(folder.fails(2, &["view", "land.gltf", "--", "--eye", "1,1,1"]).contains("--look-at"));
 }
 
 #[test]

@@ -107,7 +107,9 @@ tab.on("pageerror", (error) => console.error(error.message));
 await tab.goto(`http://127.0.0.1:${server.address().port}/`);
 await tab.waitForFunction(() => window.ready);
 const version = JSON.parse(readFileSync(join(modules, "@mkkellogg/gaussian-splats-3d/package.json"))).version;
-for (const [kernel, words] of [[0, "as they are"], [0.3, "at least a pixel wide"]]) {
+// A kernel that is a whole number makes a shader that does not compile, and black pictures: findings/splats-kernel-whole-number.sh.
+// Black ones have a FLIP of 0.23; 0.0736 was seen where splats are a pixel wide at least, and thinner ones have to come nearer.
+for (const [kernel, words] of [[1e-6, "as they are"], [0.3, "at least a pixel wide"]]) {
   await tab.evaluate((kernel) => window.open3d(kernel), kernel);
   let flip = 0, psnr = 0, most = 0;
   for (const [k, eye] of eyes.entries()) {
@@ -118,6 +120,7 @@ for (const [kernel, words] of [[0, "as they are"], [0.3, "at least a pixel wide"
     [flip, psnr, most] = [flip + all.flip / eyes.length, psnr + all.psnr_srgb / eyes.length, Math.max(most, all.flip)];
   }
   console.log(`gaussian-splats-3d ${version} on Chromium ${browser.version()}, ${words}: FLIP ${flip.toFixed(4)} (worst view ${most.toFixed(4)}), PSNR ${psnr.toFixed(1)} dB`);
+  assert.ok(flip < 0.09, words);
 }
 await browser.close();
 server.close();

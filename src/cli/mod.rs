@@ -279,7 +279,9 @@ fn after_dashes(
         Ok(_) => Err(crate::Error::Options("what stands after -- is not of `vtex render`".into())),
         Err(e) => {
             let text = e.to_string();
-            let line = text.lines().next().unwrap_or_default().trim_start_matches("error: ").to_owned();
+            // What is missing stands on lines of its own.
+            let said: Vec<_> = text.lines().take_while(|line| !line.is_empty()).map(str::trim).collect();
+            let line = said.join(" ").trim_start_matches("error: ").to_owned();
             Err(crate::Error::Options(format!("after --: {line}")))
         }
     }

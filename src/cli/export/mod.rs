@@ -44,12 +44,12 @@ pub struct Args {
     /// 7, .vdb and splats 8, or the finest]
     #[arg(long, value_name = "DEPTH")]
     depth: Option<u8>,
-    /// What stands for a voxel in a .glb
-    #[arg(long, value_enum, default_value_t = Form::Blocks)]
-    form: Form,
-    /// Voxels that take a smaller share of the light have no block or point
-    #[arg(long, value_name = "SHARE", default_value_t = 0.1, value_parser = share)]
-    least_opacity: f64,
+    /// What stands for a voxel in a .glb [default: blocks]
+    #[arg(long, value_enum)]
+    form: Option<Form>,
+    /// Voxels that take a smaller share of the light have no block or point [default: 0.1]
+    #[arg(long, value_name = "SHARE", value_parser = share)]
+    least_opacity: Option<f64>,
     #[command(flatten)]
     depfile: DepfileArgs,
     /// Print a summary as JSON
@@ -84,6 +84,7 @@ pub fn run(mut args: Args, ui: &Ui) -> Result<()> {
             return Err(Error::Options(format!("{}: give it a name that ends in {known}", args.output.display())));
         }
     };
+    args.are_of(&kind)?;
     outputs::check(std::slice::from_ref(&args.file), writes.into_iter().flatten())?;
     let downloads = download::local(std::slice::from_mut(&mut args.file), Need::Whole, &args.download, ui)?;
     downloads.no_depfile(args.depfile.path())?;
@@ -101,6 +102,33 @@ pub fn run(mut args: Args, ui: &Ui) -> Result<()> {
         summary["more"] = json!(more);
     }
     print(summary, args.json, ui)
+}
+
+impl Args {
+    fn form(&self) -> Form {
+        self.form.unwrap_or(Form::Blocks)
+    }
+
+    fn least_opacity(&self) -> f64 {
+        self.least_opacity.unwrap_or(0.1)
+    }
+
+    /// Fails where an option was given that says nothing to a file of this kind: who gave it expects something else.
+    fn are_of(&self, kind: &str) -> Result<()> {
+        let splats = kind == "glb" && self.form() == Form::Splats;
+        for (name, given, is_of) in [
+            ("--title", self.title.is_some(), kind == "html"),
+            ("--depth", self.depth.is_some(), kind != "html"),
+            ("--form", self.form.is_some(), kind == "glb"),
+            ("--least-opacity", self.least_opacity.is_some(), kind == "usda" || kind == "glb" && !splats),
+        ] {
+            if given && !is_of {
+                let what = if splats { "splats in a .glb".into() } else { format!("a .{kind}") };
+                return Err(Error::Options(format!("{name} is no option of {what}: leave it out")));
+            }
+        }
+        Ok(())
+    }
 }
 
 fn share(text: &str) -> std::result::Result<f64, String> {
@@ -146,15 +174,15 @@ fn voxels(args: &Args, reader: &Reader, otherwise: u8) -> Result<voxels::Voxels>
 }
 
 fn to_mesh(args: &Args, reader: &Reader) -> Result<Written> {
-    let voxels = voxels(args, reader, if args.form == Form::Splats { 8 } else { 5 })?;
+    let voxels = voxels(args, reader, if args.form() == Form::Splats { 8 } else { 5 })?;
     let name = own_name(&args.file);
-    let said = if args.form == Form::Splats {
+    let said = if args.form() == Form::Splats {
         let splats = splats::of(&voxels);
         solid::write_splats(&splats, voxels.origin, &name, &args.output)?;
         said_of_splats(splats.len())
     } else {
-        let count = solid::write(&voxels, args.form, args.least_opacity, &name, &args.output)?;
-        let form = if args.form == Form::Blocks { "blocks" } else { "points" };
+        let count = solid::write(&voxels, args.form(), args.least_opacity(), &name, &args.output)?;
+        let form = if args.form() == Form::Blocks { "blocks" } else { "points" };
         format!("{count} {form}, {} along the cube; opacity and normals within a voxel are lost", voxels.resolution)
     };
     let bytes = std::fs::metadata(&args.output).map_err(|e| Error::io(&args.output, e))?.len();
@@ -199,7 +227,7 @@ fn to_usd(args: &Args, reader: &Reader) -> Result<Written> {
         voxels::of(reader, depth.saturating_sub(by.into()), MOST_VOXELS)
     };
     let (middle, far) = (coarser(COARSER)?, coarser(COARSER + 1)?);
-    let shown: Vec<_> = middle.cells.iter().filter(|cell| cell.opacity() >= args.least_opacity).collect();
+    let shown: Vec<_> = middle.cells.iter().filter(|cell| cell.opacity() >= args.least_opacity()).collect();
     let (splats, blocks) = (splats::of(&finest), solid::blocks(&middle, &shown));
     let edge = |voxels: &voxels::Voxels| voxels.size() / f64::from(voxels.resolution);
     let levels = usd::Levels { splats: &splats, blocks: (&blocks, edge(&middle)), points: (&far, edge(&far)) };

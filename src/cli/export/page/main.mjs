@@ -1,10 +1,14 @@
 // The page: decodes the texel coarse first, draws it while the view moves, and finer when it rests.
 import { Texel } from "./vtex.mjs";
-import { Positions, bricks } from "./octree.mjs";
+import { Positions, bricks, extent, luminance } from "./octree.mjs";
 import { Picture } from "./picture.mjs";
 import { Orbit, listen } from "./view.mjs";
 
 const MOST_BYTES = 400 * 2 ** 20; // of the graphics memory, for one depth
+// The depth of the first picture: soon decoded, and fine enough to see what it is.
+const FIRST_DEPTH = 4;
+// Light is what foliage of this luminance looks well in; more for darker matter and less for brighter, though not wholly.
+const FOLIAGE = 0.136;
 const CHANNELS = ["shaded", "albedo", "normal", "opacity", "materials"];
 const $ = (id) => document.getElementById(id);
 
@@ -29,8 +33,7 @@ function describe(texel) {
   row(list, "resolution", `${2 ** (depths.length - 1)}³`);
   row(list, "voxels", voxels.toLocaleString("en"));
   row(list, "file", `${(texel.length / 1024).toLocaleString("en", { maximumFractionDigits: 0 })} kB`);
-  const size = [0, 1, 2].map((k) => digits((bounds[k + 3] - bounds[k]) * (metres || 1)));
-  row(list, metres ? "size, m" : "size", size.join(" × "));
+  row(list, metres ? "cube's edge, m" : "cube's edge", digits((bounds[3] - bounds[0]) * (metres || 1)));
   row(list, "model", meta.model);
   if (meta.error?.opacity?.mean !== undefined) row(list, "error of opacity", digits(meta.error.opacity.mean));
   const materials = meta.materials ?? [];
@@ -56,10 +59,11 @@ function start() {
   describe(texel);
   const canvas = $("picture"), picture = Picture.on(canvas);
   if (!picture) throw new Error("This browser has no WebGL2, which is needed to draw the texel. Its figures are on the left.");
-  const positions = new Positions(texel), finest = texel.depths.length - 1;
-  const { min, max } = texel.meta.content;
-  const orbit = new Orbit(min, max), palette = new Float32Array(192);
+  const positions = new Positions(texel), finest = texel.depths.length - 1, first = Math.min(FIRST_DEPTH, finest);
+  const { low: min, high: max, rings } = extent(positions, first);
+  const orbit = new Orbit(min, max, rings), palette = new Float32Array(192);
   colours(texel.meta.materials ?? []).slice(0, 64).forEach((c, i) => palette.set(c, 3 * i));
+  const exposure = Math.min(3, (FOLIAGE / Math.max(luminance(texel), 1e-3)) ** 0.7);
   let shown = -1, largest = finest, busy = false, timer = 0, speed = 0.5;
   window.texelView = { orbit, pictures: 0, get depth() { return shown; }, get time() { return speed; } };
 
@@ -87,7 +91,7 @@ function start() {
     if (axis < 3) high[axis] = low[axis] + at * (high[axis] - low[axis]);
     const channel = CHANNELS.indexOf($("channel").value), isotropic = texel.meta.model === "neyret";
     const began = performance.now();
-    picture.draw({ ...orbit.shader(), sun, low, high, channel, samples, isotropic, palette });
+    picture.draw({ ...orbit.shader(), sun, low, high, channel, samples, isotropic, palette, exposure });
     window.texelView.pictures += 1;
     return performance.now() - began;
   };
@@ -118,6 +122,8 @@ function start() {
   const told = () => {
     const chosen = Number($("depth").value);
     $("depth-value").textContent = chosen > finest ? "auto" : `${2 ** chosen}³`;
+    for (const id of ["azimuth", "height"]) $(`${id}-value`).textContent = `${$(id).value}°`;
+    $("slice").disabled = $("axis").value === "3";
   };
   told();
   for (const id of ["depth", "channel", "azimuth", "height", "axis", "slice"]) {
@@ -132,9 +138,20 @@ function start() {
     document.body.dataset.state = "moved";
     moved();
   });
-  new ResizeObserver(moved).observe(canvas);
-  show(Math.min(4, finest));
-  moved();
+  // The texel stands in the part of the window that an open panel leaves free: beside it, or above it on a narrow screen.
+  const fit = () => {
+    const [width, height] = [Math.max(1, canvas.clientWidth), Math.max(1, canvas.clientHeight)];
+    const panel = document.querySelector("aside").getBoundingClientRect(), narrow = panel.width > width / 2;
+    const left = narrow || !$("panel").open ? 0 : panel.right, bottom = narrow ? panel.top : height;
+    orbit.fit([left / height, 1 - bottom / height], [(width - left) / height, bottom / height].map((v) => Math.max(v, 0.1)));
+    document.body.dataset.state = "moved";
+    moved();
+  };
+  if (matchMedia("(max-width: 600px)").matches) $("panel").open = false;
+  show(first);
+  fit();
+  $("panel").addEventListener("toggle", fit);
+  new ResizeObserver(fit).observe(canvas);
 }
 
 try {

@@ -91,6 +91,35 @@ export class Positions {
   }
 }
 
+// Mean luminance of the texel's albedo: that of the voxel that is all of it; 1 where it has no colours.
+export function luminance(texel) {
+  if (!texel.depths[0].n) return 1;
+  const rgb = [13, 14, 15].map((k) => (records(texel, 0)[k] / 255) ** 2);
+  return 0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2];
+}
+
+// {low, high, rings}: the box around all voxels as they are known at depth d, in cube edges, and of each level at which a voxel
+// begins or ends how far the voxels there are from the upright line through the box's middle: [w, radius].
+export function extent(positions, d) {
+  const [low, high, boxes, rings] = [[1, 1, 1], [0, 0, 0], [], new Map()];
+  for (let e = 0; e <= d; e++) {
+    const { at, masks } = positions.depth(e), step = 2 ** -e;
+    for (let i = 0; 3 * i < at.length; i++) {
+      if (e < d && masks[i]) continue;
+      const from = [0, 1, 2].map((k) => at[3 * i + k] * step);
+      from.forEach((v, k) => [low[k], high[k]] = [Math.min(low[k], v), Math.max(high[k], v + step)]);
+      boxes.push([...from, step]);
+    }
+  }
+  const [x, y] = [(low[0] + high[0]) / 2, (low[1] + high[1]) / 2];
+  for (const [u, v, w, step] of boxes) {
+    const away = Math.hypot(Math.max(x - u, u + step - x), Math.max(y - v, v + step - y));
+    for (const level of [w, w + step]) rings.set(level, Math.max(rings.get(level) ?? 0, away));
+  }
+  if (!boxes.length) return { low: [0, 0, 0], high: [1, 1, 1], rings: [[0, 1], [1, 1]] };
+  return { low, high, rings: [...rings] };
+}
+
 // Steps of the rate's code by which a voxel's rate falls when it is cut in two along each axis.
 const HALVED = 16;
 

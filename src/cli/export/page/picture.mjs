@@ -52,13 +52,15 @@ export class Picture {
     this.set("mixed", (at) => gl.uniform1i(at, bricks.materials ? 1 : 0));
   }
 
-  // `view`: {eye, right, up, ahead, sun, low, high} in cube edges, {channel, samples, isotropic, palette}.
+  // `view`: {eye, right, up, ahead, sun, low, high} in cube edges, {shift} in halves of the height, {channel, samples, isotropic, palette, exposure}.
   draw(view) {
     const { gl } = this, { width, height } = gl.canvas;
     gl.viewport(0, 0, width, height);
     this.set("size", (at) => gl.uniform2f(at, width, height));
+    this.set("shift", (at) => gl.uniform2f(at, ...view.shift));
     for (const name of ["eye", "right", "up", "ahead", "sun", "low", "high"]) this.set(name, (at) => gl.uniform3fv(at, view[name]));
     for (const name of ["channel", "samples", "isotropic"]) this.set(name, (at) => gl.uniform1i(at, Number(view[name])));
+    this.set("exposure", (at) => gl.uniform1f(at, view.exposure));
     this.set("palette", (at) => gl.uniform3fv(at, view.palette));
     gl.drawArrays(gl.TRIANGLES, 0, 3);
     gl.finish();

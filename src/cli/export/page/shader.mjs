@@ -15,7 +15,8 @@ uniform usampler3D atlas;
 uniform usampler3D kinds;
 uniform int cells, across, side, channel, samples;
 uniform bool isotropic, mixed;
-uniform vec2 size;
+uniform vec2 size, shift;
+uniform float exposure;
 uniform vec3 eye, right, up, ahead, sun, low, high;
 uniform vec3 palette[64];
 out vec4 colour;
@@ -100,11 +101,14 @@ March march(vec3 o, vec3 d, bool shade) {
   March r = March(1.0, vec3(0), vec3(0), vec3(0), vec3(0), vec3(0), 0.0);
   vec3 inverse = 1.0 / (d + vec3(equal(d, vec3(0))) * 1e-9);
   vec2 span = slab(o, inverse, low * float(side), high * float(side));
-  float t = max(span.x, 0.0) + 1e-4, block = 1.0;
+  // From where the ray enters: far from there, steps as small as these would be lost in 32 bits.
+  o += max(span.x, 0.0) * d;
+  span = vec2(0.0, span.y - max(span.x, 0.0));
+  float nudge = 1e-4 * max(1.0, float(side) / 256.0), t = nudge, block = 1.0;
   ivec3 current = ivec3(-1);
   for (int i = 0; i < 2048 && t < span.y; i++) {
-    ivec3 v = ivec3(floor(o + t * d));
-    if (any(lessThan(v, ivec3(0))) || any(greaterThanEqual(v, ivec3(side)))) break;
+    // On the cube's faces a place may be rounded to just outside of it.
+    ivec3 v = clamp(ivec3(floor(o + t * d)), ivec3(0), ivec3(side - 1));
     uint brick = texelFetch(index_, v >> 3, 0).x;
     float edge = brick == 0u ? float(min(8, side)) : 1.0;
     vec3 corner = floor(vec3(v) / edge) * edge;
@@ -117,7 +121,7 @@ March march(vec3 o, vec3 d, bool shade) {
         current = v >> 2;
       }
       vec2 piece = slab(o, inverse, vec3(v) + m.low, vec3(v) + m.high);
-      float length_ = min(piece.y, min(leave, span.y)) - max(piece.x, max(t - 1e-4, 0.0));
+      float length_ = min(piece.y, min(leave, span.y)) - max(piece.x, t - nudge);
       if (m.rate > 0.0 && length_ > 0.0) {
         float tau = m.rate * length_ * (isotropic ? 1.0 : sqrt(max(0.0, dot(d, m.s * d))));
         float k = (1.0 - m.c) * tau, phi = k < 1e-3 ? 1.0 - 0.5 * k : (1.0 - exp(-k)) / k;
@@ -139,14 +143,14 @@ March march(vec3 o, vec3 d, bool shade) {
         }
       }
     }
-    t = max(leave, t) + 1e-4 * max(1.0, edge * 0.1);
+    t = max(leave, t) + nudge;
   }
   r.t *= block;
   return r;
 }
 
 vec3 seen(vec2 pixel) {
-  vec2 p = (2.0 * pixel - size) / size.y;
+  vec2 p = (2.0 * pixel - size) / size.y - shift;
   vec3 d = normalize(ahead + p.x * right + p.y * up), o = eye * float(side);
   vec3 background = mix(vec3(0.62, 0.68, 0.74), vec3(0.86, 0.89, 0.92), clamp(0.5 + d.z, 0.0, 1.0));
   background *= background;
@@ -160,7 +164,7 @@ vec3 seen(vec2 pixel) {
   if (r.weight > 0.01) visible = march(r.position / r.weight + START * sun, sun, false).t;
   vec3 sky = vec3(0.42, 0.5, 0.62), lamp = vec3(3.0, 2.85, 2.6) / PI;
   float scale = (1.0 - r.t) / covered;
-  return scale * (r.albedo * sky + r.direct * lamp * 3.0 * visible) + r.t * background;
+  return exposure * scale * (r.albedo * sky + r.direct * lamp * 3.0 * visible) + r.t * background;
 }
 
 void main() {

@@ -7,17 +7,38 @@ const unit = (a) => a.map((v) => v / Math.hypot(...a));
 
 // Half of the vertical field of view, as its tangent.
 const HALF = 0.32;
+// Where the first view is from, radians.
+const FIRST = { turn: 0.6, tilt: 0.25 };
 
 export class Orbit {
-  // Around a box in cube edges.
-  constructor(low, high) {
+  // Around the middle of the box from `low` to `high`, in cube edges. `rings`: [height, radius] of circles around the upright line
+  // through it that hold all there is.
+  constructor(low, high, rings) {
     this.centre = low.map((v, i) => (v + high[i]) / 2);
-    this.radius = Math.max(0.02, Math.hypot(...low.map((v, i) => high[i] - v)) / 2);
+    this.rings = rings.map(([level, radius]) => [level - this.centre[2], radius]);
+    this.shift = [0, 0];
     this.reset();
+    this.fit([0, 0], [1, 1]);
   }
 
   reset() {
-    [this.turn, this.tilt, this.near, this.target] = [0.6, 0.25, 1, [...this.centre]];
+    [this.turn, this.tilt, this.near, this.target] = [FIRST.turn, FIRST.tilt, 1, [...this.centre]];
+  }
+
+  // The first view just fills, from wherever one turns to, a part of the picture that is free: its middle and its half width and
+  // height, in halves of the picture's height, up and to the right of the picture's middle.
+  fit(middle, half) {
+    const [st, ct] = [Math.sin(FIRST.tilt), Math.cos(FIRST.tilt)];
+    this.shift = middle;
+    this.fitted = 0;
+    for (const [rise, radius] of this.rings) {
+      for (let k = 0; k < 32; k++) {
+        const [beside, away] = [radius * Math.sin(k * Math.PI / 16), radius * Math.cos(k * Math.PI / 16)];
+        const [x, y, ahead] = [Math.abs(beside), Math.abs(rise * ct + away * st), away * ct - rise * st];
+        this.fitted = Math.max(this.fitted, x / (HALF * half[0]) - ahead, y / (HALF * half[1]) - ahead);
+      }
+    }
+    this.fitted *= 1.04;
   }
 
   orbit(dx, dy) {
@@ -35,7 +56,7 @@ export class Orbit {
   }
 
   get distance() {
-    return this.near * this.radius / HALF * 1.05;
+    return this.near * this.fitted;
   }
 
   // Eye and axes in cube edges; right and up are as long as half the field of view is high.
@@ -49,7 +70,7 @@ export class Orbit {
   // With right and up scaled for the shader.
   shader() {
     const { eye, ahead, right, up } = this.frame();
-    return { eye, ahead, right: right.map((v) => v * HALF), up: up.map((v) => v * HALF) };
+    return { eye, ahead, right: right.map((v) => v * HALF), up: up.map((v) => v * HALF), shift: this.shift };
   }
 
   // The depth whose voxels are as large as a pixel of a picture `height` pixels high.
@@ -58,7 +79,10 @@ export class Orbit {
   }
 }
 
-// Calls `moved` after each change. `own`: keys that do something else.
+// What keys are for that are pressed in it.
+const CONTROLS = "input, select, textarea, button, summary";
+
+// Calls `moved` after each change. `own`: keys that do something else. Keys count wherever they are pressed but in a control.
 export function listen(canvas, orbit, moved, own = {}) {
   const fingers = new Map();
   let apart = 0;
@@ -81,7 +105,8 @@ export function listen(canvas, orbit, moved, own = {}) {
   };
   canvas.addEventListener("pointerdown", (e) => {
     canvas.setPointerCapture(e.pointerId);
-    canvas.focus();
+    // Keys are for the picture again.
+    document.activeElement?.blur();
     fingers.set(e.pointerId, [e.clientX, e.clientY]);
     apart = 0;
   });
@@ -104,10 +129,11 @@ export function listen(canvas, orbit, moved, own = {}) {
     0: () => orbit.reset(), a: () => orbit.pan(0.05, 0), d: () => orbit.pan(-0.05, 0), w: () => orbit.pan(0, 0.05), s: () => orbit.pan(0, -0.05),
     ...own,
   };
-  canvas.addEventListener("keydown", (e) => {
-    if (!keys[e.key] || e.ctrlKey || e.metaKey || e.altKey) return;
+  window.addEventListener("keydown", (e) => {
+    const key = e.key.length === 1 ? e.key.toLowerCase() : e.key;
+    if (!keys[key] || e.ctrlKey || e.metaKey || e.altKey || e.target.closest?.(CONTROLS)) return;
     e.preventDefault();
-    keys[e.key]();
+    keys[key]();
     moved();
   });
 }

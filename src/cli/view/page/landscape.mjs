@@ -68,6 +68,7 @@ async function start() {
       $("state").textContent = "marked: copy it by the browser's own command";
     }
   });
+  if (matchMedia("(max-width: 600px)").matches) $("panel").open = false;
   new ResizeObserver(moved).observe(canvas);
 }
 
