@@ -395,7 +395,7 @@ fn restyled() {
     let baking = vtex::bake::Options { resolution: 64, ..Default::default() };
     let tree = vtex::bake::bake(&source, &baking, &Quiet, &mut |_| ()).unwrap().0;
     let tree = super::readable::readable(tree);
-    let style = |name: &str, factor, keep| (name.to_owned(), Style { factor, keep, ..Style::OWN });
+    let style = |name: &str, factor, keep| (name.to_owned(), Style { factor, keeps_albedo: keep, ..Style::UNCHANGED });
     let styles = [style("leaf", [0.7, 0.15, 0.03], false), style("bark", [0.4, 0.5, 0.8], true)].into();
     let tree = Octree::new(Restyled::new(tree, &Palette { styles, ..Palette::default() })).unwrap();
     let variant = |weight, diffuse| Variant { weight, phong: Phong::tint(diffuse), ..Variant::alone(0) };

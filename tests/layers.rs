@@ -25,7 +25,7 @@ const MAY_USE: [(&str, &[&str]); 17] = [
 ];
 /// Names at the crate's root that every part may use.
 const COMMON: [&str; 5] = ["Error", "Result", "Warnings", "error", "progress"];
-const MOST_LINES: usize = 600;
+const MAX_LINES: usize = 600;
 
 fn sources(folder: &str) -> Vec<(PathBuf, String)> {
     let (root, mut found) = (Path::new(env!("CARGO_MANIFEST_DIR")), Vec::new());
@@ -145,8 +145,8 @@ fn files_are_short_and_say_what_they_are_for() {
     let mut broken = Vec::new();
     for (path, text) in ["src", "tests", "examples", "bench"].into_iter().flat_map(sources) {
         let lines = text.lines().count();
-        if lines > MOST_LINES {
-            broken.push(format!("{}: {lines} lines, more than {MOST_LINES}", path.display()));
+        if lines > MAX_LINES {
+            broken.push(format!("{}: {lines} lines, more than {MAX_LINES}", path.display()));
         }
         if !text.starts_with("//! ") {
             broken.push(format!("{}: does not open with a line that says what it is for", path.display()));

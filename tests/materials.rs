@@ -153,8 +153,8 @@ fn restyled_against_rebaked(file: &str, name: &str, style: Style, resolution: u3
 
 #[test]
 fn a_restyled_texel_is_as_if_baked_so() {
-    let autumn = Style { factor: [4.0, 0.8, 0.2], ..Style::OWN };
-    let red = Style { factor: [0.6, 0.1, 0.02], ..Style::BLANK };
+    let autumn = Style { factor: [4.0, 0.8, 0.2], ..Style::UNCHANGED };
+    let red = Style { factor: [0.6, 0.1, 0.02], ..Style::WHITE };
     for (file, name) in [("tree.glb", "leaf"), ("spruce.glb", "needles")] {
         for style in [autumn, red] {
             let errors = restyled_against_rebaked(file, name, style, 64);

@@ -8,15 +8,15 @@ use vtex::source::{Medium, Placement, Polygon, Source, Staged, Surface};
 use vtex::volume::{Octree, Volume};
 use vtex::{Result, Warnings, morton};
 
-/// Source that fills the unit cube with the medium that `matter` returns for each voxel, or cube of `2^levels` voxels an edge.
+/// Source that fills the unit cube with the medium that `matter` returns for each voxel, or cube of `2^edge_log2` voxels an edge.
 struct Cloud<F> {
-    levels: u32,
+    edge_log2: u32,
     matter: F,
     warnings: Warnings,
 }
 
-fn cloud<F: Fn(DVec3) -> Option<Medium> + Sync>(levels: u32, matter: F) -> Cloud<F> {
-    Cloud { levels, matter, warnings: Warnings::default() }
+fn cloud<F: Fn(DVec3) -> Option<Medium> + Sync>(edge_log2: u32, matter: F) -> Cloud<F> {
+    Cloud { edge_log2, matter, warnings: Warnings::default() }
 }
 
 impl<F: Fn(DVec3) -> Option<Medium> + Sync> Source for Cloud<F> {
@@ -70,13 +70,13 @@ impl<F: Fn(DVec3) -> Option<Medium> + Sync> Staged for StagedCloud<'_, F> {
     fn medium(&self, region: usize, each: &mut dyn FnMut(&Medium)) {
         let width = 1u32 << self.place.region_log2();
         let corner = morton::decode(self.regions[region]).map(|v| v * width);
-        let edge = 1u32 << self.cloud.levels;
+        let edge = 1u32 << self.cloud.edge_log2;
         for code in 0..u64::from(width / edge).pow(3) {
             let cell = morton::decode(code);
             let at: [u32; 3] = std::array::from_fn(|a| corner[a] + cell[a] * edge);
             let centre = DVec3::from(at.map(f64::from)) + 0.5 * f64::from(edge);
             if let Some(m) = (self.cloud.matter)(centre / f64::from(self.place.side())) {
-                each(&Medium { at, levels: self.cloud.levels, ..m });
+                each(&Medium { at, edge_log2: self.cloud.edge_log2, ..m });
             }
         }
     }
@@ -132,8 +132,8 @@ fn compare(tree: &Octree, depth: usize, law: impl Fn(DVec3, DVec3) -> f64) -> (f
 #[test]
 fn a_slab_takes_away_e_to_the_minus_depth_in_26_directions() {
     for kappa in [0.7, 2.0, 6.0] {
-        for levels in [0, 2] {
-            let source = cloud(levels, |p: DVec3| {
+        for edge_log2 in [0, 2] {
+            let source = cloud(edge_log2, |p: DVec3| {
                 (p.z > 0.25 && p.z < 0.75).then(|| Medium::even([0; 3], 0, kappa / 32.0, [0.5; 3]))
             });
             let tree = baked(&source, 32);
@@ -144,11 +144,11 @@ fn a_slab_takes_away_e_to_the_minus_depth_in_26_directions() {
                 });
                 // Codes of rates are steps of 4.4 %, which at κ = 6 is .013 of T through the slab's middle; the lines of coarse voxels
                 // are drawn pseudo-randomly.
-                let known = depth.min(5 - levels as usize);
+                let known = depth.min(5 - edge_log2 as usize);
                 let allowed = [0.03, 0.02, 0.02, 0.01, 0.006, 0.005][known];
-                assert!(bias.abs() < allowed, "{kappa} {levels} {depth}: {bias} {worst}");
+                assert!(bias.abs() < allowed, "{kappa} {edge_log2} {depth}: {bias} {worst}");
                 let allowed = [0.1, 0.06, 0.05, 0.025, 0.02, 0.01][known];
-                assert!(worst < allowed, "{kappa} {levels} {depth}: {bias} {worst}");
+                assert!(worst < allowed, "{kappa} {edge_log2} {depth}: {bias} {worst}");
             }
         }
     }

@@ -224,7 +224,7 @@ fn materials_of_a_palette_shine_each_for_itself() {
     land.layers[0].phong = Phong { finish: glossy(0.2, 10.0), ..Phong::tint([0.0; 3]) };
     let bright = |land: &Landscape| land.drawn().map(|film| mean(&film, |_| true).x);
     let [all, _] = bright(&land);
-    let style = Style { finish: glossy(0.0, 10.0), ..Style::OWN };
+    let style = Style { finish: glossy(0.0, 10.0), ..Style::UNCHANGED };
     land.palette.styles.insert("bark".into(), style);
     let [half, traced] = bright(&land);
     // Every second leaf, within what a few hundred of them are by chance.

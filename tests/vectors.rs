@@ -92,7 +92,7 @@ fn voxels_are_lit_as_the_text_says() {
         let (n, wanted) = (numbers(given), numbers(wanted));
         let at = |i: usize| Vec3::new(n[i], n[i + 1], n[i + 2]);
         if kind == "lamp" {
-            let found = BrightnessFactors::new([0, 1, 2].map(|i| n[i].into())).lit(n[3]);
+            let found = BrightnessFactors::new([0, 1, 2].map(|i| n[i].into())).at_cosine(n[3]);
             // Factors are kept to a step of 1/256.
             assert!((found - wanted[0]).abs() < 3e-3, "{line}: {found}");
             lamps += 1;

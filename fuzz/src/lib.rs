@@ -43,7 +43,7 @@ impl Fuzz {
     /// written to that folder first.
     pub fn new(name: &str) -> Fuzz {
         if let Some(corpus) = std::env::var_os("VTEX_FUZZ_SEEDS") {
-            write_seeds(corpus.as_ref(), MOST_SEED);
+            write_seeds(corpus.as_ref(), MAX_SEED);
         }
         let chosen = std::env::var("VTEX_FUZZ").unwrap_or_else(|_| ALL[0].name.to_owned());
         let name = if name == "any" { &chosen } else { name };
@@ -75,7 +75,7 @@ impl Fuzz {
 }
 
 /// Bytes of a seed; larger files would make slow mutants.
-const MOST_SEED: usize = 16 << 10;
+const MAX_SEED: usize = 16 << 10;
 
 /// Write the seeds of all targets, each into its folder below `corpus`; files of more than `most` bytes are left out.
 fn write_seeds(corpus: &Path, most: usize) {

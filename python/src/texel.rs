@@ -19,7 +19,7 @@ pub const CHANNELS: [&str; 9] =
     ["albedo", "correlation", "edge", "materials", "normal", "one_sidedness", "opacity", "rate", "sggx"];
 
 /// Most bytes of a dense grid.
-const MOST_GRID: usize = 4 << 30;
+const MAX_GRID: usize = 4 << 30;
 
 /// An open `.vtex` file.
 #[pyclass(frozen, module = "vtex")]
@@ -128,11 +128,11 @@ impl Depth {
     fn grid<'py>(&self, py: Python<'py>, channel: &str) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
         let parts = components(channel, self.materials).ok_or_else(|| no_channel(channel))?;
         let edge = self.resolution() as usize;
-        let bytes = edge.checked_pow(3).and_then(|n| n.checked_mul(4 * parts)).filter(|bytes| *bytes <= MOST_GRID);
+        let bytes = edge.checked_pow(3).and_then(|n| n.checked_mul(4 * parts)).filter(|bytes| *bytes <= MAX_GRID);
         let Some(bytes) = bytes else {
             return Err(PyMemoryError::new_err(format!(
                 "a grid of {edge}³ takes more than {} GiB: take a coarser depth, or the cells themselves",
-                MOST_GRID >> 30
+                MAX_GRID >> 30
             )));
         };
         let mut grid = vec![0.0; bytes / 4];

@@ -38,7 +38,7 @@ pub struct AlphaMask {
     pub coverage: f64,
     /// Mean linear colour of what is left.
     pub albedo: DVec3,
-    /// Tight box of what is left.
+    /// Tight box of what is left, lower and upper corner.
     pub lo: DVec3,
     pub hi: DVec3,
 }

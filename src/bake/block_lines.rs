@@ -67,11 +67,11 @@ pub struct BlockLines {
     width: usize,
 }
 
-/// Lines that a block's voxels block, per axis.
+/// Numbers of lines that a block's voxels block, per axis: sums of the lines' opacities.
 pub struct BlockedLines {
-    /// Sum over the voxels of the lines that each would block alone.
+    /// Sum over the voxels of the numbers that each would block alone.
     pub alone: [f32; 13],
-    /// Lines that all voxels together block.
+    /// Number that all voxels together block.
     pub together: [f32; 13],
 }
 
@@ -107,8 +107,8 @@ impl BlockLines {
         depths
     }
 
-    /// Lines that the voxels block with these `rates`: with `DISJOINT`, for the correlation c = 1, at which matter never overlaps along a
-    /// line as long as some of it is free; else for c = 0, at which voxels are independent.
+    /// Lines that the voxels block with these `rates`: with `DISJOINT` at the correlation c = 1, at which pieces of matter never
+    /// overlap along a line that is not opaque yet; else at c = 0, at which voxels are independent.
     #[inline(always)]
     pub fn blocked<const DISJOINT: bool>(&self, rates: &[Lanes]) -> BlockedLines {
         // Values of lines are optical depths τ at c = 1, and transmittances e^−τ at c = 0.

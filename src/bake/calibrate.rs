@@ -1,4 +1,5 @@
-//! The last step of a bake: how bright each depth of the texel is, against its finest or, in a deeper texel, depth 9.
+//! The last step of a bake: brightness factors of all depths, measured against the finest depth or, in deeper texels, against
+//! depth 9.
 
 use std::sync::Arc;
 
@@ -7,7 +8,7 @@ use crate::march::calibrate::measure;
 use crate::volume::brightness::{self, BrightnessFactors};
 use crate::volume::{Octree, Volume};
 
-/// The texel with the factors that make its depths agree, in its META; rays are marched through every depth to find them.
+/// Store in META of the texel the factors that make its depths equally bright. Rays are marched through every depth to find them.
 ///
 /// `finest`: the factor that the finest depth itself needs, [`BrightnessFactors::PLAIN`] for matter that was measured at that depth. A
 /// texel that was made of the coarser depths of another inherits theirs.

@@ -1,4 +1,5 @@
-//! Choice of a block's correlation: the one with which the marched block hides its own matter as much as was measured.
+//! Choice of a block's correlation: the one with which the share of the cells' coverage that other cells of the block hide is nearest
+//! to the measured share.
 //!
 //! Based on: D. Vicini, W. Jakob, A. Kaplanyan, *A Non-Exponential Transmittance Model for Volumetric Scene Representations*,
 //! SIGGRAPH 2021 (transmittance between exponential and linear).
@@ -6,14 +7,14 @@
 use super::block_lines::{BlockLines, BlockedLines};
 use super::measure::Measure;
 use super::projected_cell::{Cell, ProjectedCell};
-use crate::volume::chord::{LENGTHS, Lanes, depth_of_opacity};
+use crate::volume::chord::{LENGTHS, Lanes, optical_depth_of};
 
 /// Code of full correlation.
 const MAX_CODE: u8 = 15;
-/// Linear model of where the hidden share at c = 1/2 lies between those at c = 1 and c = 0: a constant, and factors of the hidden
-/// shares at 0 and at 1. By least squares over the blocks of four texels (a nut, a wall, fur, a tree of triangles; 64³) it is right
-/// to .005 (RMS) of the covered area, as good as a third march at c = 1/2.
-const MIDDLE: [f32; 3] = [0.21, 1.6, -2.22];
+/// Linear model of the hidden share at c = 1/2, as a fraction of the way from that at c = 1 to that at c = 0: a constant, and factors
+/// of the hidden shares at c = 0 and at c = 1. It was found by least squares over the blocks of four texels (a nut, a wall, fur, a
+/// tree; 64³). Its RMS error is .005 of the covered area, so a third march at c = 1/2 gives nothing more.
+const MIDDLE_MODEL: [f32; 3] = [0.21, 1.6, -2.22];
 
 /// Share of the cells' summed coverage that other cells hide, along each axis, as it was measured and as it is marched.
 struct HiddenShares {
@@ -22,7 +23,7 @@ struct HiddenShares {
     at_one: Lanes,
     /// Excess of the hidden share at c = 0 over that at c = 1.
     excess: Lanes,
-    /// Share of `excess` that the hidden share at c = 1/2 exceeds that at c = 1 by.
+    /// Fraction of `excess` by which the hidden share at c = 1/2 exceeds that at c = 1.
     middle: Lanes,
     /// Area that the cells cover one by one.
     weight: Lanes,
@@ -61,6 +62,7 @@ pub fn choose_correlation(
     best
 }
 
+/// Hidden shares of a block along each axis, from its measurements and from two marches.
 #[inline(always)]
 fn hidden_shares(
     cells: &[Cell],
@@ -91,14 +93,14 @@ fn hidden_shares(
         hidden.measured[k] = measured;
         hidden.at_one[k] = at_one;
         hidden.excess[k] = at_zero - at_one;
-        hidden.middle[k] = MIDDLE[0] + MIDDLE[1] * at_zero + MIDDLE[2] * at_one;
+        hidden.middle[k] = MIDDLE_MODEL[0] + MIDDLE_MODEL[1] * at_zero + MIDDLE_MODEL[2] * at_one;
         hidden.weight[k] = sums[k] as f32 / LENGTHS[k];
     }
     hidden
 }
 
-/// Lines that the cells block at c = 0, or at c = 1 with `DISJOINT`, where matter never overlaps. Rates come from the mean chord alone, since the
-/// hidden share hardly depends on them.
+/// Lines that the cells block at c = 0, or with `DISJOINT` at c = 1, where matter never overlaps. The rates are those of the mean
+/// chord, which is enough since the hidden share hardly depends on them.
 #[inline(always)]
 fn march_cells<const DISJOINT: bool>(projected: &[ProjectedCell], lines: &BlockLines) -> BlockedLines {
     let mut rates = Vec::with_capacity(projected.len());
@@ -106,7 +108,7 @@ fn march_cells<const DISJOINT: bool>(projected: &[ProjectedCell], lines: &BlockL
         let mut own = [0.0; 16];
         for k in 0..16 {
             own[k] = cell.rounded.chords.inverse_mean[k]
-                * depth_of_opacity(cell.rounded.opacity[k], if DISJOINT { 1.0 } else { 0.0 });
+                * optical_depth_of(cell.rounded.opacity[k], if DISJOINT { 1.0 } else { 0.0 });
         }
         rates.push(own);
     }

@@ -8,9 +8,9 @@ use crate::geom::projection::{PROJECTIONS, SQUARE_LINES, squares_before};
 use crate::simd::multiversioned;
 
 /// Transmittance above which a square counts as empty.
-const EMPTY: f32 = 0.999;
-/// Errors are summed in units of 1 / [`UNITS`], far below any error: whole numbers, so that the order in which regions are joined
-/// cannot show. A u64 holds the sum of 2^40 errors.
+const EMPTY_TRANSMITTANCE: f32 = 0.999;
+/// Errors are summed as whole numbers of units of 1 / [`UNITS`], so that the sum does not depend on the order in which regions are
+/// joined. A u64 holds the sum of 2^40 errors.
 const UNITS: f32 = 16_777_216.0;
 /// Number of bins of the errors' histogram, from 0 to 1.
 const BINS: usize = 256;
@@ -66,7 +66,7 @@ fn axis_errors<const SQUARES_PER_VOXEL: usize, const ROW: usize>(
         let most = (SQUARES_PER_VOXEL * SQUARES_PER_VOXEL * SQUARE_LINES * SQUARE_LINES) as f32;
         for i in 0..ROW {
             let error = (1.0 - transmittance[i] - lines[i] / most).abs();
-            errors[i] = if lines[i] > 0.0 || transmittance[i] < EMPTY { error } else { -1.0 };
+            errors[i] = if lines[i] > 0.0 || transmittance[i] < EMPTY_TRANSMITTANCE { error } else { -1.0 };
         }
     }
 }
@@ -77,8 +77,8 @@ pub struct CoverageError {
     count: u64,
     /// Sum of the errors, in units of 1 / [`UNITS`].
     sum: u64,
-    /// Number of squares by error, and last of those without matter. Each bin has four counters that take turns: many squares in
-    /// a row fall into one bin, and adding to one counter again and again would wait for its last store.
+    /// Number of squares by error, and in the last bin of those without matter. Each bin has four counters that are used in turn:
+    /// many successive squares fall into one bin, and incrementing one counter again would wait for the previous store.
     histogram: Vec<[u64; 4]>,
 }
 

@@ -1,4 +1,4 @@
-//! Size of a bake before it is done, from a sample of its regions whose facets are cut but not measured.
+//! Estimate of a bake's size: facets are cut to voxels in a sample of the regions, without measuring them.
 
 use super::clip::for_each_piece;
 use crate::geom::DVec3;

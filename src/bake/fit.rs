@@ -1,4 +1,4 @@
-//! Fit of a block: from the measurements of its cells to voxels whose march covers what was measured.
+//! Fit of a block: from the measurements of its cells to voxels that, when they are marched, cover the measured areas.
 //!
 //! Based on: E. Heitz, J. Dupuy, C. Crassin, C. Dachsbacher, *The SGGX Microflake Distribution*, SIGGRAPH 2015; D. Vicini,
 //! W. Jakob, A. Kaplanyan, *A Non-Exponential Transmittance Model for Volumetric Scene Representations*, SIGGRAPH 2021;
@@ -13,11 +13,11 @@ use super::group_transmittance::GroupTransmittance;
 use super::line_mask::LineMask;
 use super::measure::Measure;
 use super::ndf::{FitTarget, solve_ndfs};
-use super::projected_cell::{Cell, OPAQUE, ProjectedCell};
+use super::projected_cell::{Cell, ProjectedCell};
 use super::refine::solve_log_gain;
 use crate::geom::larger;
 use crate::simd::multiversioned;
-use crate::volume::chord::{Lanes, MAX_RATE, exp_neg};
+use crate::volume::chord::{Lanes, MAX_RATE, OPAQUE, exp_neg};
 use crate::volume::voxel::{RATE_MAX, encode_rate};
 use crate::volume::{Model, Sggx, Voxel};
 
@@ -113,8 +113,8 @@ fn fit_cells(cells: &[Cell], block: &BlockMeasure, model: Model) -> BlockFit {
         projected.push(ProjectedCell::new(cell.measure, voxel));
     }
     let lines = BlockLines::new(cells.iter().zip(&projected).map(|(cell, p)| (cell.at, p.lo, p.hi)), block.width);
-    // The particles of soft matter are independent, and their opacity is known exactly. Its lines are drawn at random, so that
-    // a correlation found from them would be noise.
+    // The particles of soft matter are independent, and their opacity is known exactly. The lines of its mask are drawn at
+    // random, so a correlation found from them would be noise.
     let soft = block.measure.is_soft();
     let code = if soft { 0 } else { choose_correlation(cells, &projected, &lines, block.measure, block.width) };
     let c = f32::from(code) / 15.0;
@@ -194,7 +194,7 @@ fn solve_rate_scale(sigma: &Lanes, rate: f32, cell: &ProjectedCell, c: f32) -> f
     for _ in 0..2 {
         let mut rates = *sigma;
         rates.iter_mut().for_each(|r| *r = larger(*r * rate, 1e-12));
-        let factor = want / cell.covered_area(&cell.rounded.chords.blocked(&rates, c));
+        let factor = want / cell.covered_area(&cell.rounded.chords.opacity(&rates, c));
         if (factor - 1.0).abs() < AREA_TOLERANCE {
             break;
         }

@@ -11,8 +11,8 @@ pub const GAINS: [f32; 3] = [1.0, TRIAL_GAIN, 1.0 / TRIAL_GAIN];
 const TRIAL_GAIN: f32 = 1.5;
 /// Logarithms of [`GAINS`], in units of ln [`TRIAL_GAIN`].
 const GAIN_POSITIONS: [f32; 3] = [0.0, 1.0, -1.0];
-/// Range of a correction of the rates, as a logarithm. Downward it ends at the gain that was marched, since opaque matter opens
-/// faster than the curve beyond it tells.
+/// Range of a correction of the rates, as a logarithm. Downward it ends at the gain that was marched, since below it opaque matter
+/// loses opacity faster than the extrapolated curve does.
 pub const MIN_LOG_GAIN: f32 = -0.4;
 pub const MAX_LOG_GAIN: f32 = 0.9;
 

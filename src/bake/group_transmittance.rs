@@ -11,16 +11,16 @@ use crate::geom::projection::{PROJECTIONS, child_offset, crossing, squares_befor
 use crate::geom::{DVec3, axis_length, box_area, larger};
 use crate::volume::chord::{FULL_CORRELATION, LENGTHS, Lanes, exp_neg};
 
-/// Most lines along a group's edge: in larger groups every other line is left out. With half as many a sheet leaks (FLIP .052
-/// instead of .044) and a tree covers 1.5 % more; certificates, which end at blocks, do not show that.
+/// Largest number of lines along a group's edge: in larger groups every other line is left out. With half as many lines a sheet
+/// leaks (FLIP .052 instead of .044) and a tree covers 1.5 % more. The certificate does not show that, since it compares blocks.
 pub const MAX_LINES: usize = 32;
 /// Number of lines that are handled at once. Each axis has a multiple of it, except in the smallest blocks.
 const BATCH: usize = 16;
 /// Number of powers of two that a number of lines per edge may be.
 const SIZES: usize = 12;
 
-/// Transmittance of a line, in units of 1 / [`ONE`]. Half as wide as an f32, since a group's lines do not fit the nearest cache, and
-/// far finer than a step of a rate's code.
+/// Transmittance of a line, in units of 1 / [`ONE`]. It is half as wide as an f32, since a group's lines do not fit into the L1
+/// cache as f32, and its step is still far smaller than what a step of a rate's code changes.
 pub type Transmittance16 = u16;
 /// Transmittance of a free line.
 pub const ONE: Transmittance16 = Transmittance16::MAX;
@@ -51,8 +51,8 @@ pub struct GroupTransmittance {
     pub lines: usize,
     /// Transmittance by gain: axis by axis, and within an axis tile by tile as in [`super::block_lines`].
     pub at: [Vec<Transmittance16>; GAINS.len()],
-    /// Area that is covered along each axis, by gain, in squares of the cube's edge. It is known better than from the lines above
-    /// where some of those were left out.
+    /// Area that is covered along each axis, by gain, in squares of the cube's edge. It is more exact than what `at` would give where
+    /// lines were left out.
     pub areas: [Lanes; GAINS.len()],
     /// Number of voxels in the cube.
     pub voxels: usize,

@@ -1,7 +1,7 @@
-//! How much of each material is seen of a voxel, and in which colour.
+//! Visible area and mean colour of each material in a voxel.
 
 use crate::geom::DVec3;
-use crate::volume::material::MOST_MATERIALS;
+use crate::volume::material::MAX_MATERIALS;
 use crate::volume::{Material, Mix};
 use crate::{Error, Result};
 
@@ -25,7 +25,7 @@ impl MaterialWeights {
         self.accumulate(Weight { id, area: area as f32, colour: (area * albedo).as_vec3().to_array() });
     }
 
-    /// Add all of `other`, scaled by `share`.
+    /// Add all of `other`, with areas multiplied by `share`.
     pub fn add_all(&mut self, other: &MaterialWeights, share: f64) {
         let share = share as f32;
         other
@@ -82,20 +82,20 @@ impl MaterialWeights {
 /// # Errors
 /// [`Error::Limit`] of too many.
 pub fn check_count(names: &[String]) -> Result<()> {
-    if names.len() <= MOST_MATERIALS {
+    if names.len() <= MAX_MATERIALS {
         return Ok(());
     }
     Err(Error::Limit {
         what: "the number of materials of different names (select fewer of them, or bake without materials)".into(),
         needed: names.len() as u64,
-        allowed: MOST_MATERIALS as u64,
+        allowed: MAX_MATERIALS as u64,
     })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::volume::material::FINE;
+    use crate::volume::material::FINE_STEP;
 
     #[test]
     fn summaries_hold_shares_and_mean_colours() {
@@ -106,7 +106,7 @@ mod tests {
         low.divide(5.0);
         let mut all = MaterialWeights::default();
         all.add_all(&low, 2.0);
-        assert_eq!(all.mix(FINE), Mix::new([(0, 1.0), (1, 4.0)], FINE));
+        assert_eq!(all.mix(FINE_STEP), Mix::new([(0, 1.0), (1, 4.0)], FINE_STEP));
         let summary = all.summarize(&["bark".into(), "leaf".into(), "moss".into()]);
         assert_eq!(summary[1], Material { name: "leaf".into(), albedo: [0.4, 0.1, 1.0], share: 0.8 });
         assert_eq!((summary[0].share, summary[2].share), (0.2, 0.0));

@@ -34,14 +34,14 @@ pub struct Measure {
     pub soft: f64,
     /// Sum of the area vectors of one-sided facets.
     pub mean: DVec3,
-    /// Mean linear colour, weighted by area; upward, by the area of each child that is visible.
+    /// Mean linear colour: of the finest voxels weighted by facet area, of coarser ones by the visible area of each child.
     pub albedo: DVec3,
-    /// Areas of materials, visible ones as of `albedo`; empty where materials are not tracked.
+    /// Areas by material, visible ones as for `albedo`; empty where materials are not tracked.
     pub materials: MaterialWeights,
     /// Whether the voxel is opaque throughout.
     pub solid: bool,
-    /// Share of the finest voxels' faces that is covered, averaged over directions and, upward, over the eight children: the
-    /// opacity of Neyret's model of 1996, in [0, 1].
+    /// Opacity of Neyret's model of 1996, in [0, 1]: the covered share of a finest voxel's projection, averaged over the 13 axes;
+    /// of a coarser voxel the mean over its eight children.
     pub mean_opacity: f64,
 }
 
@@ -114,8 +114,8 @@ impl Measure {
     }
 }
 
-/// Accumulator of one finest voxel, whose facets come one by one and of which only sums are kept.
-pub struct Gather {
+/// Accumulator of one of the finest voxels. Facets are added one by one, and only sums of them are kept.
+pub struct VoxelAccumulator {
     measure: Box<Measure>,
     mask: Arc<LineMask>,
     /// Sum over the facets of their numbers of lines, per axis.
@@ -130,10 +130,10 @@ pub struct Gather {
     track_materials: bool,
 }
 
-impl Gather {
+impl VoxelAccumulator {
     /// Accumulator without matter; with `track_materials`, areas are kept for each material.
-    pub fn new(track_materials: bool) -> Gather {
-        Gather {
+    pub fn new(track_materials: bool) -> VoxelAccumulator {
+        VoxelAccumulator {
             track_materials,
             measure: Box::new(Measure::empty()),
             mask: Arc::default(),
@@ -218,7 +218,7 @@ impl Gather {
     }
 
     /// Measurements and line mask of the voxel; `None` where its facets have no area.
-    pub fn finish(mut self: Box<Gather>) -> Option<(Box<Measure>, Arc<LineMask>)> {
+    pub fn finish(mut self: Box<VoxelAccumulator>) -> Option<(Box<Measure>, Arc<LineMask>)> {
         let m = &mut self.measure;
         if m.total <= 0.0 {
             return None;

@@ -20,13 +20,13 @@ use crate::volume::chord::Chords;
 
 /// Part of a cube that a medium covers; lengths in edges of the cube.
 pub struct MediumCoverage {
-    /// Filled box.
+    /// Filled box, lower and upper corner.
     pub lo: DVec3,
     pub hi: DVec3,
     pub mask: LineMask,
     /// Oblique area that is covered, per axis.
     pub cover: [f64; 13],
-    /// One-sided area of the particles.
+    /// Area of the particles, counted once for both sides.
     pub area: f64,
     /// Sum of the particles' area vectors; 0 where they face all ways.
     pub facing: DVec3,
@@ -82,8 +82,8 @@ struct LineThreshold {
     depth: f64,
 }
 
-/// Thresholds, ascending, of all lines of the axis `k` through a voxel, in the given order: of n lines, the opacities at which they are blocked
-/// are (i + 1/2) / n.
+/// Thresholds of all lines of the axis `k` through a voxel, ascending, for the pseudo-random order `order`. The i-th of n lines is
+/// blocked from the opacity (i + 1/2) / n on.
 fn line_thresholds(order: usize, k: usize) -> Vec<LineThreshold> {
     let (wa, wb) = PROJECTIONS[k].extent();
     let all = (0..16 * wb).flat_map(|row| (0..16 * wa).map(move |bit| (row, bit)));
@@ -112,24 +112,24 @@ fn hash(v: u64) -> u64 {
     SplitMix64::new(v).bits()
 }
 
-/// Coverage by `medium` of the cube of `2^levels` voxels at the voxel `at`, which must lie in the medium's own cube. `None` where
+/// Coverage by `medium` of the cube of `2^edge_log2` voxels at the voxel `at`, which must lie in the medium's own cube. `None` where
 /// the medium does not reach it.
-pub fn cover_cube(medium: &Medium, at: [u32; 3], levels: u32) -> Option<MediumCoverage> {
+pub fn cover_cube(medium: &Medium, at: [u32; 3], edge_log2: u32) -> Option<MediumCoverage> {
     // Filled box of the medium, in edges of the smaller cube.
-    let ratio = f64::from(1u32 << medium.levels.saturating_sub(levels));
-    let edge = f64::from(1u32 << levels);
+    let ratio = f64::from(1u32 << medium.edge_log2.saturating_sub(edge_log2));
+    let edge = f64::from(1u32 << edge_log2);
     let offset = (DVec3::from(at.map(f64::from)) - DVec3::from(medium.at.map(f64::from))) / edge;
     let lo = (medium.lo * ratio - offset).max(DVec3::ZERO);
     let hi = (medium.hi * ratio - offset).min(DVec3::ONE);
     if !lo.cmplt(hi).all() {
         return None;
     }
-    let rates = medium.rates(levels);
+    let rates = medium.rates(edge_log2);
     let e = hi - lo;
     let lanes = std::array::from_fn(|k| rates.get(k).map_or(1.0, |&r| r as f32).max(1e-12));
-    let blocked = Chords::new(e).blocked(&lanes, 0.0);
-    let cover = std::array::from_fn(|k| box_area(k, e) * f64::from(blocked[k]));
-    let seed = hash(u64::from(at[0]) | u64::from(at[1]) << 20 | u64::from(at[2]) << 40 | u64::from(levels) << 60);
+    let opacity = Chords::new(e).opacity(&lanes, 0.0);
+    let cover = std::array::from_fn(|k| box_area(k, e) * f64::from(opacity[k]));
+    let seed = hash(u64::from(at[0]) | u64::from(at[1]) << 20 | u64::from(at[2]) << 40 | u64::from(edge_log2) << 60);
     let whole = lo == DVec3::ZERO && hi == DVec3::ONE;
     let mask = if whole { full_cube_mask(seed, &rates) } else { box_mask(seed, &rates, lo, hi) };
     // Facets of area A cover A / 2 in the mean over all directions.

@@ -9,7 +9,7 @@
 //! 5. `fit`, with `projected_cell`, `block_lines`, `correlation`, `ndf`, `ellipsoid`: voxels of a block from measurements.
 //! 6. `refine`, with `group_transmittance`, `gain_curve`: rates of groups of blocks are corrected.
 //! 7. `output`, `coverage_error`: fitted voxels, and how far they are from what was measured.
-//! 8. `calibrate`: brightness of every depth against the finest.
+//! 8. `calibrate`: brightness of every depth against a fine one.
 
 mod alpha_mask;
 mod block_lines;
@@ -51,8 +51,9 @@ use crate::progress::Progress;
 use crate::source::{Placement, Source, Staged};
 use crate::volume::brightness::BrightnessFactors;
 use crate::volume::surface::{self, SurfaceMeans, SurfaceParams};
-use crate::volume::{Channels, Info, Material, Model, Volume};
+use crate::volume::{Channels, Depth, Info, Material, Model, Volume};
 use crate::{Error, Result, Warnings, morton, par};
+use coverage_error::CoverageError;
 use output::{FitOptions, Output};
 use region::Region;
 use tree::TreeAssembler;
@@ -100,7 +101,7 @@ pub fn bake(
     Ok((calibrate(volume, BrightnessFactors::PLAIN)?, report))
 }
 
-/// [`bake`] without the calibration of depths, for callers that put other voxels in place of some before they calibrate.
+/// [`bake`] without the calibration of depths, for callers that first replace some of the voxels.
 pub(crate) fn measure_and_fit(
     source: &dyn Source,
     options: &Options,
@@ -110,52 +111,35 @@ pub(crate) fn measure_and_fit(
     let origin = source.origin();
     let relative = |cube: Aabb| Aabb::new(cube.min - origin, cube.max - origin);
     let options = &Options { cube: options.cube.map(relative), ..options.clone() };
-    let wanted = plan(source.bounds(), options)?;
-    let place = plan::resolved(&wanted);
+    let requested = plan(source.bounds(), options)?;
+    let place = plan::measured_grid(&requested);
     let surfaces = source.surfaces();
-    // Voxels have to be told apart where some of them let light through.
+    // Transmission is stored by material, so where there is any, voxels need their mixes of materials.
     let names = if options.materials || !surfaces.is_empty() { source.materials() } else { &[] };
     materials::check_count(names)?;
     let staged = source.stage(&place, progress)?;
     let estimate = estimate::estimate(&*staged, &place);
     on_estimate(&estimate);
     check_memory(options, &place, estimate.memory_bytes)?;
-    let output = build(&*staged, &place, options, names.len() > 1, progress)?;
+    let mut output = build(&*staged, &place, options, names.len() > 1, progress)?;
     let materials = match names {
         [one] => single_material(one, &output),
         _ => output.materials.summarize(names),
     };
-    let mut depths = output.depths;
-    if place.depth > wanted.depth {
-        depths.truncate(wanted.depth + 1);
-        // What is finer was only to be measured.
-        depths.iter_mut().last().into_iter().for_each(|finest| finest.masks.fill(0));
+    if place.depth > requested.depth {
+        // Finer depths were baked only to measure this one.
+        output.depths.truncate(requested.depth + 1);
+        output.depths.iter_mut().last().into_iter().for_each(|finest| finest.masks.fill(0));
     }
-    // The root's support box holds those of all deeper voxels, since it is rounded outward by more than theirs.
-    let content = depths.first().and_then(|d| d.voxels.first()).map_or(Aabb::new(DVec3::ZERO, DVec3::ZERO), |root| {
-        let (lo, hi) = root.support_box();
-        Aabb::new(lo.as_dvec3(), hi.as_dvec3())
-    });
-    let report = Report {
-        warnings: source.warnings().clone(),
-        estimate,
-        depths: depths
-            .iter()
-            .zip(&output.errors)
-            .map(|(d, errors)| {
-                let round = |v: f64| (v * 1e4).round() / 1e4;
-                let (mean, p95) = errors.mean_p95().unzip();
-                DepthReport { voxels: d.voxels.len() as u64, error_mean: mean.map(round), error_p95: p95.map(round) }
-            })
-            .collect(),
-    };
-    let info = Info {
+    let report = Report { warnings: source.warnings().clone(), estimate, depths: depth_reports(&output) };
+    let depths = output.depths;
+    let mut info = Info {
         bounds: Aabb::new(place.bounds.min + origin, place.bounds.max + origin),
         metres_per_unit: source.metres_per_unit(),
         up: place.up,
         cyclic: options.cyclic,
         model: options.model,
-        content,
+        content: content_box(&depths),
         facet_size: source.facet_size() * place.scale / f64::from(place.side()),
         channels: Channels {
             correlation: options.model == Model::Coverage,
@@ -166,11 +150,28 @@ pub(crate) fn measure_and_fit(
         materials,
         meta: meta(&report),
     };
-    let mut info = info;
-    let seen = |(i, s): (usize, &SurfaceMeans)| s.seen(info.materials.get(i).map(|m| m.albedo));
-    let surfaces: Vec<SurfaceParams> = surfaces.iter().enumerate().map(seen).collect();
+    let params = |(i, s): (usize, &SurfaceMeans)| s.params(info.materials.get(i).map(|m| m.albedo));
+    let surfaces: Vec<SurfaceParams> = surfaces.iter().enumerate().map(params).collect();
     surface::store(&surfaces, &mut info.meta);
     Ok((Volume { info, depths }, report))
+}
+
+/// Numbers of voxels and errors of all depths; errors are rounded to four places.
+fn depth_reports(output: &Output) -> Vec<DepthReport> {
+    let round = |v: f64| (v * 1e4).round() / 1e4;
+    let report = |(depth, errors): (&Depth, &CoverageError)| {
+        let (mean, p95) = errors.mean_p95().unzip();
+        DepthReport { voxels: depth.voxels.len() as u64, error_mean: mean.map(round), error_p95: p95.map(round) }
+    };
+    output.depths.iter().zip(&output.errors).map(report).collect()
+}
+
+/// Box of all matter in texel space: the root's support box. It holds those of all deeper voxels, since it is rounded outward by more
+/// than theirs.
+fn content_box(depths: &[Depth]) -> Aabb {
+    let Some(root) = depths.first().and_then(|d| d.voxels.first()) else { return Aabb::new(DVec3::ZERO, DVec3::ZERO) };
+    let (lo, hi) = root.support_box();
+    Aabb::new(lo.as_dvec3(), hi.as_dvec3())
 }
 
 /// Material of a texel that has only one, of the root's colour.
@@ -181,7 +182,7 @@ fn single_material(name: &str, output: &Output) -> Vec<Material> {
     weights.summarize(&[name.to_owned()])
 }
 
-/// META of the texel: errors of the depths at which some were measured, and the version of vtex. The caller adds what it knows of the source.
+/// META of the texel: the measured errors of the depths, and the version of vtex. The caller adds the provenance.
 fn meta(report: &Report) -> serde_json::Map<String, serde_json::Value> {
     let mut meta = serde_json::Map::new();
     let error = |d: &DepthReport| d.error_mean.map(|mean| json!({ "opacity": { "mean": mean, "p95": d.error_p95 } }));
@@ -193,8 +194,8 @@ fn meta(report: &Report) -> serde_json::Map<String, serde_json::Value> {
     meta
 }
 
-/// Number of regions per thread that may be measured before the first of them is joined. The transmittances of each take up to an
-/// eighth of a megabyte.
+/// Number of regions per thread that may be measured ahead of the one that is joined next. The transmittances of a region take up
+/// to an eighth of a megabyte.
 const REGIONS_AHEAD: usize = 16;
 
 /// Check that the bake may take the `needed` bytes.
@@ -209,8 +210,8 @@ fn check_memory(options: &Options, place: &Placement, needed: u64) -> Result<()>
     Err(Error::Limit { what, needed, allowed: options.memory })
 }
 
-/// Voxels of all depths; none for a source without matter. Fails as soon as they take more memory than is allowed, should there be
-/// more of them than was expected.
+/// Fitted voxels of all depths; none for a source without matter. Fails as soon as they take more memory than is allowed, which
+/// happens where there are more of them than the estimate said.
 fn build(
     staged: &dyn Staged,
     place: &Placement,

@@ -4,9 +4,9 @@
 //! reweighted least squares (P. Huber, *Robust Estimation of a Location Parameter*, Ann. Math. Stat. 35, 1964).
 
 use super::ellipsoid::{BATCH, fit_weighted, sigmas};
-use super::projected_cell::{OPAQUE, ProjectedCell};
+use super::projected_cell::ProjectedCell;
 use crate::volume::Sggx;
-use crate::volume::chord::Lanes;
+use crate::volume::chord::{Lanes, OPAQUE};
 
 /// Number of fits with relaxed weights after the first fit.
 const REWEIGHT_ITERATIONS: usize = 3;

@@ -1,4 +1,4 @@
-//! Fitted voxels of a bake, and how they are fitted and corrected.
+//! Fitted voxels of a bake: they are appended block by block in Morton order, and rates are corrected group by group.
 
 use super::coverage_error::CoverageError;
 use super::fit::{BlockMeasure, fit_block};
@@ -6,7 +6,7 @@ use super::group_transmittance::GroupTransmittance;
 use super::materials::MaterialWeights;
 use super::projected_cell::Cell;
 use super::refine::{correct_group, scale_rate_codes};
-use crate::volume::material::{COARSE, FINE};
+use crate::volume::material::{COARSE_STEP, FINE_STEP};
 use crate::volume::{Depth, Model};
 
 /// Options of the fit.
@@ -29,7 +29,7 @@ pub struct Output {
     pub options: FitOptions,
 }
 
-/// Cell of a block, and which children its voxel has.
+/// Cell of a block, and the child mask of its voxel.
 pub struct CellWithMask<'a> {
     pub cell: Cell<'a>,
     pub mask: u8,
@@ -61,7 +61,7 @@ impl Output {
     /// Fit the `cells` of a block, which are voxels of `depth`, and append them. Returns the block's transmittance where groups of
     /// blocks are to be corrected.
     pub fn fit(&mut self, depth: usize, cells: Vec<CellWithMask>, block: &BlockMeasure) -> Option<GroupTransmittance> {
-        let step = if depth + 1 == self.depths.len() { COARSE } else { FINE };
+        let step = if depth + 1 == self.depths.len() { COARSE_STEP } else { FINE_STEP };
         let out = &mut self.depths[depth];
         out.masks.extend(cells.iter().map(|c| c.mask));
         if self.options.track_materials {

@@ -9,8 +9,8 @@ use crate::{Error, Result};
 /// Margin of the cube around the source, relative, so that no matter lies on its upper faces.
 const MARGIN: f64 = 1.0 / (1u32 << 20) as f64;
 
-/// Most bytes that it may take to lay a source into the grid where no limit was asked for: a file that is small and places what it
-/// holds a million times does not fill the machine.
+/// Largest number of bytes that staging a source may take where the options set no limit, so that a small file with a million copies
+/// of its content cannot fill the machine's memory.
 const LAY_OUT_MEMORY: u64 = 8 << 30;
 
 /// Place a source of these `bounds` in the grid: centred across, and standing on w = 0.
@@ -25,7 +25,7 @@ pub fn plan(bounds: Aabb, options: &Options) -> Result<Placement> {
         )));
     }
     let extent = extent(bounds, options);
-    // The cube is larger than what is in it: what leaves the numbers would be found only when the texel is written.
+    // The cube is larger than the source. A cube beyond the largest number would be noticed only when the texel is written.
     let reach = extent + bounds.min.abs().max(bounds.max.abs()).max_element();
     if !bounds.is_empty() && !(2.0 * reach).is_finite() {
         return Err(Error::Options("the source is too large: its bounds reach beyond 1e307".into()));
@@ -44,19 +44,19 @@ pub fn plan(bounds: Aabb, options: &Options) -> Result<Placement> {
     Ok(placement(Aabb::new(min, min + edge), edge, side, options))
 }
 
-/// Depth at which the matter of a texel of few voxels is measured: a voxel that is as large as the source, or half as large,
-/// says nothing of its shape.
-const LEAST_DEPTH: usize = 4;
-/// Texels of this depth and finer ones are measured as they are.
+/// Depth at which the matter of texels with few voxels is measured: the facets' sums in a voxel as large as the source, or half as
+/// large, say too little about its shape.
+const MIN_MEASURED_DEPTH: usize = 4;
+/// Texels of this depth and finer ones are measured at their own depth.
 const MEASURED_AS_IS: usize = 3;
 
-/// The grid in which the matter of a texel in the grid `place` is measured: the same cube, of 16³ voxels where it has 4³ or fewer.
-pub fn resolved(place: &Placement) -> Placement {
+/// Grid in which the matter of a texel is measured: `place` itself, or 16³ voxels in the same cube where `place` has 4³ or fewer.
+pub fn measured_grid(place: &Placement) -> Placement {
     if place.depth >= MEASURED_AS_IS {
         return *place;
     }
-    let finer = f64::from(1u32 << (LEAST_DEPTH - place.depth));
-    Placement { depth: LEAST_DEPTH, scale: place.scale * finer, ..*place }
+    let finer = f64::from(1u32 << (MIN_MEASURED_DEPTH - place.depth));
+    Placement { depth: MIN_MEASURED_DEPTH, scale: place.scale * finer, ..*place }
 }
 
 /// Grid of `side` voxels along the edges of `cube`, which are `edge` long.

@@ -3,11 +3,9 @@
 use super::measure::Measure;
 use crate::geom::{DVec3, Vec3, larger, smaller};
 use crate::volume::Voxel;
-use crate::volume::chord::{Chords, LENGTHS, Lanes, SolvedRates, box_areas};
+use crate::volume::chord::{Chords, LENGTHS, Lanes, OPAQUE, SolvedRates, box_areas};
 
-/// Opacity of a box from which on it counts as opaque.
-pub const OPAQUE: f32 = 0.996;
-/// Opacity that an opaque box is taken to lose, at least, per unit by which the logarithm of its rate falls.
+/// Least slope of an opaque box's opacity over the logarithm of its rate that weights are computed with.
 const MIN_OPAQUE_SLOPE: f32 = 0.15;
 /// Least thickness of an unrounded box, in voxel edges: that of the thinnest support box. Thinner ones would all ask for the
 /// largest rate.
@@ -29,7 +27,7 @@ pub struct ProjectedBox {
 
 /// Projections of a cell along the 13 axes.
 pub struct ProjectedCell {
-    /// Support box, rounded outward to sixteenths.
+    /// Support box, rounded outward to sixteenths: lower and upper corner.
     pub lo: Vec3,
     pub hi: Vec3,
     /// Support box as rays will see it.
@@ -74,15 +72,16 @@ impl ProjectedCell {
         (0..13).map(|k| opacities[k] * self.area[k]).sum()
     }
 
-    /// Weight in [1e-4, 1] of an error of the rate along each axis: the square of what it changes of the opacity, 1 for faint
-    /// matter. Rates at which a box is opaque may be larger without harm, and a thin sheet seen edge-on covers no area.
+    /// Weight in [1e-4, 1] of an error of the rate along each axis: the square of the change of opacity that the error causes,
+    /// relative to faint matter, which has the weight 1. So axes count little along which a box is opaque, since larger rates do
+    /// no harm there.
     #[inline(always)]
     pub fn rate_weights(&self, solved: &SolvedRates) -> Lanes {
         let ProjectedBox { opacity, chords } = &self.unrounded;
         let SolvedRates { rates, slopes } = solved;
         let mut weights = [1.0; 16];
         for k in 0..16 {
-            // At an opaque box the slope is near 0, but only towards larger rates: a lower rate still loses opacity.
+            // For an opaque box the slope is near 0, but only towards larger rates: with a lower rate it does lose opacity.
             let slope = larger(slopes[k], MIN_OPAQUE_SLOPE * opacity[k]);
             let change = chords.inverse_mean[k] * slope / larger(rates[k], 1e-20);
             let weight = larger(smaller(change * change, 1.0), 1e-4);

@@ -1,7 +1,7 @@
 //! Correction of the rates of groups of blocks. Blocks are fitted one by one, but along a ray their transmittances multiply, as
-//! if their matter were unrelated, so a sheet that goes on from block to block leaks at each border. Therefore groups of blocks
-//! are marched along a lattice of lines and their rates are scaled until they cover what was measured, one group size after the
-//! other.
+//! if their matter were unrelated. So a sheet that continues from block to block leaks light at each border. Therefore groups of
+//! blocks are marched along a lattice of lines, and their rates are scaled so that the group covers the area that was measured;
+//! then eight groups at a time form the next larger ones.
 //!
 //! Based on: G. Loubet, F. Neyret, *Hybrid Mesh-Volume LoDs for All-Scale Pre-Filtering*, EG 2017 (opacity fitted to measured
 //! coverage); the law of [`crate::volume::opacity`].

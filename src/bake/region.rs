@@ -4,7 +4,7 @@ use std::iter::Peekable;
 use std::vec::IntoIter;
 
 use super::clip::for_each_piece;
-use super::measure::Gather;
+use super::measure::VoxelAccumulator;
 use super::medium::cover_cube;
 use super::output::Output;
 use super::tree::{Node, Siblings, join};
@@ -48,7 +48,7 @@ impl Cube {
 
 /// Matter of a region that is not joined yet, by ascending Morton code.
 struct Matter {
-    voxels: Peekable<IntoIter<(u32, Box<Gather>)>>,
+    voxels: Peekable<IntoIter<(u32, Box<VoxelAccumulator>)>>,
     media: Peekable<IntoIter<(u32, Medium)>>,
 }
 
@@ -70,23 +70,23 @@ impl<'a> Region<'a> {
         let voxels = self.gather_facets(index);
         let media = self.gather_media(index);
         let mut matter = Matter { voxels: voxels.into_iter().peekable(), media: media.into_iter().peekable() };
-        self.cube(Cube { depth, log2: self.log2, code: 0 }, None, &mut matter)
+        self.node_of_cube(Cube { depth, log2: self.log2, code: 0 }, None, &mut matter)
     }
 
     /// Facets cut into voxels, each with its Morton code.
-    fn gather_facets(&self, index: usize) -> Vec<(u32, Box<Gather>)> {
+    fn gather_facets(&self, index: usize) -> Vec<(u32, Box<VoxelAccumulator>)> {
         let corner = DVec3::from(self.origin.map(f64::from));
         let width = f64::from(1u32 << self.log2);
         let track_materials = self.output.options.track_materials;
         // For each code, the index in `voxels` plus 1, or 0 where there is no voxel yet.
         let mut places = vec![0u32; 1 << (3 * self.log2)];
-        let mut voxels: Vec<(u32, Box<Gather>)> = Vec::new();
+        let mut voxels: Vec<(u32, Box<VoxelAccumulator>)> = Vec::new();
         self.staged.emit(index, &mut |facet| {
             for_each_piece(self.staged, facet, corner, corner + width, &mut |piece, at, alpha| {
                 let cell = (at - corner).clamp(DVec3::ZERO, DVec3::splat(width - 1.0)).as_uvec3();
                 let code = morton::encode(cell.to_array()) as usize;
                 if places[code] == 0 {
-                    voxels.push((code as u32, Box::new(Gather::new(track_materials))));
+                    voxels.push((code as u32, Box::new(VoxelAccumulator::new(track_materials))));
                     places[code] = voxels.len() as u32;
                 }
                 voxels[places[code] as usize - 1].1.add(self.staged, piece, at, alpha);
@@ -101,7 +101,7 @@ impl<'a> Region<'a> {
         let mut media: Vec<(u32, Medium)> = Vec::new();
         self.staged.medium(index, &mut |medium| {
             let cell: [u32; 3] = std::array::from_fn(|axis| medium.at[axis].wrapping_sub(self.origin[axis]));
-            let within = cell.iter().all(|&c| c >> self.log2 == 0) && medium.levels as usize <= self.log2;
+            let within = cell.iter().all(|&c| c >> self.log2 == 0) && medium.edge_log2 as usize <= self.log2;
             if within && medium.is_valid() {
                 media.push((morton::encode(cell) as u32, *medium));
             }
@@ -110,16 +110,16 @@ impl<'a> Region<'a> {
         media
     }
 
-    /// Node of `cube`, whose matter comes next in `matter` and which lies in the cube of the medium `within`.
-    fn cube(&mut self, cube: Cube, within: Option<&Medium>, matter: &mut Matter) -> Option<Box<Node>> {
-        let own = matter.media.next_if(|m| m.0 == cube.code && m.1.levels as usize >= cube.log2);
+    /// Node of `cube`, whose matter comes next in `matter`; `within` is the medium in whose larger cube it lies, if any.
+    fn node_of_cube(&mut self, cube: Cube, within: Option<&Medium>, matter: &mut Matter) -> Option<Box<Node>> {
+        let own = matter.media.next_if(|m| m.0 == cube.code && m.1.edge_log2 as usize >= cube.log2);
         let within = own.as_ref().map(|m| &m.1).or(within);
         if cube.log2 > 0 && matter.comes_before(cube.end()) {
             let mut children: Siblings = Default::default();
             for (j, node) in children.iter_mut().enumerate() {
                 let child = cube.child(j);
                 *node = if within.is_some() || matter.comes_before(child.end()) {
-                    self.cube(child, within, matter)
+                    self.node_of_cube(child, within, matter)
                 } else {
                     self.solid_node(child)
                 };
@@ -131,7 +131,7 @@ impl<'a> Region<'a> {
             && let Some(part) = cover_cube(medium, self.lowest(cube.code), cube.log2 as u32)
         {
             let track_materials = self.output.options.track_materials;
-            gather.get_or_insert_with(|| Box::new(Gather::new(track_materials))).add_medium(&part, medium);
+            gather.get_or_insert_with(|| Box::new(VoxelAccumulator::new(track_materials))).add_medium(&part, medium);
         }
         match gather.and_then(|g| g.finish()) {
             Some((measure, mask)) => Some(Box::new(Node::leaf(measure, mask))),

@@ -175,8 +175,8 @@ fn fit_grandchildren(
     }
     for size in 1..=output.options.refine {
         let parts = children.each_ref().map(|c| c.as_ref().and_then(|c| c.groups.get(size - 1)));
-        // Soft matter is independent from block to block, as the march takes it, and needs no correction. But the groups that it is
-        // part of may need one, and they are told by the number of their voxels.
+        // Soft matter is independent from block to block, as the march assumes, and needs no correction. Its groups are composed all
+        // the same: larger groups that they are part of may need a correction, which is applied to as many voxels as a group counts.
         let group = if measure.is_soft() {
             compose_group(&parts, solid)
         } else {
@@ -293,7 +293,7 @@ impl TreeAssembler {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::bake::measure::Gather;
+    use crate::bake::measure::VoxelAccumulator;
     use crate::bake::medium::cover_cube;
     use crate::bake::output::FitOptions;
     use crate::source::Medium;
@@ -310,7 +310,7 @@ mod tests {
             return None;
         }
         let medium = Medium { scattered, ..Medium::even(at, 0, if scattered { 0.01 } else { 3.0 }, [0.5; 3]) };
-        let mut gather = Box::new(Gather::new(false));
+        let mut gather = Box::new(VoxelAccumulator::new(false));
         gather.add_medium(&cover_cube(&medium, at, 0).unwrap(), &medium);
         gather.finish().map(|(measure, mask)| Box::new(Node::leaf(measure, mask)))
     }

@@ -23,7 +23,7 @@ use crate::progress::Progress;
 use crate::source;
 use crate::source::OpenOptions;
 use crate::source::paint::Translucency;
-use crate::source::recipe::Laid;
+use crate::source::recipe::PaintOptions;
 use crate::volume::{Model, Volume};
 use crate::{Error, Result};
 
@@ -112,14 +112,14 @@ fn translucency(text: &str) -> Result<Translucency, String> {
         None => (None, text),
     };
     let share: f64 = share.trim().parse().map_err(|_| "a share such as 0.4 is needed, or MATERIAL=0.4")?;
-    if !(0.0..=MOST_TRANSLUCENCY).contains(&share) {
-        return Err(format!("a share of 0 to {MOST_TRANSLUCENCY} is needed"));
+    if !(0.0..=MAX_TRANSLUCENCY).contains(&share) {
+        return Err(format!("a share of 0 to {MAX_TRANSLUCENCY} is needed"));
     }
     Ok(Translucency { material, share })
 }
 
 /// Matter that let all light through would have no colour.
-const MOST_TRANSLUCENCY: f64 = 0.9;
+const MAX_TRANSLUCENCY: f64 = 0.9;
 
 #[derive(Clone, Copy, clap::ValueEnum)]
 enum ModelArg {
@@ -224,8 +224,8 @@ impl Args {
         Err(Error::Options(idle.into()))
     }
 
-    fn laid(&self) -> Laid {
-        Laid {
+    fn paint_options(&self) -> PaintOptions {
+        PaintOptions {
             albedo: self.albedo.clone(),
             tint: self.tint,
             material: self.material.clone(),
@@ -330,7 +330,7 @@ fn shot(args: &Args, input: &Path, options: &OpenOptions) -> Result<Shot> {
 
 fn job(args: &Args, shot: Shot) -> Job {
     let mut files = if args.inputs.is_empty() { Vec::new() } else { source::dependencies(&shot.input) };
-    files.extend(source::laid_files(&args.laid()));
+    files.extend(source::paint_files(&args.paint_options()));
     Job { shot, files, shared: None, speaks: true }
 }
 
@@ -340,7 +340,7 @@ fn open(args: &Args, shot: &Shot) -> Result<Box<dyn source::Source>> {
         false => source::open(&shot.input, options)?,
         true => source::lsystem::open(None, &options.lsystem, &options.read, &options.mesh)?,
     };
-    source::lay(source, &args.laid(), &options.read)
+    source::apply_paint(source, &args.paint_options(), &options.read)
 }
 
 /// The files that `vtex bake WORDS` reads for one texel, and what it is a function of.
@@ -406,7 +406,7 @@ fn bake_file(args: &Args, job: &Job, provenance: Result<Provenance>, ui: &Ui) ->
         source.notes().iter().for_each(|note| ui.say(note));
     }
     let read_time = start.elapsed();
-    let mut foresee = |e: &Estimate| {
+    let mut on_estimate = |e: &Estimate| {
         if e.finest_voxels == 0 || !speaks {
             return;
         }
@@ -418,7 +418,7 @@ fn bake_file(args: &Args, job: &Job, provenance: Result<Provenance>, ui: &Ui) ->
         ));
     };
     let options = shared.as_ref().map_or_else(|| args.options(source.up()), Options::clone);
-    let (mut volume, report) = bake::bake(&*source, &options, ui, &mut foresee)?;
+    let (mut volume, report) = bake::bake(&*source, &options, ui, &mut on_estimate)?;
     if volume.depths.is_empty() && shared.is_none() {
         let why = report.warnings.as_reasons();
         let why = if why.is_empty() { "; no facet has an area".to_owned() } else { why };

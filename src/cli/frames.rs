@@ -5,9 +5,9 @@ use std::path::{Path, PathBuf};
 use crate::{Error, Result};
 
 /// Largest number of a frame.
-const MOST: u32 = 999_999;
+const MAX_NUMBER: u32 = 999_999;
 /// Most frames in a sequence.
-const MOST_FRAMES: u32 = 100_000;
+const MAX_FRAMES: u32 = 100_000;
 
 /// Frames from the first to the last, both included.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -31,8 +31,8 @@ impl Frames {
 /// `A..B` or `A-B`, both included, or `N` for 0 to N − 1.
 pub fn parse(text: &str) -> std::result::Result<Frames, String> {
     let number = |s: &str| {
-        let value: Option<u32> = s.trim().parse().ok().filter(|n| *n <= MOST);
-        value.ok_or_else(|| format!("{s:?} is not a whole number from 0 to {MOST}"))
+        let value: Option<u32> = s.trim().parse().ok().filter(|n| *n <= MAX_NUMBER);
+        value.ok_or_else(|| format!("{s:?} is not a whole number from 0 to {MAX_NUMBER}"))
     };
     // Render farms say 5-8.
     let frames = match text.split_once("..").or_else(|| text.split_once('-')) {
@@ -45,8 +45,8 @@ pub fn parse(text: &str) -> std::result::Result<Frames, String> {
     if frames.first > frames.last {
         return Err(format!("frame {} comes after frame {}: FIRST..LAST is needed", frames.first, frames.last));
     }
-    if frames.count() > MOST_FRAMES {
-        return Err(format!("{} frames are more than {MOST_FRAMES}", frames.count()));
+    if frames.count() > MAX_FRAMES {
+        return Err(format!("{} frames are more than {MAX_FRAMES}", frames.count()));
     }
     Ok(frames)
 }
@@ -94,7 +94,7 @@ pub fn found(path: &Path) -> Result<Vec<(u32, PathBuf)>> {
         let other = entry.file_name();
         let number = other.to_str().and_then(|n| n.strip_prefix(&name[..start])?.strip_suffix(&name[end..]));
         let number = number.filter(|n| n.len() >= end - start && n.bytes().all(|b| b.is_ascii_digit()));
-        numbers.extend(number.and_then(|n| n.parse::<u32>().ok()).filter(|n| *n <= MOST));
+        numbers.extend(number.and_then(|n| n.parse::<u32>().ok()).filter(|n| *n <= MAX_NUMBER));
     }
     numbers.sort_unstable();
     numbers.dedup();

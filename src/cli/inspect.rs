@@ -14,7 +14,7 @@ use super::ui::Ui;
 use crate::Result;
 use crate::format::{Channel, Head, Limits, Reader, StreamEntry};
 use crate::scene::files::hex;
-use crate::volume::material::WHOLE;
+use crate::volume::material::SHARE_SUM;
 use crate::volume::octree::Pages;
 
 /// Print what is in .vtex files
@@ -99,7 +99,7 @@ fn depth_error(head: &Head, d: usize) -> Option<&Value> {
 
 /// Values that a code may have; of materials, those of a share.
 fn steps(stream: &StreamEntry) -> u16 {
-    if stream.channel() == Some(Channel::Material) { u16::from(WHOLE) + 1 } else { stream.quant_max + 1 }
+    if stream.channel() == Some(Channel::Material) { u16::from(SHARE_SUM) + 1 } else { stream.quant_max + 1 }
 }
 
 fn describe(reader: &Reader) -> Value {

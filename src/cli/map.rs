@@ -24,7 +24,7 @@ use crate::scene::obj;
 use crate::scene::raster::Raster;
 use crate::scene::shell::{Continuous, Orientations};
 use crate::scene::texture::srgb_to_linear;
-use crate::volume::finish::MOST_SHININESS;
+use crate::volume::finish::MAX_SHININESS;
 use crate::volume::{Finish, Info, Style};
 use crate::{Error, Result};
 
@@ -470,7 +470,7 @@ fn restyled(text: &str) -> Result<(String, Style), String> {
     if factor.iter().any(|v| !(0.0..=most).contains(v)) {
         return Err(if keep { "factors are at least 0" } else { "a colour's numbers are from 0 to 1" }.into());
     }
-    Ok((name.to_owned(), Style { factor, keep, ..Style::OWN }))
+    Ok((name.to_owned(), Style { factor, keeps_albedo: keep, ..Style::UNCHANGED }))
 }
 
 /// Colours and highlights of materials.
@@ -478,7 +478,7 @@ fn palette(args: &Args) -> BTreeMap<String, Style> {
     let mut palette: BTreeMap<String, Style> = args.palette.iter().cloned().collect();
     for (name, finish) in &args.gloss {
         if let Some(name) = name {
-            palette.entry(name.clone()).or_insert(Style::OWN).finish = *finish;
+            palette.entry(name.clone()).or_insert(Style::UNCHANGED).finish = *finish;
         }
     }
     palette
@@ -502,8 +502,8 @@ fn glossy(text: &str) -> Result<(Option<String>, Finish), String> {
     if specular.iter().any(|v| !(0.0..=1.0).contains(v)) {
         return Err("the strength of highlights is from 0 to 1".into());
     }
-    if shininess.is_some_and(|s| !(0.0..=MOST_SHININESS).contains(&s)) {
-        return Err(format!("the shininess is from 0 to {MOST_SHININESS}"));
+    if shininess.is_some_and(|s| !(0.0..=MAX_SHININESS).contains(&s)) {
+        return Err(format!("the shininess is from 0 to {MAX_SHININESS}"));
     }
     Ok((name, Finish { specular: Some(specular), shininess, ..Finish::PLAIN }))
 }

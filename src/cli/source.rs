@@ -180,8 +180,8 @@ impl SourceArgs {
         let keys = said.as_object().into_iter().flat_map(|o| o.keys()).map(String::as_str);
         let files: Vec<PathBuf> = inputs.iter().flat_map(|input| drawn(input)).collect();
         for key in keys.filter(|&key| key != "fill" || !matches!(self.fill, FillArg::Auto)) {
-            let is_read = |path: &PathBuf| source::unread(key, path, self.line_width.is_some()).is_none();
-            let reading = source::READING.iter().find(|(keys, ..)| keys.contains(&key));
+            let is_read = |path: &PathBuf| source::unused_by(key, path, self.line_width.is_some()).is_none();
+            let reading = source::READ_OPTIONS.iter().find(|(keys, ..)| keys.contains(&key));
             let (Some((.., of)), Some(input)) = (reading, inputs.first()) else { continue };
             if !files.iter().any(is_read) {
                 let verb = if source::file_kind(input) == FileKind::Recipe { "draws" } else { "is" };

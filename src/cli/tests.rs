@@ -10,7 +10,7 @@ use clap::error::ErrorKind;
 use clap::{Arg, ArgAction, Command, CommandFactory};
 
 use super::{Ui, Vtex, version};
-use crate::source::READING;
+use crate::source::READ_OPTIONS;
 
 fn commands() -> Vec<Command> {
     let mut all = Vtex::command();
@@ -190,7 +190,7 @@ fn example(option: &str) -> &str {
         "define" => "a=1",
         "frame-define" => "a=0..1",
         "line-width" | "width-scale" | "time" | "iso" | "sigma" | "frame" | "iterations" | "seed" | "angle" => "3",
-        other => panic!("--{other}: say of which sources it is, in the table READING or in OF_EVERY_SOURCE"),
+        other => panic!("--{other}: say of which sources it is, in the table READ_OPTIONS or in OF_EVERY_SOURCE"),
     }
 }
 
@@ -208,7 +208,7 @@ fn an_option_that_says_nothing_of_the_input_is_refused() {
     let mut table = BTreeSet::new();
     for option in bake.get_arguments().filter_map(Arg::get_long).filter(|o| !OF_EVERY_SOURCE.contains(o)) {
         let key = option.replace('-', "_");
-        assert!(READING.iter().any(|(keys, ..)| keys.contains(&key.as_str())), "--{option}");
+        assert!(READ_OPTIONS.iter().any(|(keys, ..)| keys.contains(&key.as_str())), "--{option}");
         let long = format!("--{option}={}", example(option));
         let refused = files.map(|file| {
             let line = failure(&["bake", file, "--frames", "2", &long]);

@@ -1,6 +1,6 @@
-//! Output that appears under its name whole or not at all.
+//! Output files that appear under their names when they are complete, or not at all.
 //!
-//! Rules, the same for every file that this crate writes:
+//! The rules are the same for every file that this crate writes:
 //! - Bytes go to a new file in the output's folder, which takes the output's name at the end. Where the system can (Linux,
 //!   most of its file systems) the new file has no name until then, so that even a killed process leaves nothing behind;
 //!   elsewhere it is `.vtex-PROCESS-N.part`, opened so that it cannot be another's. To replace a file it needs such a name

@@ -1,11 +1,11 @@
-//! Every rule of a file, the costly ones included.
+//! Complete verification of a file: every rule of the format, also those that readers skip because they cost too much.
 
 use std::path::Path;
 
 use sha2::{Digest, Sha256};
 
 use super::codes;
-use super::codes::{Broken, require};
+use super::codes::{Violation, require};
 use super::head::align8;
 use super::layout::SectionKind;
 use super::{Limits, Reader};
@@ -26,15 +26,18 @@ pub struct Report {
     pub bytes: u64,
 }
 
-/// Check all of a file: its head, every checksum, count, page, value, padding byte and digest. A page at a time, so memory
-/// does not depend on the file's size. The first broken rule is the error.
+/// Check all of the file `path`: its head, and every checksum, count, page, value, padding byte and digest. Pages are decoded one
+/// at a time, so memory does not depend on the file's size.
+///
+/// # Errors
+/// [`crate::Error::Format`] with the code and the byte of the first rule that is broken, and [`crate::Error::Io`].
 pub fn verify(path: impl AsRef<Path>) -> Result<Report> {
     let path = path.as_ref();
     let reader = Reader::open(path, &Limits { decoded_bytes: u64::MAX })?;
     check(&reader).map_err(|b| b.at(path))
 }
 
-fn check(reader: &Reader) -> Result<Report, Broken> {
+fn check(reader: &Reader) -> Result<Report, Violation> {
     let head = reader.head();
     let mut report = Report {
         depths: head.depths.len() as u64,

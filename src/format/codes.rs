@@ -1,4 +1,4 @@
-//! Names of the rules that a reader checks; `format-spec/codes` says each in a line.
+//! Codes of the rules that a reader checks. `format-spec/codes` explains each in a line.
 
 use std::path::Path;
 
@@ -98,7 +98,7 @@ pub const ALL: [&str; 29] = [
 
 /// A rule that a file breaks, before the file's name is known.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) struct Broken {
+pub(super) struct Violation {
     /// Code of the rule, one of [`ALL`].
     pub code: &'static str,
     /// Byte of the file at which the rule is broken.
@@ -107,7 +107,7 @@ pub(super) struct Broken {
     pub what: String,
 }
 
-impl Broken {
+impl Violation {
     /// Turn this into an error of the file `path`.
     pub fn at(self, path: &Path) -> Error {
         Error::Format { path: path.to_path_buf(), code: self.code, offset: self.offset, what: self.what }
@@ -120,6 +120,6 @@ pub(super) fn require(
     code: &'static str,
     offset: u64,
     what: impl FnOnce() -> String,
-) -> Result<(), Broken> {
-    if holds { Ok(()) } else { Err(Broken { code, offset, what: what() }) }
+) -> Result<(), Violation> {
+    if holds { Ok(()) } else { Err(Violation { code, offset, what: what() }) }
 }

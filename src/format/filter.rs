@@ -1,10 +1,11 @@
-//! Reversible reorderings of a page's codes, so that what is alike lies together; one is chosen a section.
+//! Filters: reversible reorderings of a page's codes before compression, so that similar codes are neighbours. Each section has one.
 
-/// Number of filters: 1 is one plane per component.
+/// Number of filters. Filter 1 puts the codes of each component into a plane of their own.
 pub const COUNT: u8 = 3;
-/// Codes of a voxel lie together.
+/// Filter that changes nothing: the codes of a voxel are neighbours.
 pub const INTERLEAVED: u8 = 0;
-/// Planes of the differences to the voxel before, modulo the component's largest code + 1, folded so that small ones of either sign are small.
+/// Filter that puts into each plane the differences to the previous voxel, modulo the component's largest code + 1, and maps them to
+/// 0, 1, 2 … by their absolute value.
 pub const DELTA: u8 = 2;
 
 /// Filter the interleaved `codes` of voxels whose component k is at most `most[k]`.
@@ -24,7 +25,7 @@ pub fn forward(filter: u8, codes: &[u8], most: &[u8]) -> Vec<u8> {
     out
 }
 
-/// Undo [`forward`]. `false`: a code above its component's largest was found.
+/// Undo [`forward`] in place. Returns false where a code is above its component's largest, `most[k]`.
 #[must_use]
 pub fn inverse(filter: u8, bytes: &mut Vec<u8>, most: &[u8]) -> bool {
     if filter == INTERLEAVED {
@@ -47,13 +48,13 @@ pub fn inverse(filter: u8, bytes: &mut Vec<u8>, most: &[u8]) -> bool {
     true
 }
 
-/// (code − before) mod m: 0, −1, 1, −2, 2 … as 0, 1, 2, 3, 4 …
+/// Code of the difference (code − before) mod m: 0, 1, 2, 3, 4 … for 0, −1, 1, −2, 2 …
 fn fold(code: u8, before: u8, m: u16) -> u8 {
     let d = (u16::from(code) + m - u16::from(before)) % m;
     (if 2 * d < m { 2 * d } else { 2 * (m - d) - 1 }) as u8
 }
 
-/// The code that [`fold`] made `b` of.
+/// Inverse of [`fold`]: the code that gave `b`.
 #[inline]
 fn unfold(b: u8, before: u8, m: u16) -> u8 {
     let b = u16::from(b);

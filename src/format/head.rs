@@ -1,9 +1,9 @@
-//! The head: everything that is known of a file before a page is read, with every rule about it checked.
+//! The head: everything that is known of a file before any page is read. Parsing it checks all rules about it.
 
 use sha2::{Digest, Sha256};
 
 use super::codes;
-use super::codes::{Broken, require};
+use super::codes::{Violation, require};
 use super::layout::{
     DEPTH_LEN, DepthEntry, HEADER_LEN, Header, MAX_META, NONE, SECTION_LEN, STREAM_LEN, SectionEntry, SectionKind,
     StreamEntry,
@@ -11,7 +11,7 @@ use super::layout::{
 use super::{filter, meta, page};
 use crate::volume::{Info, MAX_DEPTH};
 
-/// Largest head: what a reader may have to hold before it trusts anything.
+/// Largest head, in bytes. A reader has to hold it before anything in it has been checked.
 pub const MAX_HEAD: usize = 1 << 20;
 
 /// The parsed head of a file.
@@ -37,7 +37,7 @@ pub fn align8(n: u64) -> u64 {
 
 impl Head {
     /// Length of the head of a file that starts with these bytes.
-    pub(super) fn length(start: &[u8; HEADER_LEN]) -> Result<usize, Broken> {
+    pub(super) fn length(start: &[u8; HEADER_LEN]) -> Result<usize, Violation> {
         let header = Header::parse(start)?;
         let (length, least) = (header.head_length as usize, header.tables_end());
         require(length <= MAX_HEAD && length >= least && length % 8 == 0, codes::HEAD_LENGTH, 16, || {
@@ -47,8 +47,8 @@ impl Head {
     }
 
     /// Parse and check a head of which `bytes` has [`Head::length`] bytes. The length of the file is checked by the caller.
-    pub(super) fn parse(bytes: &[u8]) -> Result<Head, Broken> {
-        let start = bytes.first_chunk::<HEADER_LEN>().ok_or_else(|| Broken {
+    pub(super) fn parse(bytes: &[u8]) -> Result<Head, Violation> {
+        let start = bytes.first_chunk::<HEADER_LEN>().ok_or_else(|| Violation {
             code: codes::HEAD_LENGTH,
             offset: 0,
             what: format!("it has only {} bytes", bytes.len()),
@@ -83,14 +83,14 @@ impl Head {
         Ok(head)
     }
 
-    fn read_meta(&mut self, bytes: &[u8]) -> Result<(), Broken> {
+    fn read_meta(&mut self, bytes: &[u8]) -> Result<(), Violation> {
         let Some(section) = self.sections.first() else { return Ok(()) };
         let (from, len) = (section.offset as usize, section.length as usize);
         let body = bytes.get(from..from + len).unwrap_or_default();
         require(crc32fast::hash(body) == section.crc, codes::META_CRC, section.offset, || "META is damaged".into())?;
         let tail = bytes.get(from + len..).unwrap_or_default();
         require(tail.iter().all(|&b| b == 0), codes::PADDING, (from + len) as u64, || "padding is not zero".into())?;
-        self.info = meta::parse(body, &self.header, &self.streams).map_err(|what| Broken {
+        self.info = meta::parse(body, &self.header, &self.streams).map_err(|what| Violation {
             code: codes::META_JSON,
             offset: from as u64,
             what,
@@ -99,8 +99,9 @@ impl Head {
         Ok(())
     }
 
-    /// The one sequence of sections that the depths and streams allow: META; then for each depth TOPO, if it is not the
-    /// root, and a PAGE for each stream that is not constant; then any that are unknown and not critical.
+    /// Kind, depth and stream of the sections that a file with these depths and streams must have, in order: META; then for each depth
+    /// a TOPO section, except for the root, and a PAGE section for each stream that is not constant. Unknown sections that are not
+    /// critical may follow.
     pub(super) fn expected(&self) -> Vec<(SectionKind, u8, u8)> {
         let mut out = vec![(SectionKind::Meta, NONE, NONE)];
         for d in 0..self.header.depths {
@@ -113,7 +114,7 @@ impl Head {
         out
     }
 
-    fn check_sections(&self, table_at: u64) -> Result<(), Broken> {
+    fn check_sections(&self, table_at: u64) -> Result<(), Violation> {
         let expected = self.expected();
         let mut end = self.header.tables_end() as u64;
         for (i, section) in self.sections.iter().enumerate() {
@@ -148,11 +149,15 @@ impl Head {
                 format!("section {i} starts at {}, the one before ends at {end}", section.offset)
             })?;
             end = section.offset.checked_add(section.length).filter(|&e| e <= self.header.file_length).ok_or_else(
-                || Broken { code: codes::SECTION_PLACE, offset: at, what: format!("section {i} ends behind the file") },
+                || Violation {
+                    code: codes::SECTION_PLACE,
+                    offset: at,
+                    what: format!("section {i} ends after the end of the file"),
+                },
             )?;
             if section.kind == SectionKind::Meta {
                 let head = u64::from(self.header.head_length);
-                require(align8(end) == head, codes::HEAD_LENGTH, 16, || "the head does not end behind META".into())?;
+                require(align8(end) == head, codes::HEAD_LENGTH, 16, || "the head does not end after META".into())?;
                 end = head;
             }
         }
@@ -164,8 +169,8 @@ impl Head {
         })
     }
 
-    /// Decoded length, number of pages, codec and filter of a section that has to be there.
-    fn check_size(&self, section: &SectionEntry, at: u64) -> Result<(), Broken> {
+    /// Check the decoded length, number of pages, codec and filter of an expected section; `at` is the offset of its entry.
+    fn check_size(&self, section: &SectionEntry, at: u64) -> Result<(), Violation> {
         let nodes = |d: u8| self.depths.get(usize::from(d)).map_or(0, |e| e.nodes);
         let (decoded, pages, filters) = match section.kind {
             SectionKind::Topo => {
@@ -200,7 +205,7 @@ impl Head {
         })
     }
 
-    fn check_blocks(&self, table_at: u64) -> Result<(), Broken> {
+    fn check_blocks(&self, table_at: u64) -> Result<(), Violation> {
         let mut start = u64::from(self.header.head_length);
         for (d, depth) in self.depths.iter().enumerate() {
             let at = table_at + (d * DEPTH_LEN) as u64;
@@ -220,13 +225,13 @@ impl Head {
         Ok(())
     }
 
-    /// Bytes of each depth's block, padding apart.
+    /// Number of bytes of each depth's block, without padding.
     pub fn depth_sizes(&self) -> Vec<u64> {
         self.depths.iter().map(|d| d.block_end - d.block_offset).collect()
     }
 
-    /// Bytes of the topology and of each stream, over all depths, with their indices; padding and the head apart.
-    /// A constant stream takes none.
+    /// Number of bytes of the topology and of each stream, over all depths: their pages and indices, without padding and head. A
+    /// constant stream takes none.
     pub fn channel_sizes(&self) -> Vec<(&'static str, u64)> {
         let sum = |wanted: &dyn Fn(&SectionEntry) -> bool| {
             self.sections.iter().filter(|s| wanted(s)).map(|s| s.length).sum::<u64>()
@@ -239,22 +244,22 @@ impl Head {
         out
     }
 
-    /// Voxels a side at the finest depth of the file.
+    /// Number of voxels along the cube's edge at the finest depth of the file.
     pub fn resolution(&self) -> u32 {
         1 << self.depths.len().saturating_sub(1)
     }
 
-    /// Identity of the file's content, however it is compressed: equal for equal content.
+    /// Identifier of the file's content: a hash that does not depend on how the content is compressed.
     pub fn content_id(&self) -> [u8; 16] {
         self.header.content_id
     }
 
-    /// Length of the file as the head says it.
+    /// Length of the file in bytes, according to the head.
     pub fn file_length(&self) -> u64 {
         self.header.file_length
     }
 
-    /// The head as bytes, with its content id, lengths and CRC set. Sections, depths and META must be final.
+    /// Bytes of the head; its content id and CRC are set. Sections, depths and META must be final.
     pub(super) fn encode(&mut self) -> Vec<u8> {
         self.header.content_id = content_id(&self.header, &self.depths, &self.streams);
         let mut out = Vec::with_capacity(self.header.head_length as usize);
@@ -281,7 +286,7 @@ impl Header {
         self.tables().2 + usize::from(self.sections) * SECTION_LEN
     }
 
-    fn check(&self) -> Result<(), Broken> {
+    fn check(&self) -> Result<(), Violation> {
         require(self.incompat == 0, codes::FLAGS, 32, || {
             format!("it needs features that this reader does not know (flags {:#x})", self.incompat)
         })?;
@@ -310,7 +315,7 @@ impl Header {
 }
 
 impl StreamEntry {
-    fn check(&self, earlier: &[StreamEntry], at: u64) -> Result<(), Broken> {
+    fn check(&self, earlier: &[StreamEntry], at: u64) -> Result<(), Violation> {
         require(
             self.reserved == 0 && self.reserved_tail == [0; 8] && self.flags & !7 == 0,
             codes::RESERVED,
@@ -342,8 +347,8 @@ impl StreamEntry {
     }
 }
 
-fn check_counts(depths: &[DepthEntry], sum: u64, at: u64) -> Result<(), Broken> {
-    let bad = |d: usize, what: String| Broken { code: codes::COUNTS, offset: at + (d * DEPTH_LEN) as u64, what };
+fn check_counts(depths: &[DepthEntry], sum: u64, at: u64) -> Result<(), Violation> {
+    let bad = |d: usize, what: String| Violation { code: codes::COUNTS, offset: at + (d * DEPTH_LEN) as u64, what };
     let mut total = 0u64;
     let mut least = 0u64;
     for (d, depth) in depths.iter().enumerate() {
@@ -375,7 +380,7 @@ fn content_id(header: &Header, depths: &[DepthEntry], streams: &[StreamEntry]) -
     std::array::from_fn(|i| digest[i])
 }
 
-/// CRC-32 of a head, its own field taken as 0.
+/// CRC-32 of a head in which the field of the CRC itself counts as 0.
 fn crc_of(head: &[u8]) -> u32 {
     let mut crc = crc32fast::Hasher::new();
     crc.update(head.get(..20).unwrap_or_default());

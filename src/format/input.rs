@@ -1,5 +1,5 @@
-//! Input files: one that is not regular is refused before it is opened, so that no FIFO makes the program wait and no device
-//! fills its memory.
+//! Input files. Files that are not regular are refused before they are opened: a FIFO would make the program wait, and a device could
+//! fill its memory.
 
 use std::fs::File;
 use std::io::Read;
@@ -16,7 +16,7 @@ pub fn open_file(path: &Path) -> Result<File> {
     let regular = |is: bool| if is { Ok(()) } else { Err(Error::input(path, "", "is not a file")) };
     regular(std::fs::metadata(path).map_err(io)?.is_file())?;
     let file = File::open(path).map_err(io)?;
-    // Another may have come under the name since.
+    // Checked again, since another file may have taken the name in between.
     regular(file.metadata().map_err(io)?.is_file())?;
     Ok(file)
 }
@@ -35,7 +35,7 @@ pub fn read_file(path: &Path, limit: u64) -> Result<Vec<u8>> {
     }
     let mut bytes = Vec::new();
     bytes.try_reserve_exact(length as usize + 1).map_err(|e| io(std::io::Error::other(e)))?;
-    // It may be longer than it says: files of /proc are, and others may be growing.
+    // A file may have more bytes than its size says: those of /proc do, and others may be growing.
     file.take(limit.saturating_add(1)).read_to_end(&mut bytes).map_err(io)?;
     if bytes.len() as u64 > limit { Err(too_long(bytes.len() as u64)) } else { Ok(bytes) }
 }

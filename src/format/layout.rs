@@ -1,7 +1,7 @@
 //! The fixed-size records of the head, as bytes.
 
 use super::codes;
-use super::codes::{Broken, require};
+use super::codes::{Violation, require};
 use super::{Channel, MAGIC};
 
 /// Largest META.
@@ -22,7 +22,7 @@ pub const PAGE_REF_LEN: usize = 16;
 /// `depth` or `stream` of a section that has none.
 pub const NONE: u8 = 255;
 
-/// A reader of little-endian fields from bytes whose length was checked.
+/// Reader of consecutive little-endian fields from bytes whose length was checked.
 pub struct Fields<'a> {
     bytes: &'a [u8],
     at: usize,
@@ -67,7 +67,7 @@ impl<'a> Fields<'a> {
     }
 }
 
-/// The first 128 bytes, magic and version apart.
+/// Fields of the first 128 bytes, without magic and major version.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Header {
     /// Minor version.
@@ -108,7 +108,7 @@ pub struct Header {
 
 impl Header {
     /// Parse; the magic and the major version are checked here, since without them nothing else has a meaning.
-    pub fn parse(bytes: &[u8; HEADER_LEN]) -> Result<Header, Broken> {
+    pub fn parse(bytes: &[u8; HEADER_LEN]) -> Result<Header, Violation> {
         let mut f = Fields::new(bytes);
         let magic: [u8; 12] = f.take();
         require(magic == MAGIC, codes::MAGIC, 0, || "the file does not start like one".into())?;
@@ -163,9 +163,9 @@ pub struct DepthEntry {
     pub nodes: u64,
     /// Nodes with a non-zero child mask.
     pub internal: u64,
-    /// Start of the depth's block in the file.
+    /// Byte of the file at which the depth's block starts.
     pub block_offset: u64,
-    /// End of the block: a prefix of this many bytes holds depths 0 to this one.
+    /// Byte of the file after the block: a prefix of this many bytes holds all depths up to this one.
     pub block_end: u64,
     /// SHA-256 of the decoded content.
     pub digest: [u8; 32],
@@ -198,7 +198,7 @@ pub struct StreamEntry {
     pub component_bytes: u8,
     /// Largest code of the quantisation.
     pub quant_max: u16,
-    /// Bits: the constants of this type.
+    /// Flags: a sum of [`StreamEntry::CRITICAL`], [`StreamEntry::FILTERABLE`] and [`StreamEntry::CONSTANT`].
     pub flags: u16,
     /// Reserved for later versions.
     pub reserved: u16,
@@ -213,7 +213,7 @@ pub struct StreamEntry {
 impl StreamEntry {
     /// A reader that does not know the semantic refuses the file.
     pub const CRITICAL: u16 = 1;
-    /// Codes may be averaged.
+    /// Averages of codes are meaningful.
     pub const FILTERABLE: u16 = 2;
     /// Every voxel has the same codes; there are no pages.
     pub const CONSTANT: u16 = 4;
@@ -318,7 +318,7 @@ impl SectionKind {
 pub struct SectionEntry {
     /// Type of the section.
     pub kind: SectionKind,
-    /// Bits: the constants of this type.
+    /// Flags: a sum of [`SectionEntry::CRITICAL`] and [`SectionEntry::SAFE_TO_COPY`].
     pub flags: u16,
     /// Depth of the section, or `NONE`.
     pub depth: u8,
@@ -332,7 +332,7 @@ pub struct SectionEntry {
     pub decoded: u64,
     /// Number of pages.
     pub pages: u32,
-    /// META and unknown sections: of the body; TOPO and PAGE: of the index.
+    /// Checksum: of the body of META and unknown sections, of the index of TOPO and PAGE sections.
     pub crc: u32,
     /// Number of the codec.
     pub codec: u8,

@@ -1,30 +1,31 @@
-//! The codes of what voxels show of a texel's materials: the shares of all but the first where all fit into a voxel's slots,
-//! else the ids of as many as there are slots and the shares of all but the first of these.
+//! Codes of voxels' mixes of materials. If a texel has no more materials than a mix has slots, the codes are the shares of all
+//! materials but the first; else they are the ids of the materials in the slots, and the shares in all slots but the first. The
+//! share that is left out is the rest to the whole.
 
-use crate::volume::material::{SLOTS, WHOLE};
+use crate::volume::material::{MIX_SLOTS, SHARE_SUM};
 use crate::volume::{Material, Mix};
 
-/// Codes a voxel, of a texel of so many materials.
+/// Number of codes per voxel in a texel of so many materials.
 pub fn components(materials: usize) -> usize {
-    if materials <= SLOTS { materials.saturating_sub(1) } else { 2 * SLOTS - 1 }
+    if materials <= MIX_SLOTS { materials.saturating_sub(1) } else { 2 * MIX_SLOTS - 1 }
 }
 
-/// Largest code of component `k`.
-pub fn most(materials: usize, k: usize) -> u8 {
-    if materials > SLOTS && k < SLOTS { (materials - 1).min(254) as u8 } else { WHOLE }
+/// Largest code of component `k` in a texel of so many materials.
+pub fn component_max(materials: usize, k: usize) -> u8 {
+    if materials > MIX_SLOTS && k < MIX_SLOTS { (materials - 1).min(254) as u8 } else { SHARE_SUM }
 }
 
-/// Coding of a texel's mixes of materials: with the first material and the likeliest one, by the voxel's colour, in each other's
-/// place. So most codes are 0.
-pub struct Coding {
-    /// Mean albedo of each material, as the codes of a voxel's.
+/// Coding of a texel's mixes of materials. For each voxel, the id 0 and the id of the material whose mean colour is nearest to the
+/// voxel's are swapped. That material is mostly the one that the voxel shows, so most codes are 0.
+pub struct MixCoding {
+    /// Mean albedo of each material, coded like a voxel's albedo.
     means: Vec<[i32; 3]>,
 }
 
-impl Coding {
-    pub fn new(materials: &[Material]) -> Coding {
+impl MixCoding {
+    pub fn new(materials: &[Material]) -> MixCoding {
         let code = |v: f64| (libm::sqrt(v.clamp(0.0, 1.0)) * 255.0).round() as i32;
-        Coding { means: materials.iter().map(|m| m.albedo.map(code)).collect() }
+        MixCoding { means: materials.iter().map(|m| m.albedo.map(code)).collect() }
     }
 
     /// The material whose mean is nearest to a voxel's albedo codes, the first of equals.
@@ -33,7 +34,8 @@ impl Coding {
         (0..self.means.len()).min_by_key(|&i| off(&self.means[i])).unwrap_or(0).min(254) as u8
     }
 
-    /// Codes of voxels that have these albedo codes, one voxel after the other. Ids that there are not are the last.
+    /// Codes of `mixes`, voxel by voxel, where `albedo` gives the albedo codes of the voxel with this index. An id beyond the last
+    /// material counts as the last.
     pub fn codes(&self, mixes: &[Mix], albedo: impl Fn(usize) -> [u8; 3]) -> Vec<u8> {
         let n = components(self.means.len());
         let mut out = vec![0; mixes.len() * n];
@@ -45,10 +47,10 @@ impl Coding {
             let likely = self.likely(albedo(i));
             let swapped = mix.renamed(|id| swapped(id.min(last), likely));
             for (k, (id, share)) in swapped.shares().enumerate() {
-                if self.means.len() > SLOTS {
+                if self.means.len() > MIX_SLOTS {
                     slot[k] = id;
                     if k > 0 {
-                        slot[SLOTS - 1 + k] = share;
+                        slot[MIX_SLOTS - 1 + k] = share;
                     }
                 } else if id > 0 {
                     slot[usize::from(id) - 1] = share;
@@ -60,20 +62,20 @@ impl Coding {
 
     /// Mix of a voxel's codes; `None` where shares sum up to more than the whole.
     pub fn mix(&self, codes: &[u8], albedo: [u8; 3]) -> Option<Mix> {
-        let ids = self.means.len() > SLOTS;
-        let shares = if ids { codes.get(SLOTS..)? } else { codes };
+        let ids = self.means.len() > MIX_SLOTS;
+        let shares = if ids { codes.get(MIX_SLOTS..)? } else { codes };
         let rest = sum(shares)?;
         let id = |k: usize| if ids { codes.get(k).copied().unwrap_or(0) } else { k as u8 };
         let others = shares.iter().enumerate().map(|(k, &s)| (id(k + 1), s));
-        let mix = Mix::of(std::iter::once((id(0), WHOLE - rest)).chain(others));
+        let mix = Mix::from_shares(std::iter::once((id(0), SHARE_SUM - rest)).chain(others));
         let likely = self.likely(albedo);
-        // Two slots may name one material.
+        // A file may have the same id in two slots; renaming adds their shares.
         Some(mix.renamed(|id| swapped(id, likely)))
     }
 
-    /// Whether shares do not sum up to more than the whole.
+    /// Whether the shares in a voxel's codes sum up to at most [`SHARE_SUM`].
     pub fn is_whole(&self, codes: &[u8]) -> bool {
-        let shares = if self.means.len() > SLOTS { codes.get(SLOTS..).unwrap_or_default() } else { codes };
+        let shares = if self.means.len() > MIX_SLOTS { codes.get(MIX_SLOTS..).unwrap_or_default() } else { codes };
         sum(shares).is_some()
     }
 }
@@ -87,7 +89,7 @@ fn swapped(id: u8, likely: u8) -> u8 {
 }
 
 fn sum(shares: &[u8]) -> Option<u8> {
-    shares.iter().try_fold(0u8, |sum, s| sum.checked_add(*s)).filter(|sum| *sum <= WHOLE)
+    shares.iter().try_fold(0u8, |sum, s| sum.checked_add(*s)).filter(|sum| *sum <= SHARE_SUM)
 }
 
 #[cfg(test)]

@@ -1,4 +1,4 @@
-//! META: what a file says of itself, as canonical JSON (RFC 8785), so that equal content is equal bytes.
+//! META: the description of a texel in its file, as canonical JSON (RFC 8785), so that equal descriptions are equal bytes.
 
 use std::collections::BTreeSet;
 
@@ -7,25 +7,29 @@ use serde_json::{Map, Value};
 use super::Channel;
 use super::layout::{Header, MAX_META, StreamEntry};
 use crate::geom::{Aabb, DVec3};
-use crate::volume::material::{MOST_MATERIALS, Material};
+use crate::volume::material::{MAX_MATERIALS, Material};
 use crate::volume::{Channels, Info, Model};
 use crate::{Error, Result};
 
-/// Largest mean facet, in edges of the cube.
+/// Largest facet size, in edges of the cube.
 const MAX_FACET_SIZE: f64 = 2.0;
 /// Deepest nesting.
 const MAX_NESTING: usize = 16;
-/// The keys that [`Info`] has fields for.
-const OWN: [&str; 4] = ["content", "facet_size", "materials", "model"];
+/// Keys that hold fields of [`Info`].
+const RESERVED_KEYS: [&str; 4] = ["content", "facet_size", "materials", "model"];
 
-/// META of `info`. Its `meta` must not use a key of its own, nor be longer or deeper than a reader takes.
+/// META of `info` as JSON.
+///
+/// # Errors
+/// [`Error::Options`] where `info.meta` uses one of [`RESERVED_KEYS`], is nested too deeply, or a material is not valid;
+/// [`Error::Limit`] where META is longer than readers accept.
 pub fn encode(info: &Info) -> Result<Vec<u8>> {
     let mut all = info.meta.clone();
-    if let Some(key) = OWN.into_iter().find(|&k| all.contains_key(k)) {
+    if let Some(key) = RESERVED_KEYS.into_iter().find(|&k| all.contains_key(k)) {
         return Err(Error::Options(format!("META: the key {key:?} is the format's own")));
     }
     let content = if info.content.is_empty() { Aabb::new(DVec3::ZERO, DVec3::ZERO) } else { info.content };
-    // Rounding may lead out of the cube. A cube that shows a piece of a wide facet only tells that it is wide.
+    // Rounding may lead out of the cube. A facet may be far wider than the cube that it was cut by; its exact size is then of no use.
     let unit = |v: DVec3| v.clamp(DVec3::ZERO, DVec3::ONE);
     let content = Aabb::new(unit(content.min), unit(content.max));
     let facet_size = info.facet_size.clamp(0.0, MAX_FACET_SIZE);
@@ -49,7 +53,8 @@ pub fn encode(info: &Info) -> Result<Vec<u8>> {
     Ok(out.into_bytes())
 }
 
-/// The [`Info`] of a file. The error says what is wrong with META.
+/// Description of the texel from the bytes of META, the header and the streams. The error is a sentence that says what is wrong with
+/// META.
 pub fn parse(bytes: &[u8], header: &Header, streams: &[StreamEntry]) -> Result<Info, String> {
     let value: Value = serde_json::from_slice(bytes).map_err(|e| format!("META is not JSON: {e}"))?;
     let mut canonical = String::new();
@@ -75,8 +80,10 @@ pub fn parse(bytes: &[u8], header: &Header, streams: &[StreamEntry]) -> Result<I
     let model = meta.remove("model").unwrap_or_default();
     let model: Model = serde_json::from_value(model).map_err(|e| format!("META's \"model\": {e}"))?;
     let materials = materials(meta.remove("materials"))?;
-    let told = streams.iter().find(|s| s.channel() == Some(Channel::Material));
-    if told.map_or(1, |s| usize::from(s.quant_max) + 1) != materials.len() && (told.is_some() || materials.len() > 1) {
+    let material_stream = streams.iter().find(|s| s.channel() == Some(Channel::Material));
+    if material_stream.map_or(1, |s| usize::from(s.quant_max) + 1) != materials.len()
+        && (material_stream.is_some() || materials.len() > 1)
+    {
         return Err(format!("META names {} materials, which is not what the streams have", materials.len()));
     }
     let has = |c: Channel| streams.iter().any(|s| s.channel() == Some(c));
@@ -107,10 +114,10 @@ fn materials(value: Option<Value>) -> Result<Vec<Material>, String> {
     check(&materials).map(|()| materials)
 }
 
-/// That names are there once, and numbers are in range.
+/// Check that names are not empty and unique, and that numbers are in range.
 fn check(materials: &[Material]) -> Result<(), String> {
-    if !(1..=MOST_MATERIALS).contains(&materials.len()) {
-        return Err(format!("{} materials, not 1 to {MOST_MATERIALS}", materials.len()));
+    if !(1..=MAX_MATERIALS).contains(&materials.len()) {
+        return Err(format!("{} materials, not 1 to {MAX_MATERIALS}", materials.len()));
     }
     let mut names = BTreeSet::new();
     for m in materials {
@@ -124,7 +131,7 @@ fn check(materials: &[Material]) -> Result<(), String> {
     Ok(())
 }
 
-/// An [`Info`] before META was read.
+/// Placeholder for the description of a file whose META is not read yet.
 pub fn blank_info() -> Info {
     Info {
         bounds: Aabb::UNIT,

@@ -1,16 +1,16 @@
-//! Pages: the unit that is compressed, checksummed and read. The only place that decompresses.
+//! Pages: the units that are compressed, checksummed and read. Decompression happens here alone.
 
 use std::cell::RefCell;
 
 use zstd::zstd_safe::{self, CParameter};
 
 use super::codes;
-use super::codes::{Broken, require};
+use super::codes::{Violation, require};
 use super::layout::{Fields, PAGE_REF_LEN, SectionEntry, SectionKind, TOPO_REF_LEN};
 
-/// Codecs 0 (stored) and 1 (a zstd frame a page).
+/// Number of codecs: 0 stores pages as they are, 1 is [`ZSTD`].
 pub const CODECS: u8 = 2;
-/// Each page is stored, or a zstd frame where that is shorter.
+/// Codec by which each page is a zstd frame, or is stored as it is where that is not longer.
 pub const ZSTD: u8 = 1;
 
 /// Place of a page in the file.
@@ -22,12 +22,12 @@ pub struct PageRef {
     pub length: u32,
     /// Checksum of the page.
     pub crc: u32,
-    /// TOPO: rank, one depth down, of the first child of the page's first node. PAGE: 0.
+    /// In a TOPO section the rank, one depth down, of the first child of the page's first node; 0 in a PAGE section.
     pub first_child: u64,
 }
 
-/// `bytes` as a page: a zstd frame of `level` 1 ..= 19, or as they are where that is not shorter. Each thread keeps a context,
-/// which costs more to make than a page.
+/// Page of these `bytes`: a zstd frame of the level `level`, 1 to 19, or the bytes themselves where the frame is not shorter. Each
+/// thread keeps a compression context, since creating one takes longer than compressing a page.
 pub fn compress(level: i32, bytes: Vec<u8>) -> Vec<u8> {
     thread_local! {
         static CONTEXT: RefCell<zstd_safe::CCtx<'static>> = RefCell::new(context());
@@ -53,13 +53,14 @@ fn context() -> zstd_safe::CCtx<'static> {
     context
 }
 
-/// Decode one page of exactly `decoded` bytes. The CRC is checked first, and nothing longer than `decoded` is ever made.
-pub fn decode(bytes: &[u8], crc: u32, codec: u8, decoded: usize, offset: u64) -> Result<Vec<u8>, Broken> {
+/// Decode a page to exactly `decoded` bytes; `offset` is its place in the file, for messages. The CRC is checked first, and no more
+/// than `decoded` bytes are ever allocated.
+pub fn decode(bytes: &[u8], crc: u32, codec: u8, decoded: usize, offset: u64) -> Result<Vec<u8>, Violation> {
     require(crc32fast::hash(bytes) == crc, codes::PAGE_CRC, offset, || "a page is damaged".into())?;
     if bytes.len() == decoded {
         return Ok(bytes.to_vec());
     }
-    let frame = |what: &str| Broken { code: codes::PAGE_FRAME, offset, what: format!("a page {what}") };
+    let frame = |what: &str| Violation { code: codes::PAGE_FRAME, offset, what: format!("a page {what}") };
     if codec != ZSTD || bytes.len() > decoded {
         return Err(frame("is not as long as the counts say"));
     }
@@ -76,12 +77,12 @@ pub fn decode(bytes: &[u8], crc: u32, codec: u8, decoded: usize, offset: u64) ->
     }
 }
 
-/// A frame of data: skippable frames start otherwise.
+/// First bytes of a zstd frame. Skippable frames begin with others, and are not allowed.
 const ZSTD_MAGIC: [u8; 4] = 0xFD2F_B528u32.to_le_bytes();
 
 /// The index of a TOPO or PAGE section, checked: its CRC, and that the pages fill the section from the index on without a
 /// gap. `bytes` are [`SectionEntry::index_len`] long.
-pub fn parse_index(section: &SectionEntry, bytes: &[u8]) -> Result<Vec<PageRef>, Broken> {
+pub fn parse_index(section: &SectionEntry, bytes: &[u8]) -> Result<Vec<PageRef>, Violation> {
     require(crc32fast::hash(bytes) == section.crc, codes::INDEX_CRC, section.offset, || {
         "the index of a section is damaged".into()
     })?;
@@ -105,7 +106,8 @@ pub fn parse_index(section: &SectionEntry, bytes: &[u8]) -> Result<Vec<PageRef>,
     Ok(refs)
 }
 
-/// The index and the pages as the body of a section.
+/// Body of a section, which is its index and its pages, and the checksum of the index. `first_child` has one entry per page in a TOPO
+/// section.
 pub fn put_section(kind: SectionKind, pages: &[Vec<u8>], first_child: &[u64]) -> (Vec<u8>, u32) {
     let entry = if kind == SectionKind::Topo { TOPO_REF_LEN } else { PAGE_REF_LEN };
     let index_len = pages.len() * entry;

@@ -1,4 +1,4 @@
-//! File → voxels, a page at a time: the head is read at once, a page when it is asked for.
+//! Reader of files: the head is read when a file is opened, and each page when its voxels are asked for.
 
 use std::fs::File;
 use std::path::{Path, PathBuf};
@@ -6,10 +6,10 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, OnceLock};
 
 use super::codes;
-use super::codes::{Broken, require};
+use super::codes::{Violation, require};
 use super::head::Head;
 use super::layout::{HEADER_LEN, NONE, SectionEntry, SectionKind};
-use super::material::Coding;
+use super::material::MixCoding;
 use super::page;
 use super::page::PageRef;
 use super::stream::{Quantiser, canonical};
@@ -18,34 +18,35 @@ use crate::volume::octree::{PAGE_LOG2, Pages};
 use crate::volume::{Depth, Info, Mix, Volume, Voxel};
 use crate::{Error, Result, Warnings, par};
 
-/// Decoded bytes of a node: its voxel and its child mask; and of what it shows of materials.
+/// Decoded bytes of a node's voxel and child mask.
 const NODE_BYTES: u64 = size_of::<Voxel>() as u64 + 1;
+/// Decoded bytes of a node's mix of materials.
 const MIX_BYTES: u64 = size_of::<Mix>() as u64;
 
-/// Where a texel's bytes are.
+/// Storage of a file's bytes.
 enum Bytes {
     File(File),
-    /// Part of another file, read already.
+    /// Bytes in memory, such as a buffer of a `.glb`.
     Memory(Arc<[u8]>),
 }
 
 impl Bytes {
     /// Fill `bytes` from `offset` on.
-    fn read_at(&self, bytes: &mut [u8], offset: u64) -> Result<(), Broken> {
+    fn read_at(&self, bytes: &mut [u8], offset: u64) -> Result<(), Violation> {
         let all = match self {
             Bytes::File(file) => return read_at(file, bytes, offset),
             Bytes::Memory(all) => all,
         };
         let part = usize::try_from(offset).ok().and_then(|from| all.get(from..from.checked_add(bytes.len())?));
-        let what = || Broken { code: codes::FILE_LENGTH, offset, what: "it ends before".into() };
+        let what = || Violation { code: codes::FILE_LENGTH, offset, what: "it ends before this byte".into() };
         bytes.copy_from_slice(part.ok_or_else(what)?);
         Ok(())
     }
 }
 
-/// Fill `bytes` from `offset` on. The file is read and not mapped: a file that is cut short meanwhile is an error then, and
-/// not a signal that ends the program; and what was checked cannot change.
-fn read_at(file: &File, bytes: &mut [u8], offset: u64) -> Result<(), Broken> {
+/// Fill `bytes` from `offset` on. The file is read and not mapped into memory. So if another program cuts it short meanwhile, that is
+/// an error and not a signal that ends this program; and bytes that were checked cannot change.
+fn read_at(file: &File, bytes: &mut [u8], offset: u64) -> Result<(), Violation> {
     #[cfg(unix)]
     let done = std::os::unix::fs::FileExt::read_exact_at(file, bytes, offset);
     #[cfg(windows)]
@@ -61,17 +62,17 @@ fn read_at(file: &File, bytes: &mut [u8], offset: u64) -> Result<(), Broken> {
             }
         }
     };
-    done.map_err(|e| Broken {
+    done.map_err(|e| Violation {
         code: codes::FILE_LENGTH,
         offset,
         what: format!("it became shorter, or cannot be read: {e}"),
     })
 }
 
-/// The pages of a section.
+/// Index of a section's pages.
 struct Index {
     refs: Vec<PageRef>,
-    /// Which of them were read: no byte counts twice.
+    /// Whether each page was read before, so that its bytes are counted once.
     seen: Vec<AtomicBool>,
 }
 
@@ -81,33 +82,36 @@ pub struct Reader {
     bytes: Bytes,
     file_bytes: u64,
     head: Head,
-    /// Made when the first page is decoded: its tables take longer than all else of opening a file.
+    /// Made when the first page is decoded, since its tables take longer than all the rest of opening a file.
     quantiser: OnceLock<Quantiser>,
-    /// Stream of the file behind each stream of the quantiser.
-    known: Vec<usize>,
-    /// The file's stream of materials, and how it is coded.
-    material: Option<(usize, Coding)>,
-    /// Depths that are opened: all, or those that the limit leaves.
+    /// For each stream of the quantiser, the index of the file's stream. Unknown streams and the mixes are not among them.
+    voxel_streams: Vec<usize>,
+    /// Index of the stream of mixes, and their coding; `None` where the texel has fewer than two materials.
+    material: Option<(usize, MixCoding)>,
+    /// Number of depths that are opened: those that are whole and within the limits.
     depths: usize,
     indices: Vec<OnceLock<Index>>,
     bytes_read: AtomicU64,
 }
 
 impl Reader {
-    /// Read and check the head. Errors: [`Error::Io`], [`Error::Format`], or [`Error::Limit`] where not even the root fits.
+    /// Open a file: read and check its head.
+    ///
+    /// # Errors
+    /// [`Error::Io`], [`Error::Format`], and [`Error::Limit`] where not even the root is within the limits.
     pub fn open(path: impl AsRef<Path>, limits: &Limits) -> Result<Reader> {
         let reader = Reader::open_head(path.as_ref(), limits)?;
         reader.has_length(reader.file_bytes == reader.head.header.file_length)?;
         Ok(reader)
     }
 
-    /// The same of bytes in memory; `name` stands for their path in messages.
+    /// Open a file in memory; `name` stands for its path in messages.
     ///
     /// # Errors
     /// As [`Reader::open`].
-    pub fn of_bytes(name: impl Into<PathBuf>, bytes: Arc<[u8]>, limits: &Limits) -> Result<Reader> {
+    pub fn from_bytes(name: impl Into<PathBuf>, bytes: Arc<[u8]>, limits: &Limits) -> Result<Reader> {
         let length = bytes.len() as u64;
-        let reader = Reader::of(name.into(), Bytes::Memory(bytes), length, limits)?;
+        let reader = Reader::from_source(name.into(), Bytes::Memory(bytes), length, limits)?;
         reader.has_length(reader.file_bytes == reader.head.header.file_length)?;
         Ok(reader)
     }
@@ -127,7 +131,7 @@ impl Reader {
     fn has_length(&self, is_right: bool) -> Result<()> {
         let (have, want) = (self.file_bytes, self.head.header.file_length);
         let advice = match self.whole_depths() {
-            _ if have > want => "there is something behind its end".to_owned(),
+            _ if have > want => "there is something after its end".to_owned(),
             0 => "no depth of it is whole".to_owned(),
             n => format!("its depths up to {} are whole: `vtex truncate --depth {}` keeps them", n - 1, n - 1),
         };
@@ -141,28 +145,28 @@ impl Reader {
     pub(super) fn open_head(path: &Path, limits: &Limits) -> Result<Reader> {
         let file = open_file(path)?;
         let file_bytes = file.metadata().map_err(|e| Error::io(path, e))?.len();
-        Reader::of(path.to_path_buf(), Bytes::File(file), file_bytes, limits)
+        Reader::from_source(path.to_path_buf(), Bytes::File(file), file_bytes, limits)
     }
 
-    fn of(path: PathBuf, source: Bytes, file_bytes: u64, limits: &Limits) -> Result<Reader> {
-        let fail = |b: Broken| b.at(&path);
+    fn from_source(path: PathBuf, source: Bytes, file_bytes: u64, limits: &Limits) -> Result<Reader> {
+        let fail = |b: Violation| b.at(&path);
         if file_bytes < HEADER_LEN as u64 {
             let what = format!("it has only {file_bytes} bytes");
-            return Err(fail(Broken { code: codes::MAGIC, offset: 0, what }));
+            return Err(fail(Violation { code: codes::MAGIC, offset: 0, what }));
         }
         let mut start = [0; HEADER_LEN];
         source.read_at(&mut start, 0).map_err(fail)?;
         let length = Head::length(&start).map_err(fail)?;
         if file_bytes < length as u64 {
             let what = format!("it is cut short after {file_bytes} bytes, within its head");
-            return Err(fail(Broken { code: codes::FILE_LENGTH, offset: file_bytes, what }));
+            return Err(fail(Violation { code: codes::FILE_LENGTH, offset: file_bytes, what }));
         }
         let mut bytes = vec![0; length];
         source.read_at(&mut bytes, 0).map_err(fail)?;
         let head = Head::parse(&bytes).map_err(fail)?;
 
         let material = head.streams.iter().position(|s| s.channel() == Some(Channel::Material));
-        let material = material.map(|s| (s, Coding::new(&head.info.materials)));
+        let material = material.map(|s| (s, MixCoding::new(&head.info.materials)));
         let node_bytes = NODE_BYTES + if material.is_some() { MIX_BYTES } else { 0 };
         let (mut depths, mut bytes) = (0, 0u64);
         for depth in &head.depths {
@@ -179,14 +183,14 @@ impl Reader {
                 allowed: limits.decoded_bytes,
             });
         }
-        let known: Vec<usize> = (0..head.streams.len())
+        let voxel_streams: Vec<usize> = (0..head.streams.len())
             .filter(|&s| head.streams[s].channel().is_some_and(|c| c != Channel::Material))
             .collect();
         Ok(Reader {
             indices: head.sections.iter().map(|_| OnceLock::new()).collect(),
             bytes_read: AtomicU64::new(length as u64),
             quantiser: OnceLock::new(),
-            known,
+            voxel_streams,
             material,
             depths,
             head,
@@ -198,14 +202,14 @@ impl Reader {
 
     fn quantiser(&self) -> &Quantiser {
         self.quantiser.get_or_init(|| {
-            Quantiser::of(self.known.iter().filter_map(|&s| {
+            Quantiser::of(self.voxel_streams.iter().filter_map(|&s| {
                 let stream = &self.head.streams[s];
                 Some((stream.channel()?, stream.quant_max as u8))
             }))
         })
     }
 
-    /// Everything that the head says.
+    /// Head of the file.
     pub fn head(&self) -> &Head {
         &self.head
     }
@@ -225,7 +229,7 @@ impl Reader {
         &self.path
     }
 
-    /// Bytes of the file consumed so far, each counted once however often it was read.
+    /// Number of bytes of the file that were read so far, each counted once however often it was read.
     pub fn bytes_read(&self) -> u64 {
         self.bytes_read.load(Ordering::Relaxed)
     }
@@ -259,7 +263,10 @@ impl Reader {
         warnings
     }
 
-    /// The whole texel in memory.
+    /// Read all depths that are opened into memory.
+    ///
+    /// # Errors
+    /// [`Error::Io`] and [`Error::Format`] on the first page that cannot be read.
     pub fn read_all(&self) -> Result<Volume> {
         let mut depths = Vec::with_capacity(self.depths);
         for (d, n) in self.counts().into_iter().enumerate() {
@@ -275,22 +282,22 @@ impl Reader {
         Ok(Volume { info: self.head.info.clone(), depths })
     }
 
-    /// `length` bytes from `offset`, copied out; not counted.
-    pub(super) fn read(&self, offset: u64, length: u64) -> Result<Vec<u8>, Broken> {
+    /// Read `length` bytes from `offset` on, without counting them in [`Reader::bytes_read`].
+    pub(super) fn read(&self, offset: u64, length: u64) -> Result<Vec<u8>, Violation> {
         let end = offset.checked_add(length).filter(|&end| end <= self.file_bytes);
-        require(end.is_some(), codes::FILE_LENGTH, offset, || "a section ends behind the file".into())?;
+        require(end.is_some(), codes::FILE_LENGTH, offset, || "a section ends after the end of the file".into())?;
         let mut bytes = vec![0; length as usize];
         self.bytes.read_at(&mut bytes, offset)?;
         Ok(bytes)
     }
 
-    /// Number, in the section table, of the section of `kind` at `depth` for `stream`.
+    /// Section of `kind` at `depth` for `stream`, with its index in the section table.
     fn section(&self, kind: SectionKind, depth: usize, stream: u8) -> Option<(usize, &SectionEntry)> {
         let wanted = |s: &SectionEntry| s.kind == kind && usize::from(s.depth) == depth && s.stream == stream;
         self.head.sections.iter().enumerate().find(|(_, s)| wanted(s))
     }
 
-    fn index(&self, number: usize, section: &SectionEntry) -> Result<&Index, Broken> {
+    fn index(&self, number: usize, section: &SectionEntry) -> Result<&Index, Violation> {
         if let Some(index) = self.indices[number].get() {
             return Ok(index);
         }
@@ -302,8 +309,8 @@ impl Reader {
         }))
     }
 
-    /// Page `number` of a section, decoded and unfiltered: codes of `nodes` nodes, component k at most `most[k]`. Empty
-    /// where the section has no such page.
+    /// Decoded codes of page `number` of a section: `nodes` nodes, whose component k is at most `most[k]`. Empty where the section has
+    /// no such page.
     fn page(
         &self,
         section: &SectionEntry,
@@ -311,7 +318,7 @@ impl Reader {
         number: usize,
         nodes: u64,
         most: &[u8],
-    ) -> Result<Vec<u8>, Broken> {
+    ) -> Result<Vec<u8>, Violation> {
         let (Some(page), Some(seen)) = (index.refs.get(number), index.seen.get(number)) else {
             return Ok(Vec::new());
         };
@@ -328,7 +335,7 @@ impl Reader {
     }
 
     /// Codes of page `page` of stream `stream` of the file.
-    pub(super) fn stream_page(&self, depth: usize, stream: usize, page: usize) -> Result<Vec<u8>, Broken> {
+    pub(super) fn stream_page(&self, depth: usize, stream: usize, page: usize) -> Result<Vec<u8>, Violation> {
         let Some((number, section)) = self.section(SectionKind::Page, depth, stream as u8) else {
             return Ok(Vec::new());
         };
@@ -344,22 +351,24 @@ impl Reader {
         Ok(codes)
     }
 
-    /// Materials of the voxels from `page << 12` on of `depth`.
-    fn read_mixes(&self, depth: usize, page: usize) -> Result<Vec<Mix>, Broken> {
+    /// Mixes of the voxels in page `page` (of 4096 voxels) of `depth`.
+    fn read_mixes(&self, depth: usize, page: usize) -> Result<Vec<Mix>, Violation> {
         let Some((stream, coding)) = &self.material else { return Ok(Vec::new()) };
-        // Colours tell which material is likely.
-        let (quantiser, mut voxels) = (self.quantiser(), vec![Voxel::default(); self.in_page(depth, page)]);
+        // The coding of a mix depends on the voxel's colour.
+        let (quantiser, mut voxels) = (self.quantiser(), vec![Voxel::default(); self.nodes_in_page(depth, page)]);
         let albedo = |&(_, &s): &(usize, &usize)| self.head.streams[s].channel() == Some(Channel::Albedo);
-        if let Some((slot, &stream)) = self.known.iter().enumerate().find(albedo) {
-            self.fill(depth, stream, page, |i, codes| quantiser.put(slot, &mut voxels[i], codes))?;
+        if let Some((slot, &stream)) = self.voxel_streams.iter().enumerate().find(albedo) {
+            self.for_each_codes(depth, stream, page, |i, codes| quantiser.put(slot, &mut voxels[i], codes))?;
         }
         let mut mixes = vec![Mix::default(); voxels.len()];
-        self.fill(depth, *stream, page, |i, codes| mixes[i] = coding.mix(codes, voxels[i].albedo).unwrap_or_default())?;
+        self.for_each_codes(depth, *stream, page, |i, codes| {
+            mixes[i] = coding.mix(codes, voxels[i].albedo).unwrap_or_default()
+        })?;
         Ok(mixes)
     }
 
     /// Page `page` of the child masks of the nodes at `depth` − 1.
-    pub(super) fn topo_page(&self, depth: usize, page: usize) -> Result<Vec<u8>, Broken> {
+    pub(super) fn topo_page(&self, depth: usize, page: usize) -> Result<Vec<u8>, Violation> {
         let Some((number, section)) = self.section(SectionKind::Topo, depth, NONE) else { return Ok(Vec::new()) };
         let index = self.index(number, section)?;
         let refs = &index.refs;
@@ -385,7 +394,7 @@ impl Reader {
     }
 
     /// Child masks of every node at `depth`, with their sum checked against the counts.
-    fn read_masks(&self, depth: usize) -> Result<Vec<u8>, Broken> {
+    fn read_masks(&self, depth: usize) -> Result<Vec<u8>, Violation> {
         let entry = &self.head.depths[depth];
         if depth + 1 >= self.depths {
             return Ok(vec![0; entry.nodes as usize]);
@@ -402,25 +411,32 @@ impl Reader {
     }
 
     /// Voxels `page << 12 ..` of `depth`, whatever the size of the file's pages.
-    fn read_voxels(&self, depth: usize, page: usize) -> Result<Vec<Voxel>, Broken> {
-        let (quantiser, mut voxels) = (self.quantiser(), vec![Voxel::default(); self.in_page(depth, page)]);
-        for (slot, &stream) in self.known.iter().enumerate() {
-            self.fill(depth, stream, page, |i, codes| quantiser.put(slot, &mut voxels[i], codes))?;
+    fn read_voxels(&self, depth: usize, page: usize) -> Result<Vec<Voxel>, Violation> {
+        let (quantiser, mut voxels) = (self.quantiser(), vec![Voxel::default(); self.nodes_in_page(depth, page)]);
+        for (slot, &stream) in self.voxel_streams.iter().enumerate() {
+            self.for_each_codes(depth, stream, page, |i, codes| quantiser.put(slot, &mut voxels[i], codes))?;
         }
         voxels.iter_mut().for_each(|v| *v = canonical(v));
         Ok(voxels)
     }
 
-    /// Nodes of page `page << 12 ..` of `depth`.
-    fn in_page(&self, depth: usize, page: usize) -> usize {
+    /// Number of nodes in page `page` (of 4096) of `depth`.
+    fn nodes_in_page(&self, depth: usize, page: usize) -> usize {
         (self.head.depths[depth].nodes as usize).saturating_sub(page << PAGE_LOG2).min(1 << PAGE_LOG2)
     }
 
-    /// Give the codes of each voxel of such a page, whatever the size of the file's pages.
-    fn fill(&self, depth: usize, stream: usize, page: usize, mut each: impl FnMut(usize, &[u8])) -> Result<(), Broken> {
+    /// Call `each` with the index and the codes of every voxel in page `page` (of 4096) of `depth`. The file's own pages may have
+    /// another size.
+    fn for_each_codes(
+        &self,
+        depth: usize,
+        stream: usize,
+        page: usize,
+        mut each: impl FnMut(usize, &[u8]),
+    ) -> Result<(), Violation> {
         let entry = &self.head.streams[stream];
         let (components, page_log2) = (usize::from(entry.components), self.head.header.page_log2);
-        let (first, count) = (page << PAGE_LOG2, self.in_page(depth, page));
+        let (first, count) = (page << PAGE_LOG2, self.nodes_in_page(depth, page));
         if entry.is_constant() {
             (0..count).for_each(|i| each(i, &entry.constant[..components]));
             return Ok(());

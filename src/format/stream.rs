@@ -1,7 +1,8 @@
 //! The channels of a voxel as streams of small integers, and how many steps each is given.
 //!
-//! A stream's code q in 0 ..= Q stands for one of the canonical codes of [`Voxel`]; `widen` is normative, `narrow` is this
-//! writer's choice of the nearest q.
+//! The *canonical* codes are those of [`Voxel`] in memory. A stream stores codes q from 0 to its own maximum, `q_max`, each of which
+//! stands for one canonical code. `widen` gives that code and is prescribed by the format; `narrow` finds the best q and is this
+//! writer's own choice.
 
 use super::layout::StreamEntry;
 use super::material;
@@ -11,9 +12,9 @@ use crate::volume::{Channels, Depth, Sggx, Volume, Voxel};
 /// Fineness of the channels in a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Quality {
-    /// Fewer steps: about two thirds of the bytes.
+    /// Fewer steps per channel, which takes about two thirds of the bytes.
     Lean,
-    /// As many steps as an image can tell.
+    /// As many steps as make a visible difference in pictures.
     #[default]
     Full,
 }
@@ -23,25 +24,27 @@ pub enum Quality {
 pub enum Channel {
     /// Rate: hits per voxel edge inside the support, log2.
     Rate,
-    /// Square roots of the diagonal of the SGGX matrix: which axis has the largest, which is 1, then the next two in turn.
+    /// Square roots of the diagonal of the SGGX matrix: the axis of the largest, which is 1, then those of the two axes that follow it
+    /// cyclically.
     NdfDiagonal,
     /// Correlations of the SGGX matrix.
     NdfCorrelation,
     /// Block correlation c.
     BlockCorrelation,
-    /// Support box: a code per axis, the distance from the low face in the low bits, from the high face in the high ones.
+    /// Support box: one code per axis, with the distance from the lower face in the low bits and that from the upper face in the high
+    /// bits.
     Support,
-    /// |mean area vector| / area.
+    /// One-sidedness: |mean area vector| / area.
     OneSidedness,
     /// Direction of the mean area vector, octahedral.
     MeanNormal,
     /// Square root of linear albedo.
     Albedo,
-    /// Share of each of the texel's materials that is seen; no field of a [`Voxel`].
+    /// Mix of materials, which is no field of a [`Voxel`].
     Material,
 }
 
-/// Codes of a [`Voxel`]'s widest channel.
+/// Largest number of codes that a channel of a [`Voxel`] has.
 pub(super) const MAX_COMPONENTS: usize = 3;
 
 impl Channel {
@@ -93,7 +96,8 @@ impl Channel {
         }
     }
 
-    /// Codes a voxel, in a stream of the largest code `q_max` (of materials: one less than their number).
+    /// Number of codes per voxel in a stream with the largest code `q_max`, which in a stream of mixes is one less than the number of
+    /// materials.
     pub fn components(self, q_max: u16) -> usize {
         match self {
             Channel::Material => material::components(usize::from(q_max) + 1),
@@ -103,7 +107,7 @@ impl Channel {
         }
     }
 
-    /// Largest code that this writer uses.
+    /// Largest code of the streams that this writer makes.
     pub(super) fn quant_max(self, quality: Quality) -> u8 {
         let (full, lean) = match self {
             Channel::Rate => (128, 64),
@@ -112,10 +116,10 @@ impl Channel {
             Channel::BlockCorrelation => (15, 15),
             Channel::Support => (63, 15),
             Channel::OneSidedness => (15, 7),
-            // Of 64, the steps are seen on smooth solids.
+            // 64 steps would be visible on smooth solids.
             Channel::MeanNormal => (255, 31),
             Channel::Albedo => (63, 31),
-            // Not coarsened: it depends on how many there are.
+            // Not used: the largest code follows from the number of materials.
             Channel::Material => (1, 1),
         };
         if quality == Quality::Full { full } else { lean }
@@ -137,12 +141,12 @@ impl Channel {
     pub(super) fn component_max(self, k: usize, q_max: u8) -> u8 {
         match self {
             Channel::NdfDiagonal if k == 0 => 2,
-            Channel::Material => material::most(usize::from(q_max) + 1, k),
+            Channel::Material => material::component_max(usize::from(q_max) + 1, k),
             _ => q_max,
         }
     }
 
-    /// The canonical code that `q` in 0 ..= `q_max` stands for, in component `k`.
+    /// Canonical code that `q`, 0 to `q_max`, stands for in component `k`.
     pub(super) fn widen(self, k: usize, q: u8, q_max: u8) -> u8 {
         let (q, m) = (u32::from(q.min(q_max)), u32::from(q_max));
         // round(a · q / b), halves up.
@@ -165,8 +169,8 @@ impl Channel {
         code as u8
     }
 
-    /// The `q` that stands best for a canonical code of component `k`: the nearest, the even one of two, so that there is no
-    /// bias; for the support the one that rounds outward; for the rate never 0 where there is matter.
+    /// Code `q` that stands best for a canonical code of component `k`: the nearest one, and the even one of two equally near ones, so
+    /// that rounding has no bias. Supports are rounded outward, and a rate becomes 0 only if it was 0.
     pub(super) fn narrow(self, k: usize, code: u8, q_max: u8) -> u8 {
         let distance = |q: u8| {
             let wide = self.widen(k, q, q_max);
@@ -184,7 +188,7 @@ impl Channel {
     /// is that of the decode equation: log2 of the rate, voxel edges of the support, linear albedo, else the number itself.
     pub(super) fn max_abs_error(self, q_max: u8) -> f32 {
         if self == Channel::Material {
-            return 1.0 / f32::from(crate::volume::material::WHOLE);
+            return 1.0 / f32::from(crate::volume::material::SHARE_SUM);
         }
         let value = |code: u8| match self {
             Channel::Rate => f64::from(code) / 16.0,
@@ -212,7 +216,7 @@ impl Channel {
         match self {
             Channel::Rate => out[0] = v.rate,
             Channel::NdfDiagonal => {
-                let k = largest(v);
+                let k = largest_diagonal(v);
                 *out = [k as u8, v.ndf[(k + 1) % 3], v.ndf[(k + 2) % 3]];
             }
             Channel::NdfCorrelation => out[..3].copy_from_slice(&v.ndf[3..]),
@@ -251,13 +255,13 @@ impl Channel {
     }
 }
 
-/// The axis with the largest diagonal element, the first of equals.
-fn largest(v: &Voxel) -> usize {
+/// Axis with the largest diagonal element of the SGGX matrix; the first of equal ones.
+fn largest_diagonal(v: &Voxel) -> usize {
     (1..3).fold(0, |best, k| if v.ndf[k] > v.ndf[best] { k } else { best })
 }
 
-/// The voxel with one code for each meaning: without matter nothing else is kept, a correlation with an axis of no
-/// projected area is 0, a support is not inside out, and a mean normal without one-sidedness is the default.
+/// The voxel in its canonical form, of all that decode to the same: without matter it is the default, correlations with an axis of no
+/// projected area are 0, the support box is not inside out, and without one-sidedness the mean normal is the default.
 pub(super) fn canonical(v: &Voxel) -> Voxel {
     if v.rate == 0 {
         return Voxel::default();
@@ -279,37 +283,37 @@ pub(super) fn canonical(v: &Voxel) -> Voxel {
     v
 }
 
-/// [`canonical`], with the largest diagonal element brought to 1 at the rate's expense, as every file holds it.
+/// [`canonical`] form of a voxel whose largest diagonal element is scaled to 1, as in every file; the rate is divided by the scale.
 fn normalize_ndf(v: &Voxel) -> Voxel {
     let mut v = canonical(v);
-    let most = v.ndf[largest(&v)];
+    let most = v.ndf[largest_diagonal(&v)];
     if most == 0 {
         v.ndf = Sggx::ISOTROPIC.encode();
     } else if most < 255 {
         let scale = |d: u8| ((510 * u32::from(d) + u32::from(most)) / (2 * u32::from(most))) as u8;
         (v.ndf[0], v.ndf[1], v.ndf[2]) = (scale(v.ndf[0]), scale(v.ndf[1]), scale(v.ndf[2]));
-        v.rate = shifted(v.rate, f64::from(most) / 255.0);
+        v.rate = scaled_rate(v.rate, f64::from(most) / 255.0);
     }
     v
 }
 
-/// The code of the rate that `rate` stands for times `factor`; at least the smallest.
-fn shifted(rate: u8, factor: f64) -> u8 {
+/// Code of the rate with the code `rate` times `factor`; never below 1.
+fn scaled_rate(rate: u8, factor: f64) -> u8 {
     (f64::from(rate) + 16.0 * libm::log2(factor)).round().clamp(1.0, 255.0) as u8
 }
 
-/// The streams that a file has, and the tables between its codes and canonical ones.
+/// Voxel streams of a file, and the tables that map between their codes and canonical ones.
 pub(super) struct Quantiser {
     streams: Vec<(Channel, u8, Box<[Tables; MAX_COMPONENTS]>)>,
 }
 
-/// The maps of one component.
+/// Tables of one component: from canonical codes to a stream's, and back.
 struct Tables {
     narrow: [u8; 256],
     widen: [u8; 256],
 }
 
-/// Whether fifteen voxels of sixteen have the colour of the one before.
+/// Whether at least 15 of 16 voxels have the same colour as the voxel before them.
 fn flat_colours(depths: &[Depth]) -> bool {
     let (mut pairs, mut alike) = (0u64, 0u64);
     for depth in depths {
@@ -341,8 +345,9 @@ impl Quantiser {
         Quantiser::of(Channel::ALL.into_iter().filter(|&c| has(c)).map(|c| (c, c.quant_max(quality))))
     }
 
-    /// For the voxels of `volume`: colours that repeat cost next to nothing, and in flat ones a step of 64 would show (1.6 % too
-    /// light, which is FLIP .04 on a ball), so they are kept as they are.
+    /// Quantiser for the voxels of `volume`. Where colours repeat from voxel to voxel they are stored with all 256 steps: repeated codes
+    /// compress to next to nothing, and on evenly coloured surfaces the error of 64 steps would be visible (1.6 % too bright, FLIP
+    /// .04 on a ball).
     pub fn fitting(volume: &Volume, quality: Quality) -> Quantiser {
         let mut quantiser = Quantiser::new(&volume.info.channels, quality);
         let flat = quality == Quality::Full && flat_colours(&volume.depths);
@@ -353,7 +358,7 @@ impl Quantiser {
         quantiser
     }
 
-    /// For given channels and largest codes.
+    /// Quantiser for streams of these channels and largest codes.
     pub fn of(streams: impl Iterator<Item = (Channel, u8)>) -> Quantiser {
         Quantiser { streams: streams.map(|(c, q_max)| (c, q_max, tables(c, q_max))).collect() }
     }
@@ -366,7 +371,7 @@ impl Quantiser {
         self.streams.iter().find(|(c, ..)| *c == channel).map_or(0, |(_, q_max, _)| *q_max)
     }
 
-    /// The voxel that a reader will see in place of `v`.
+    /// Voxel that a reader will decode in place of `v`.
     pub fn quantise(&self, v: &Voxel) -> Voxel {
         let v = normalize_ndf(v);
         let mut out = Voxel::default();
@@ -377,8 +382,8 @@ impl Quantiser {
             channel.set(&mut out, &codes);
         }
         if out.support != v.support && self.q_max(Channel::Support) > 0 {
-            // The matter of the smaller box, spread over the larger one.
-            codes[0] = shifted(v.rate, volume(&v) / volume(&out));
+            // The support box grew, so its rate falls: the same matter fills a larger box.
+            codes[0] = scaled_rate(v.rate, volume(&v) / volume(&out));
             if let Some((.., tables)) = self.streams.iter().find(|(c, ..)| *c == Channel::Rate) {
                 coarsen(tables, &mut codes);
             }
@@ -387,7 +392,7 @@ impl Quantiser {
         canonical(&out)
     }
 
-    /// The stream table; `constants` as [`Quantiser::constants`] gives them.
+    /// Entries of the stream table, with the `constants` that [`Quantiser::constants`] gave.
     pub fn entries(&self, constants: &[Option<[u8; MAX_COMPONENTS]>]) -> Vec<StreamEntry> {
         let entry = |(channel, constant): (Channel, &Option<[u8; MAX_COMPONENTS]>)| {
             let mut entry = StreamEntry::of(channel, self.q_max(channel), constant.as_ref().map(|c| &c[..]));
@@ -397,7 +402,7 @@ impl Quantiser {
         self.channels().zip(constants).map(entry).collect()
     }
 
-    /// The albedo codes that a reader will see in place of those of `v`.
+    /// Albedo codes that a reader will decode in place of those of `v`.
     pub fn albedo(&self, v: &Voxel) -> [u8; 3] {
         match self.streams.iter().find(|(c, ..)| *c == Channel::Albedo) {
             Some((.., tables)) if v.rate > 0 => {
@@ -409,7 +414,7 @@ impl Quantiser {
         }
     }
 
-    /// Stream `s` of voxels that [`Quantiser::quantise`] made.
+    /// Codes of the stream `s` for voxels that [`Quantiser::quantise`] gave.
     pub fn codes(&self, s: usize, voxels: &[Voxel]) -> Vec<u8> {
         let Some((channel, q_max, tables)) = self.streams.get(s) else { return Vec::new() };
         let n = channel.components((*q_max).into());
@@ -424,7 +429,7 @@ impl Quantiser {
         out
     }
 
-    /// The codes of each stream that has the same ones in every voxel of every depth.
+    /// For each stream, its codes if they are the same in every voxel of every depth.
     pub fn constants(&self, volume: &Volume) -> Vec<Option<[u8; MAX_COMPONENTS]>> {
         const RUN: usize = 1 << 14;
         let first = volume.depths.iter().flat_map(|d| d.voxels.first()).next().copied().unwrap_or_default();
@@ -457,7 +462,7 @@ impl Quantiser {
         constant.into_iter().enumerate().map(codes).collect()
     }
 
-    /// Put the codes of stream `s`, `codes` a voxel's, into a voxel.
+    /// Set the fields of the voxel `v` that the stream `s` holds, from its `codes` of that voxel.
     #[inline]
     pub fn put(&self, s: usize, v: &mut Voxel, codes: &[u8]) {
         let Some((channel, _, tables)) = self.streams.get(s) else { return };
@@ -469,7 +474,7 @@ impl Quantiser {
     }
 }
 
-/// Canonical codes to the ones that a reader will see.
+/// Replace canonical codes by those that a reader will decode.
 fn coarsen(tables: &[Tables; MAX_COMPONENTS], codes: &mut [u8; MAX_COMPONENTS]) {
     for (c, table) in codes.iter_mut().zip(tables) {
         *c = table.widen[usize::from(table.narrow[usize::from(*c)])];

@@ -1,4 +1,4 @@
-//! A coarser texel from a finer one: a new head over the same blocks.
+//! Truncation of a file to its coarser depths: a new head before the same blocks.
 
 use std::io::Write;
 use std::path::Path;
@@ -9,12 +9,13 @@ use super::{Limits, PartFile, Reader};
 use crate::{Error, Result};
 
 /// Bytes that are copied at a time.
-const PIECE: u64 = 1 << 20;
+const COPY_BYTES: u64 = 1 << 20;
 
-/// Write depths 0 ..= `depth` of `path` to `out`; no page is decoded. A file that is cut short will do, as long as those
-/// depths are whole.
+/// Write the depths 0 to `depth` of the file `path` to `out`, without decoding any page. `path` may be cut short, as long as those
+/// depths are whole. Returns the number of bytes written.
 ///
-/// Errors: those of reading and writing, and [`Error::Options`] where the file has no such depth or `out` is the file itself.
+/// # Errors
+/// Those of reading and writing; [`Error::Options`] where the file has no such depth; [`Error::Input`] where the depths are not whole.
 pub fn truncate(path: impl AsRef<Path>, depth: usize, out: impl AsRef<Path>) -> Result<u64> {
     let (path, out) = (path.as_ref(), out.as_ref());
     let reader = Reader::open_head(path, &Limits { decoded_bytes: u64::MAX })?;
@@ -37,8 +38,8 @@ pub fn truncate(path: impl AsRef<Path>, depth: usize, out: impl AsRef<Path>) -> 
     part.write_all(&bytes).map_err(|e| Error::io(out, e))?;
     let mut at = from;
     while at < to {
-        let length = PIECE.min(to - at);
-        // By the reader: under the name another file may have come since.
+        let length = COPY_BYTES.min(to - at);
+        // Through the reader's open file: by now the path may name another one.
         let piece = reader.read(at, length).map_err(|b| b.at(path))?;
         part.write_all(&piece).map_err(|e| Error::io(out, e))?;
         at += length;
@@ -47,7 +48,7 @@ pub fn truncate(path: impl AsRef<Path>, depth: usize, out: impl AsRef<Path>) -> 
     Ok(to - shift)
 }
 
-/// The head of depths 0 ..= `depth` alone, and by how much its blocks move towards the start.
+/// Head of the depths 0 to `depth` alone, and the number of bytes by which the blocks move towards the start.
 fn shortened(head: &Head, depth: usize) -> (Head, u64) {
     let mut head = head.clone();
     let wanted = |kind: SectionKind, d: u8| {

@@ -1,4 +1,5 @@
-//! Volume → file: requantise, filter, compress page by page, and put the head in front.
+//! Writer of files: the voxels' codes are quantised, filtered and compressed page by page, depth by depth; the head is written last,
+//! into the room that was left for it.
 
 use std::io::{Seek, SeekFrom, Write};
 use std::path::Path;
@@ -21,15 +22,16 @@ pub(super) const TOPO_PAGE_LOG2: u8 = 14;
 /// Pages of a section on which the filters are tried, and the level of that trial.
 const TRIAL_PAGES: usize = 6;
 const TRIAL_LEVEL: i32 = 3;
-/// Levels that are then tried with the best filter, up to the one that is asked for; a slower one has to save one byte in
-/// `WORTH`. Codes that never repeat gain nothing by a longer search, and those of small alphabets may even lose.
-const LEVELS: [i32; 3] = [4, 7, 11];
-const WORTH: usize = 32;
+/// Levels of compression that are then tried with the best filter, besides the one that was asked for and below it.
+const TRIAL_LEVELS: [i32; 3] = [4, 7, 11];
+/// A slower level is used if it saves at least one byte in so many. Codes that never repeat gain nothing by a longer search, and those
+/// of small alphabets may even become longer.
+const MIN_GAIN: usize = 32;
 
 /// Options of writing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct WriteOptions {
-    /// zstd's level, 1 (quick) to 19 (small); lower where that saves next to nothing.
+    /// Highest level of zstd that is used, 1 (quick) to 19 (small).
     pub level: i32,
     /// Precision of the codes in the file.
     pub quality: Quality,
@@ -37,7 +39,7 @@ pub struct WriteOptions {
 
 impl Default for WriteOptions {
     fn default() -> Self {
-        // From the level 12 on each costs a bake several per cent of its time.
+        // From level 12 on each level makes a bake several per cent slower.
         WriteOptions { level: 11, quality: Quality::Full }
     }
 }
@@ -47,7 +49,7 @@ impl Default for WriteOptions {
 pub struct Written {
     /// Bytes of the file.
     pub file_bytes: u64,
-    /// Nodes of the finest depth.
+    /// Number of nodes of the finest depth.
     pub finest_voxels: u64,
     /// Identifier of the content.
     pub content_id: [u8; 16],
@@ -57,65 +59,27 @@ pub struct Written {
     pub channels: Vec<(&'static str, u64)>,
 }
 
-/// Write `volume` to `path`: whole or not at all. The bytes depend on the volume and the options alone.
+/// Write `volume` to `path`, which appears when it is complete or not at all. The bytes depend on the volume and the options alone.
 ///
-/// Errors: [`Error::Io`]; [`Error::Options`] for a level outside 1 ..= 19, or a volume whose masks, counts or description
-/// contradict each other.
+/// # Errors
+/// [`Error::Io`]; [`Error::Options`] for a level outside 1 to 19, and for a volume whose masks, counts or description contradict each
+/// other.
 pub fn write(volume: &Volume, path: impl AsRef<Path>, options: &WriteOptions) -> Result<Written> {
     if !(1..=19).contains(&options.level) {
         return Err(Error::Options(format!("compression level {} is not in 1..=19", options.level)));
     }
     let internal = check(volume)?;
-    let quantiser = Quantiser::fitting(volume, options.quality);
-    let constants = quantiser.constants(volume);
-    let mut streams: Vec<StreamEntry> = quantiser.entries(&constants);
-    let voxel_streams = streams.len();
-    let coding = material::Coding::new(&volume.info.materials);
-    let mixes = |d: usize| {
-        let Depth { voxels, mixes, .. } = &volume.depths[d];
-        coding.codes(mixes, |i| quantiser.albedo(&voxels[i]))
-    };
-    streams.extend(material_stream(volume, &mixes));
-    let header = blank_header(volume, streams.len());
-    let mut head = Head {
-        header,
-        depths: vec![DepthEntry::default(); volume.depths.len().max(1)],
-        streams,
-        sections: Vec::new(),
-        info: volume.info.clone(),
-        meta: meta::encode(&volume.info)?,
-    };
-    head.header.sections = head.expected().len() as u16;
-    let tables_end = head.header.tables_end() as u64;
-    head.header.head_length = align8(tables_end + head.meta.len() as u64) as u32;
-    head.sections.push(meta_section(&head.meta, tables_end));
-
+    let encoder = Encoder::new(volume, options);
+    let mut head = blank_head(volume, encoder.streams())?;
     let mut out = PartFile::create(path.as_ref())?;
     let io = |e| Error::io(path.as_ref(), e);
     out.write_all(&vec![0; head.header.head_length as usize]).map_err(io)?;
     let mut at = u64::from(head.header.head_length);
     for (d, depth) in volume.depths.iter().enumerate() {
-        let mut digest = Sha256::new();
-        let mut bodies = Vec::new();
-        if d > 0 {
-            let masks = &volume.depths[d - 1].masks;
-            digest.update(masks);
-            bodies.push(topo_section(masks, d as u8, options.level));
-        }
-        let voxels = par_chunks(&depth.voxels, |v| quantiser.quantise(v));
-        for s in 0..head.streams.len() {
-            if head.streams[s].is_constant() {
-                continue;
-            }
-            let codes = if s < voxel_streams { quantiser.codes(s, &voxels) } else { mixes(d) };
-            digest.update(&codes);
-            let mut body = page_section(&codes, &head.streams[s].maxima(), options.level);
-            (body.0.depth, body.0.stream) = (d as u8, s as u8);
-            bodies.push(body);
-        }
+        let block = encoder.block(d, &head.streams);
         let entry = &mut head.depths[d];
         entry.block_offset = align8(at);
-        for (mut section, body) in bodies {
+        for (mut section, body) in block.sections {
             section.offset = align8(at);
             out.write_all(&[0; 8][..(section.offset - at) as usize]).map_err(io)?;
             out.write_all(&body).map_err(io)?;
@@ -125,7 +89,7 @@ pub fn write(volume: &Volume, path: impl AsRef<Path>, options: &WriteOptions) ->
         entry.nodes = depth.voxels.len() as u64;
         entry.internal = internal[d];
         entry.block_end = at.max(entry.block_offset);
-        entry.digest = digest.finalize().into();
+        entry.digest = block.digest;
     }
     if volume.depths.is_empty() {
         let entry = &mut head.depths[0];
@@ -134,7 +98,7 @@ pub fn write(volume: &Volume, path: impl AsRef<Path>, options: &WriteOptions) ->
     head.header.file_length = at;
     head.header.nodes = head.depths.iter().map(|d| d.nodes).sum();
     let bytes = head.encode();
-    // The rules are the reader's own: what it would refuse is not written.
+    // The head is checked by the reader's own rules: what a reader would refuse is not written.
     Head::parse(&bytes)
         .map_err(|broken| Error::Options(format!("the volume cannot be written: {} [{}]", broken.what, broken.code)))?;
     out.seek(SeekFrom::Start(0)).map_err(io)?;
@@ -149,7 +113,89 @@ pub fn write(volume: &Volume, path: impl AsRef<Path>, options: &WriteOptions) ->
     })
 }
 
-/// Nodes with children at each depth, after checking that the volume is a tree.
+/// Section entry without its offset, and the section's bytes.
+type Section = (SectionEntry, Vec<u8>);
+
+/// Encoded block of one depth.
+struct EncodedBlock {
+    /// Sections in the order of the file.
+    sections: Vec<Section>,
+    /// SHA-256 of the decoded content.
+    digest: [u8; 32],
+}
+
+/// Encoder of a volume's depths.
+struct Encoder<'v> {
+    volume: &'v Volume,
+    quantiser: Quantiser,
+    mixes: material::MixCoding,
+    /// Highest level of compression.
+    level: i32,
+}
+
+impl<'v> Encoder<'v> {
+    fn new(volume: &'v Volume, options: &WriteOptions) -> Encoder<'v> {
+        Encoder {
+            volume,
+            quantiser: Quantiser::fitting(volume, options.quality),
+            mixes: material::MixCoding::new(&volume.info.materials),
+            level: options.level,
+        }
+    }
+
+    /// Entries of all streams: those of the voxels, then that of the mixes of materials.
+    fn streams(&self) -> Vec<StreamEntry> {
+        let mut streams = self.quantiser.entries(&self.quantiser.constants(self.volume));
+        streams.extend(material_stream(self.volume, &|d| self.mix_codes(d)));
+        streams
+    }
+
+    /// Codes of the mixes of the depth `d`, voxel by voxel.
+    fn mix_codes(&self, d: usize) -> Vec<u8> {
+        let Depth { voxels, mixes, .. } = &self.volume.depths[d];
+        self.mixes.codes(mixes, |i| self.quantiser.albedo(&voxels[i]))
+    }
+
+    /// Block of the depth `d`, where `streams` are those of [`Encoder::streams`].
+    fn block(&self, d: usize, streams: &[StreamEntry]) -> EncodedBlock {
+        let mut digest = Sha256::new();
+        let mut sections = Vec::new();
+        if d > 0 {
+            let masks = &self.volume.depths[d - 1].masks;
+            digest.update(masks);
+            sections.push(topo_section(masks, d as u8, self.level));
+        }
+        let voxels = par_chunks(&self.volume.depths[d].voxels, |v| self.quantiser.quantise(v));
+        for (s, stream) in streams.iter().enumerate().filter(|(_, stream)| !stream.is_constant()) {
+            let is_mixes = stream.channel() == Some(Channel::Material);
+            let codes = if is_mixes { self.mix_codes(d) } else { self.quantiser.codes(s, &voxels) };
+            digest.update(&codes);
+            let mut section = page_section(&codes, &stream.maxima(), self.level);
+            (section.0.depth, section.0.stream) = (d as u8, s as u8);
+            sections.push(section);
+        }
+        EncodedBlock { sections, digest: digest.finalize().into() }
+    }
+}
+
+/// Head of a file of `volume` with these `streams`. Its length is final; the depths' entries are blank, and META is its only section.
+fn blank_head(volume: &Volume, streams: Vec<StreamEntry>) -> Result<Head> {
+    let mut head = Head {
+        header: blank_header(volume, streams.len()),
+        depths: vec![DepthEntry::default(); volume.depths.len().max(1)],
+        streams,
+        sections: Vec::new(),
+        info: volume.info.clone(),
+        meta: meta::encode(&volume.info)?,
+    };
+    head.header.sections = head.expected().len() as u16;
+    let tables_end = head.header.tables_end() as u64;
+    head.header.head_length = align8(tables_end + head.meta.len() as u64) as u32;
+    head.sections.push(meta_section(&head.meta, tables_end));
+    Ok(head)
+}
+
+/// Check that the masks, counts and bounds of a volume agree. Returns the number of nodes with children of each depth.
 fn check(volume: &Volume) -> Result<Vec<u64>> {
     let bad = |d: usize, what: &str| Err(Error::Options(format!("the volume's depth {d} {what}")));
     if volume.depths.len() > MAX_DEPTH + 1 {
@@ -181,7 +227,7 @@ fn check(volume: &Volume) -> Result<Vec<u64>> {
     Ok(internal)
 }
 
-/// The stream of materials, where there are any to tell apart; `codes` are those of a depth.
+/// Entry of the stream of mixes, if the texel has several materials; `codes` gives the codes of the mixes of a depth.
 fn material_stream(volume: &Volume, codes: &dyn Fn(usize) -> Vec<u8>) -> Option<StreamEntry> {
     let count = volume.info.materials.len();
     let q_max = u8::try_from(count.checked_sub(1)?).ok().filter(|&q| q > 0)?;
@@ -226,8 +272,8 @@ fn meta_section(meta: &[u8], offset: u64) -> SectionEntry {
     }
 }
 
-/// The child masks of the depth above as a section, to be placed.
-fn topo_section(masks: &[u8], depth: u8, level: i32) -> (SectionEntry, Vec<u8>) {
+/// Section of the child masks of the depth above `depth`; its offset in the file is not set yet.
+fn topo_section(masks: &[u8], depth: u8, level: i32) -> Section {
     let pages: Vec<&[u8]> = masks.chunks(1 << TOPO_PAGE_LOG2).collect();
     let mut children = 0;
     let first_child: Vec<u64> = pages
@@ -244,38 +290,40 @@ fn topo_section(masks: &[u8], depth: u8, level: i32) -> (SectionEntry, Vec<u8>) 
     section
 }
 
-/// Codes of one depth and stream as a section, to be placed.
-fn page_section(codes: &[u8], most: &[u8], level: i32) -> (SectionEntry, Vec<u8>) {
+/// Section of the codes of one depth and stream, whose component k is at most `most[k]`; its depth, stream and offset are not set yet.
+/// Filter and level are those that compress a few sample pages best.
+fn page_section(codes: &[u8], most: &[u8], level: i32) -> Section {
     let pages: Vec<&[u8]> = codes.chunks(most.len() << PAGE_LOG2).collect();
     let trials: Vec<&[u8]> = (0..pages.len().min(TRIAL_PAGES))
         .filter_map(|i| pages.get(i * pages.len() / pages.len().min(TRIAL_PAGES)).copied())
         .collect();
     let filters: Vec<u8> = (0..filter::COUNT).collect();
-    let costs = tried(&trials, &filters, |page, &filter| {
+    let costs = compressed_sizes(&trials, &filters, |page, &filter| {
         page::compress(TRIAL_LEVEL.min(level), filter::forward(filter, page, most))
     });
     let best = (0..filter::COUNT).min_by_key(|&f| costs[usize::from(f)]).unwrap_or(filter::INTERLEAVED);
-    let levels: Vec<i32> = LEVELS.into_iter().filter(|&l| l < level).chain([level]).collect();
-    let costs = tried(&trials, &levels, |page, &level| page::compress(level, filter::forward(best, page, most)));
-    let slower = |best: usize, next: usize| if (WORTH - 1) * costs[best] >= WORTH * costs[next] { next } else { best };
+    let levels: Vec<i32> = TRIAL_LEVELS.into_iter().filter(|&l| l < level).chain([level]).collect();
+    let costs =
+        compressed_sizes(&trials, &levels, |page, &level| page::compress(level, filter::forward(best, page, most)));
+    let slower =
+        |best: usize, next: usize| if (MIN_GAIN - 1) * costs[best] >= MIN_GAIN * costs[next] { next } else { best };
     let level = levels[(0..levels.len()).fold(0, slower)];
     let pages = par::map(pages.len(), |i| page::compress(level, filter::forward(best, pages[i], most)));
     paged_section(SectionKind::Page, codes.len(), best, &pages, &[])
 }
 
-/// Bytes of all `pages`, as `made` with each of the `ways`.
-fn tried<T: Sync>(pages: &[&[u8]], ways: &[T], made: impl Fn(&[u8], &T) -> Vec<u8> + Sync) -> Vec<usize> {
-    let lengths = par::map(pages.len() * ways.len(), |i| made(pages[i / ways.len()], &ways[i % ways.len()]).len());
-    (0..ways.len()).map(|way| lengths.iter().skip(way).step_by(ways.len()).sum()).collect()
+/// Total number of bytes of all `pages` after `compress`, for each of its `settings`.
+fn compressed_sizes<T: Sync>(
+    pages: &[&[u8]],
+    settings: &[T],
+    compress: impl Fn(&[u8], &T) -> Vec<u8> + Sync,
+) -> Vec<usize> {
+    let n = settings.len();
+    let lengths = par::map(pages.len() * n, |i| compress(pages[i / n], &settings[i % n]).len());
+    (0..n).map(|i| lengths.iter().skip(i).step_by(n).sum()).collect()
 }
 
-fn paged_section(
-    kind: SectionKind,
-    decoded: usize,
-    filter: u8,
-    pages: &[Vec<u8>],
-    first_child: &[u64],
-) -> (SectionEntry, Vec<u8>) {
+fn paged_section(kind: SectionKind, decoded: usize, filter: u8, pages: &[Vec<u8>], first_child: &[u64]) -> Section {
     let (body, crc) = page::put_section(kind, pages, first_child);
     let section = SectionEntry {
         kind,
@@ -294,7 +342,7 @@ fn paged_section(
     (section, body)
 }
 
-/// `f` of every voxel, in order, over all threads.
+/// Values of `f` for all voxels, in order, computed by all threads.
 fn par_chunks(voxels: &[Voxel], f: impl Fn(&Voxel) -> Voxel + Sync + Send) -> Vec<Voxel> {
     let mut out = voxels.to_vec();
     par::chunks_mut(&mut out, 1 << PAGE_LOG2, |_, chunk| chunk.iter_mut().for_each(|v| *v = f(v)));

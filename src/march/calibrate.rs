@@ -204,7 +204,7 @@ mod tests {
         let cosines = [-1.0, -0.7, -0.2, 0.1, 0.4, 0.9];
         let wanted = BrightnessFactors::new([0.5, 1.0, 1.5]);
         let coarse = cosines.map(|c| (c, 2.0 + c));
-        let finest = coarse.map(|(c, light)| (c, light * f64::from(wanted.lit(c as f32))));
+        let finest = coarse.map(|(c, light)| (c, light * f64::from(wanted.at_cosine(c as f32))));
         // Factors are f32: 6e-8 of each.
         let found = solve_factors(&shone(&coarse), &shone(&finest));
         assert!(found.iter().zip(wanted.light).all(|(f, w)| (f - f64::from(w)).abs() < 1e-6), "{found:?}");

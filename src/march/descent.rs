@@ -222,7 +222,7 @@ pub(super) fn walk(
                 visitor.block_end();
                 continue;
             }
-            let address = cursor.block.place(depth as i32 - shift as i32 - 2, cursor.node, cell);
+            let address = cursor.block.address(depth as i32 - shift as i32 - 2, cursor.node, cell);
             if shift != 0 && terminal != Some(address) {
                 visitor.block_end();
                 terminal = Some(address);

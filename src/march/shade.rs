@@ -300,7 +300,7 @@ impl Shader<'_> {
         for light in 0..self.lights.len() {
             let towards = self.lights[light];
             let all = normals.diffuse(&weights, towards);
-            let factor = factors.lit(self.view.dot(towards));
+            let factor = factors.at_cosine(self.view.dot(towards));
             let cosine = (all + flat * (mean.dot(towards).max(0.0) - all)) * factor;
             let mut behind = 0.0;
             if translucent {

@@ -82,7 +82,7 @@ pub type Weights = [f32; POINTS];
 pub const EQUAL: Weights = [1.0 / POINTS as f32; POINTS];
 
 /// Below this sum all normals face away from the viewer, as where the viewer is inside the matter; they then get equal weights.
-const LEAST_SEEN: f32 = 1e-3;
+const MIN_SEEN: f32 = 1e-3;
 
 impl Normals {
     /// Shares of the normals where facets have a front: `mean` is the unit direction of the mean area vector and
@@ -96,7 +96,7 @@ impl Normals {
     /// The weight of a unit normal `m` over the mean weight of all, where facets have a front: see [`Normals::one_sided`].
     pub fn one_sided_density(&self, mean: Vec3, one_sidedness: f32, m: Vec3) -> f32 {
         let (_, slope, sum) = self.tilted(mean, one_sidedness);
-        if sum < LEAST_SEEN { 1.0 } else { (1.0 + slope * m.dot(mean)).max(0.0) * (POINTS as f32 / sum) }
+        if sum < MIN_SEEN { 1.0 } else { (1.0 + slope * m.dot(mean)).max(0.0) * (POINTS as f32 / sum) }
     }
 
     /// Weights of the normals, the slope k, and the sum of the weights before they were normalised.
@@ -111,7 +111,7 @@ impl Normals {
         let k = one_sidedness / square.max(0.05);
         let weight = cosine.map(|c| (1.0 + k * c).max(0.0));
         let sum: f32 = weight.iter().sum();
-        (if sum < LEAST_SEEN { EQUAL } else { weight.map(|w| w / sum) }, k, sum)
+        (if sum < MIN_SEEN { EQUAL } else { weight.map(|w| w / sum) }, k, sum)
     }
 
     /// Mean of the normals, and mean of their squares: xx, yy, zz, xy, yz, zx.

@@ -26,7 +26,7 @@ const RAYS_OF_SMALL: u32 = 256;
 /// Cards count as seen in few pixels if the diagonal of the box around all of them is shorter than this, in pixels.
 const SMALL: f64 = 32.0;
 /// Most surfaces that are lit in a pixel, and how many of them are the largest ones, which keep all their hits.
-pub const MOST_LIT: usize = 16;
+pub const MAX_LIT: usize = 16;
 const LARGEST: usize = 8;
 /// Least distance of a hit from the start of a shadow ray, which keeps the ray from hitting its own surface.
 const MIN_DISTANCE: f64 = 1e-9;
@@ -223,13 +223,13 @@ fn surfaces(hits: &mut Vec<FineHit>) -> Vec<(Contact, std::ops::Range<usize>)> {
     ranges.collect()
 }
 
-/// Reduce the hits to at most [`MOST_LIT`] triangles. The largest triangles keep their hits. Of the others a few hits are chosen, evenly
+/// Reduce the hits to at most [`MAX_LIT`] triangles. The largest triangles keep their hits. Of the others a few hits are chosen, evenly
 /// spread over the pixel and with a probability in proportion to their weight, and get equal weights.
 fn thin_out(hits: &mut Vec<FineHit>) {
-    const OTHERS: usize = MOST_LIT - LARGEST;
+    const OTHERS: usize = MAX_LIT - LARGEST;
     let mut sizes: BTreeMap<u32, f32> = BTreeMap::new();
     hits.iter().for_each(|h| *sizes.entry(h.contact.triangle).or_default() += h.weight);
-    if sizes.len() <= MOST_LIT {
+    if sizes.len() <= MAX_LIT {
         return;
     }
     let mut largest: Vec<(u32, f32)> = sizes.into_iter().collect();

@@ -7,7 +7,7 @@
 use super::jitter::height_stretch;
 pub use super::layer::{TexelChoice, TexelLayer, texel_frames};
 use super::placement::PlacedCopy;
-use super::shell::{HeightInShell, MOST_CELLS, ShellSegment};
+use super::shell::{HeightInShell, MAX_CELLS, ShellSegment};
 use crate::geom::{Aabb, DMat3, DVec3, Ray, Vec3};
 use crate::scene::shell::CellWrap;
 
@@ -94,7 +94,7 @@ impl TexelLayer {
         let to_texel = DMat3::from_diagonal(scale) * segment.to_texel;
         let placed = ShellSegment { q0, q1, to_texel, end_heights, ..*segment };
         // A segment through so many cells is seen from so far away that the noise does not show.
-        let many = (q1 - q0).abs().max_element() > f64::from(MOST_CELLS);
+        let many = (q1 - q0).abs().max_element() > f64::from(MAX_CELLS);
         match &self.jitter {
             Some(jitter) if !many => {
                 jitter.for_each_chord(&placed, height_stretch(self.layer.continuous.as_ref()), tolerance, each)
@@ -160,7 +160,7 @@ impl TexelLayer {
             let [low, high] = self.cells_in_reach(cell);
             queue_cells(low, high, &mut queue);
         }
-        for _ in 0..MOST_CELLS {
+        for _ in 0..MAX_CELLS {
             let axis = (0..3).fold(0, |best, k| if next[k] < next[best] { k } else { best });
             let end = next[axis].min(t1);
             if overlapping {
@@ -380,6 +380,6 @@ mod tests {
             n += 1;
             true
         });
-        assert_eq!(n, MOST_CELLS);
+        assert_eq!(n, MAX_CELLS);
     }
 }

@@ -8,8 +8,8 @@ use crate::geom::DVec3;
 /// Largest deviation of the triangles from a patch, in lengths of the patch's longest edge.
 const MISS: f64 = 1e-3;
 /// Most pieces along an edge, and most triangles of one part.
-const MOST_PIECES: u32 = 16;
-const MOST_TRIANGLES: usize = 1 << 22;
+const MAX_PIECES: u32 = 16;
+const MAX_TRIANGLES: usize = 1 << 22;
 
 /// A triangle that is a piece of a patch.
 #[derive(Debug, Clone, Copy)]
@@ -24,7 +24,7 @@ impl Piece {
     /// Bilinear interpolation of values at the four corners of the patch to the three corners of the piece.
     pub fn mix<T: Copy + std::ops::Mul<f64, Output = T> + std::ops::Add<Output = T>>(&self, ring: [T; 4]) -> [T; 3] {
         self.corners.map(|at| {
-            let [u, v] = at.map(|k| f64::from(k) / f64::from(MOST_PIECES));
+            let [u, v] = at.map(|k| f64::from(k) / f64::from(MAX_PIECES));
             let [a, b, c, d] = ring;
             a * ((1.0 - u) * (1.0 - v)) + b * (u * (1.0 - v)) + c * (u * v) + d * ((1.0 - u) * v)
         })
@@ -38,9 +38,9 @@ pub fn pieces(ring: [DVec3; 4], patches: usize) -> u32 {
     let edge = (0..4).map(|k| ring[k].distance(ring[(k + 1) % 4])).fold(0.0, f64::max);
     // Two triangles miss the middle by a quarter of the twist; n × n pairs of them by an n²th of that.
     let wanted = (0.25 * twist / (MISS * edge)).sqrt();
-    let allowed = (MOST_TRIANGLES as f64 / (2.0 * patches.max(1) as f64)).sqrt();
+    let allowed = (MAX_TRIANGLES as f64 / (2.0 * patches.max(1) as f64)).sqrt();
     let mut n = 1;
-    while n < MOST_PIECES && f64::from(n) < wanted && f64::from(2 * n) <= allowed {
+    while n < MAX_PIECES && f64::from(n) < wanted && f64::from(2 * n) <= allowed {
         n *= 2;
     }
     n
@@ -58,7 +58,7 @@ pub fn cut(ring: [DVec3; 4], patch: u32, n: u32) -> (Vec<DVec3>, Vec<([u32; 3], 
         _ => on_edge(a, b, share(i)).lerp(on_edge(d, c, share(i)), share(j)),
     };
     let vertices = (0..=n).flat_map(|j| (0..=n).map(move |i| (i, j))).map(|(i, j)| at(i, j)).collect();
-    let step = MOST_PIECES / n;
+    let step = MAX_PIECES / n;
     let piece = |corners: [[u32; 2]; 3]| {
         let numbers = corners.map(|[i, j]| j * (n + 1) + i);
         (numbers, Piece { patch, corners: corners.map(|c| c.map(|k| (k * step) as u8)) })
@@ -115,7 +115,7 @@ mod tests {
         assert!(worst < 1.25 * MISS && worst > 0.0, "{worst}");
         // What is flat stays two triangles, and there are never too many.
         assert_eq!(pieces([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]].map(|[x, y]| DVec3::new(x, y, 0.5)), 1), 1);
-        assert_eq!(pieces(ring, MOST_TRIANGLES), 1);
+        assert_eq!(pieces(ring, MAX_TRIANGLES), 1);
     }
 
     #[test]

@@ -81,7 +81,7 @@ pub fn read(path: &Path) -> Result<Image> {
 }
 
 /// Largest ratio of unpacked to packed bytes of deflate, which is the densest coding in PNG and EXR.
-const MOST_DEFLATED: u64 = 1032;
+const MAX_DEFLATED: u64 = 1032;
 
 fn too_short(path: &Path, width: u64, height: u64) -> Error {
     Error::input(path, "", format!("the file is too short for {width}×{height} pixels"))
@@ -93,7 +93,7 @@ fn check_size(path: &Path, width: u64, height: u64, file_bytes: u64) -> Result<(
     if pixels == 0 {
         return Err(Error::input(path, "", "the picture has no pixels"));
     }
-    if pixels / (8 * MOST_DEFLATED) > file_bytes {
+    if pixels / (8 * MAX_DEFLATED) > file_bytes {
         return Err(too_short(path, width, height));
     }
     if pixels > MAX_READ {
@@ -112,7 +112,7 @@ fn read_png(path: &Path) -> Result<Image> {
     // The decoder allocates memory for all pixels before it finds that the file is shorter.
     let bits = u64::from(decoder.original_color_type().bits_per_pixel());
     let packed = (u64::from(width) * u64::from(height)).saturating_mul(bits) / 8;
-    if packed / MOST_DEFLATED > bytes.len() as u64 {
+    if packed / MAX_DEFLATED > bytes.len() as u64 {
         return Err(too_short(path, width.into(), height.into()));
     }
     let decoded = DynamicImage::from_decoder(decoder).map_err(broken)?;

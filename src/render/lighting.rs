@@ -5,7 +5,7 @@
 
 use std::f32::consts::FRAC_1_PI;
 
-use super::cards::{LitPlace, MOST_LIT, mesh_transmittance_to_places};
+use super::cards::{LitPlace, MAX_LIT, mesh_transmittance_to_places};
 use super::cells::CopyHit;
 use super::copy_segment::CopySegment;
 use super::environment_light::{moments_of_means, moments_of_normal};
@@ -119,7 +119,7 @@ impl Tracer<'_> {
                 match state.fine.filter(|_| !places.is_empty()) {
                     Some(rays) => {
                         let open = || mesh_transmittance_to_places(world, rays, places, light, &cone);
-                        self.add_light(state, radiance, &cone, FAINT / MOST_LIT as f32, open);
+                        self.add_light(state, radiance, &cone, FAINT / MAX_LIT as f32, open);
                     }
                     None => self.add_light(state, radiance, &cone, FAINT, || cone.soft_mesh_transmittance(world)),
                 }

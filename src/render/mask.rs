@@ -89,8 +89,8 @@ impl Masks {
 /// The mean over the footprint of `point`, a function of the texture coordinates and the triangle's vertex alpha, by at most 8 × 8
 /// lookups. For materials without a table, and where vertex alpha changes what passes the cutoff.
 fn sampled(at: &Lookup<'_>, point: impl Fn([f32; 2], f32) -> f32) -> f32 {
-    const MOST: f32 = 8.0;
-    let n = at.widths.map(|w| w.ceil().clamp(1.0, MOST) as u32);
+    const MAX: f32 = 8.0;
+    let n = at.widths.map(|w| w.ceil().clamp(1.0, MAX) as u32);
     let size = [at.texture.width as f32, at.texture.height as f32];
     let [lo, hi] = at.range().map(|end| end.map(|v| v as f32));
     let slope = at.alpha_slope();

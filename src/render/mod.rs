@@ -130,10 +130,10 @@ pub fn render_with(
             ..Stats::default()
         };
         for texel in std::mem::take(&mut world.texels).into_iter().flatten() {
-            let opened = texel.tree.opened();
-            stats.bricks += opened.pages;
-            stats.voxels += opened.voxels;
-            stats.deepest = stats.deepest.max(opened.deepest);
+            let decoded = texel.tree.decoded();
+            stats.bricks += decoded.pages;
+            stats.voxels += decoded.voxels;
+            stats.deepest = stats.deepest.max(decoded.deepest);
             if let Some(source) = texel.source.and_then(Arc::into_inner) {
                 stats.near_triangles += source.finish(&mut world.warnings);
             }
@@ -231,7 +231,7 @@ impl Opened {
         }
         let limits = Limits::default();
         let reader = match &texel.bytes {
-            Some(bytes) => Reader::of_bytes(path, Arc::clone(bytes), &limits)?,
+            Some(bytes) => Reader::from_bytes(path, Arc::clone(bytes), &limits)?,
             None => Reader::open_prefix(path, &limits)?,
         };
         if texel.content_id.is_some_and(|id| id != reader.head().content_id()) {

@@ -16,7 +16,7 @@ mod trilinear;
 mod wall;
 
 use crate::geom::{Aabb, DAffine3, DMat3, DVec3, Ray};
-pub use corner::{Corner, HeightInShell, MOST_CELLS, ShellPoint, ShellSegment};
+pub use corner::{Corner, HeightInShell, MAX_CELLS, ShellPoint, ShellSegment};
 pub use patch::{PatchBox, PatchFault};
 use wall::{Crossings, RIM, Wall, quadratic, wall_plane};
 
@@ -274,7 +274,7 @@ impl TwistedBox {
             && self
                 .along(ray, 0.75 * t0 + 0.25 * t1)
                 .is_none_or(|(_, quarter)| quarter.distance(0.75 * q0 + 0.25 * q1) <= allowed);
-        let many = (q1 - q0).abs().max_element() > f64::from(MOST_CELLS);
+        let many = (q1 - q0).abs().max_element() > f64::from(MAX_CELLS);
         if straight || many || depth == DEEPEST {
             piece.to_texel = to_texel;
             return each(&piece);

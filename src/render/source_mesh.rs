@@ -121,15 +121,15 @@ pub fn restyle(model: &mut Model, palette: &Palette) {
     let styles: Vec<Style> = model.materials.iter().map(|m| palette.style(&m.name)).collect();
     for (material, style) in model.materials.iter_mut().zip(&styles) {
         let [r, g, b, alpha] = material.base_color;
-        let [r, g, b] = style.of(Vec3::new(r, g, b)).to_array();
+        let [r, g, b] = style.apply(Vec3::new(r, g, b)).to_array();
         material.finish = style.finish;
         material.base_color = [r, g, b, alpha];
         if let Some(through) = material.transmission.as_mut().filter(|through| !through.of_base) {
-            through.color = style.of(Vec3::from_array(through.color)).to_array();
+            through.color = style.apply(Vec3::from_array(through.color)).to_array();
             // A new colour replaces that of both sides.
-            through.color_texture = through.color_texture.take().filter(|_| style.keep);
+            through.color_texture = through.color_texture.take().filter(|_| style.keeps_albedo);
         }
-        if let Some(texture) = material.texture.as_mut().filter(|_| !style.keep) {
+        if let Some(texture) = material.texture.as_mut().filter(|_| !style.keeps_albedo) {
             // The texture's alpha is kept.
             let own = &*texture.texture;
             let texels = own.texels.iter().map(|t| [255, 255, 255, t[3]]).collect();
@@ -138,7 +138,7 @@ pub fn restyle(model: &mut Model, palette: &Palette) {
             texture.texture = Arc::new(white);
         }
     }
-    for part in model.parts.iter_mut().filter(|p| styles.get(p.material).is_some_and(|s| !s.keep)) {
+    for part in model.parts.iter_mut().filter(|p| styles.get(p.material).is_some_and(|s| !s.keeps_albedo)) {
         part.colors.iter_mut().flatten().for_each(|c| *c = [1.0, 1.0, 1.0, c[3]]);
     }
 }

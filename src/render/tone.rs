@@ -65,10 +65,10 @@ fn agx(rgb: DVec3) -> DVec3 {
     ]);
     let narrow = columns([[1.6605, -0.1246, -0.0182], [-0.5876, 1.1329, -0.1006], [-0.0728, -0.0083, 1.1187]]);
     // Stops about middle grey, 10 below and 6.5 above.
-    const LEAST: f64 = -12.473_93;
-    const MOST: f64 = 4.026_069;
+    const MIN: f64 = -12.473_93;
+    const MAX: f64 = 4.026_069;
     let channel = |c: f64| {
-        let x = ((libm::log2(c.max(1e-10)) - LEAST) / (MOST - LEAST)).clamp(0.0, 1.0);
+        let x = ((libm::log2(c.max(1e-10)) - MIN) / (MAX - MIN)).clamp(0.0, 1.0);
         let (x2, x4) = (x * x, x * x * x * x);
         15.5 * x4 * x2 - 40.14 * x4 * x + 31.96 * x4 - 6.868 * x2 * x + 0.4298 * x2 + 0.1191 * x - 0.002_32
     };

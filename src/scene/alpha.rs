@@ -30,7 +30,7 @@ pub struct AlphaSums {
 }
 
 /// Most texels of a box whose sum is exact.
-const MOST: u64 = 1 << 24;
+const MAX_TEXELS: u64 = 1 << 24;
 /// Columns of a quarter of a texel; the part of each column that passes the cutoff is computed exactly.
 const COLUMNS: usize = 8;
 
@@ -112,7 +112,7 @@ impl AlphaSums {
         let found = if within(0) && within(1) {
             let [(x0, x1), (y0, y1)] = ends.map(|(from, to)| (from as u32, to as u32));
             let count = u64::from(x1 - x0) * u64::from(y1 - y0);
-            (count <= MOST).then(|| (self.box_sum([x0, x1], [y0, y1]), count))
+            (count <= MAX_TEXELS).then(|| (self.box_sum([x0, x1], [y0, y1]), count))
         } else {
             self.sum([0, 1].map(|k| self.spans(k, ends[k].0, ends[k].1)))
         };
@@ -149,7 +149,7 @@ impl AlphaSums {
         at(x[1], y[1]).wrapping_sub(at(x[0], y[1])).wrapping_sub(at(x[1], y[0])).wrapping_add(at(x[0], y[0]))
     }
 
-    /// Sum and number of texels; `None` of more than [`MOST`].
+    /// Sum and number of texels; `None` of more than [`MAX_TEXELS`].
     fn sum(&self, spans: [Spans; 2]) -> Option<(u32, u64)> {
         let (mut sum, mut count) = (0u32, 0u64);
         for (y0, y1) in spans[1] {
@@ -158,7 +158,7 @@ impl AlphaSums {
                 sum = sum.wrapping_add(self.box_sum([x0, x1], [y0, y1]));
             }
         }
-        (count <= MOST).then_some((sum, count))
+        (count <= MAX_TEXELS).then_some((sum, count))
     }
 
     /// Texels, at least one, that the wrap mode assigns to the positions `from..to` of axis `k`.

@@ -20,7 +20,7 @@ impl From<image::ImageError> for Refused {
 }
 
 /// Most bytes that a decoder may allocate for a header: a packed colour profile is unpacked with it.
-const MOST_BESIDE: u64 = 16 << 20;
+const MAX_BESIDE: u64 = 16 << 20;
 
 /// A decoder of an image, whose header is read under a small limit of memory. The caller has to set limits before it reads the pixels.
 ///
@@ -28,7 +28,7 @@ const MOST_BESIDE: u64 = 16 << 20;
 /// As the decoder has them: where the header is broken.
 pub(crate) fn decoder(bytes: &[u8], format: ImageFormat) -> image::ImageResult<impl ImageDecoder + '_> {
     let mut limits = Limits::no_limits();
-    limits.max_alloc = Some(MOST_BESIDE);
+    limits.max_alloc = Some(MAX_BESIDE);
     let mut reader = ImageReader::with_format(std::io::Cursor::new(bytes), format);
     reader.limits(limits);
     reader.into_decoder()

@@ -19,7 +19,7 @@ use crate::{Error, Result};
 /// Bytes of memory that a decoder needs per value of a directory, as read and in a list of offsets.
 const PER_VALUE: u64 = 48;
 /// Largest ratio of the bytes of values in all directories to those of the file; it is above 1, since several pages may share values.
-const MOST_SHARED: u64 = 64;
+const MAX_SHARED: u64 = 64;
 /// Tags from here on are private: errors in them do not matter unless they are in [`READ`].
 const PRIVATE: u16 = 32768;
 /// Private tags that are read: pixel scale, tie point, keys of a GeoTIFF, and GDAL's mark of no datum.
@@ -136,7 +136,7 @@ impl<'a> Layout<'a> {
                 values = values.saturating_add(needed);
                 sum = sum.saturating_add(count);
             }
-            if values > file.saturating_mul(MOST_SHARED) {
+            if values > file.saturating_mul(MAX_SHARED) {
                 let what = format!("its directories ask for {values} bytes of values, the file has {file}");
                 return Err((n, what));
             }

@@ -29,7 +29,7 @@ impl Default for Wind {
 }
 
 /// Largest [`Wind::strength`].
-pub const MOST_STRENGTH: f64 = 4.0;
+pub const MAX_STRENGTH: f64 = 4.0;
 /// Speed at which gusts change shape, as a share of the speed at which they travel.
 const CHANGE: f64 = 0.25;
 /// Amplitude of the noise of gusts, relative to the mean strength.

@@ -13,8 +13,8 @@ use crate::geom::DVec3;
 use crate::random::SplitMix64;
 use crate::{Error, Result};
 
-/// Particles, and the forces on them. Lengths are in source units, times in seconds; `±` parts are the most that a particle
-/// differs by, drawn evenly. One key name for each: the recipe's `[emitter]` table.
+/// Particles and the forces on them: the recipe's `[emitter]` table, with the same keys. Lengths are in source units, times in seconds.
+/// A `jitter` is the largest deviation ± of a particle, drawn uniformly.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields, default)]
@@ -162,8 +162,8 @@ impl SectionKind {
     }
 }
 
-/// Points of all trajectories together.
-const MOST_POINTS: f64 = 5e7;
+/// Largest number of points of all trajectories together.
+const MAX_POINTS: f64 = 5e7;
 
 /// The trajectories, by particle.
 ///
@@ -225,9 +225,9 @@ pub fn check(spec: &EmitterSpec) -> Result<()> {
         return bad("radius is a list of at least one number, none below 0");
     }
     let points = f64::from(spec.count) * ((spec.lifetime + spec.lifetime_jitter.abs()) / spec.time_step + 2.0);
-    if points > MOST_POINTS {
+    if points > MAX_POINTS {
         return bad(&format!(
-            "{points:.0} points are more than {MOST_POINTS:.0}; take a longer time_step or a smaller count"
+            "{points:.0} points are more than {MAX_POINTS:.0}; take a longer time_step or a smaller count"
         ));
     }
     Ok(())

@@ -1,4 +1,5 @@
-//! A staged source's facets, each part of them once, and their projected areas voxel by voxel: what a texel is measured against.
+//! All facets of a staged source as triangles, and their projected areas per voxel: the ground truth that `vtex error` compares a texel
+//! with.
 
 use super::placement::Placement;
 use super::traits::Staged;
@@ -26,7 +27,7 @@ pub struct Facets {
     /// Morton codes of finest voxels with the projected areas of what is in them along the 13 axes, in squares of their
     /// edge; in Morton order.
     pub areas: Vec<(u64, [f32; 13])>,
-    /// Cubes of semi-transparent matter, which no area is told of.
+    /// Cubes of semi-transparent matter; `areas` does not contain theirs.
     pub media: Vec<Medium>,
 }
 
@@ -40,7 +41,7 @@ const INNER: [[f64; 2]; 4] =
 /// `Limit` where they take more than `max_bytes`.
 pub fn facets(staged: &dyn Staged, place: &Placement, max_bytes: u64, progress: &dyn Progress) -> Result<Facets> {
     let regions = staged.regions();
-    let levels = place.region_log2();
+    let region_log2 = place.region_log2();
     progress.stage("facets", regions.len() as u64);
     let taken = std::sync::atomic::AtomicU64::new(0);
     let full = |bytes: usize| taken.fetch_add(bytes as u64, std::sync::atomic::Ordering::Relaxed) > max_bytes;
@@ -50,8 +51,8 @@ pub fn facets(staged: &dyn Staged, place: &Placement, max_bytes: u64, progress: 
         if full(0) {
             return found;
         }
-        let corner = DVec3::from(morton::decode(regions[i]).map(|v| f64::from(v << levels)));
-        let width = f64::from(1u32 << levels);
+        let corner = DVec3::from(morton::decode(regions[i]).map(|v| f64::from(v << region_log2)));
+        let width = f64::from(1u32 << region_log2);
         staged.emit(i, &mut |facet| {
             let mut room = None;
             let Some(polygon) = facet.clip(corner, corner + width, &mut room) else { return };
@@ -101,7 +102,7 @@ pub fn facets(staged: &dyn Staged, place: &Placement, max_bytes: u64, progress: 
 }
 
 impl Facets {
-    /// Areas by ascending code, one per voxel.
+    /// Sort the areas by their codes and add up those of the same voxel.
     fn merge(&mut self) {
         self.areas.sort_by_key(|v| v.0);
         self.areas.dedup_by(|next, kept| {
@@ -114,7 +115,7 @@ impl Facets {
     }
 }
 
-/// Share of a cut-out polygon that is there.
+/// Mean alpha of a polygon.
 fn share(staged: &dyn Staged, c: &[DVec3], facet: u32) -> f64 {
     let (mut there, mut whole) = (0.0, 0.0);
     for k in 2..c.len() {

@@ -117,8 +117,8 @@ impl Source for LayersSource {
         &self.warnings
     }
 
-    fn exact_inside(&self) -> bool {
-        self.layers.iter().all(|(_, s)| s.exact_inside())
+    fn is_inside_exact(&self) -> bool {
+        self.layers.iter().all(|(_, s)| s.is_inside_exact())
     }
 
     fn stage<'a>(&'a self, place: &Placement, progress: &dyn Progress) -> Result<Box<dyn Staged + 'a>> {
@@ -218,7 +218,7 @@ impl StagedLayers<'_> {
 
     fn level_of_layer(&self, layer: &Layer, at: DVec3) -> f64 {
         let near = at.cmpge(layer.reach.min).all() && at.cmple(layer.reach.max).all();
-        if near { layer.staged.level(at) } else { 1.0 }
+        if near { layer.staged.implicit_value(at) } else { 1.0 }
     }
 
     fn level_by(&self, other: Other, at: DVec3) -> f64 {
@@ -285,7 +285,7 @@ impl StagedLayers<'_> {
     }
 
     fn side_of_layer(&self, layer: &Layer, b: &Aabb) -> Option<bool> {
-        if layer.reach.overlaps(*b) { layer.staged.side(b) } else { Some(false) }
+        if layer.reach.overlaps(*b) { layer.staged.is_box_inside(b) } else { Some(false) }
     }
 
     /// Whether all that is in the box stays by the filter (true), or goes; `None` where it is to be cut.
@@ -486,7 +486,7 @@ impl Staged for StagedLayers<'_> {
         let (i, local) = self.find(facet);
         let own = self.layers[i].staged.normal(local, at, own);
         let Some(layer) = self.later(i, at, |m| m == Mode::Normals).last() else { return own };
-        let slope = |d: DVec3| layer.staged.level(at + 0.25 * d) - layer.staged.level(at - 0.25 * d);
+        let slope = |d: DVec3| layer.staged.implicit_value(at + 0.25 * d) - layer.staged.implicit_value(at - 0.25 * d);
         let along = DVec3::new(slope(DVec3::X), slope(DVec3::Y), slope(DVec3::Z));
         along.try_normalize().map_or(own, |n| if n.dot(own) < 0.0 { -n } else { n })
     }
@@ -543,11 +543,11 @@ impl Staged for StagedLayers<'_> {
         within
     }
 
-    fn level(&self, at: DVec3) -> f64 {
+    fn implicit_value(&self, at: DVec3) -> f64 {
         self.level_of(self.layers.len(), at)
     }
 
-    fn side(&self, b: &Aabb) -> Option<bool> {
+    fn is_box_inside(&self, b: &Aabb) -> Option<bool> {
         self.side_of(self.layers.len(), b)
     }
 }

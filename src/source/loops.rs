@@ -1,4 +1,4 @@
-//! The surface within one cell of a lattice: closed loops of points on the cell's edges.
+//! Marching cubes with loops: the iso-surface within one cell of a lattice as closed loops of points on the cell's edges.
 //!
 //! Based on: W. Lorensen, H. Cline, *Marching Cubes*, SIGGRAPH 1987; G. Nielson, B. Hamann, *The Asymptotic Decider*, VIS 1991
 //! (faces with two diagonal corners within are ambiguous: here such corners are always apart, so that neighbours agree).
@@ -18,25 +18,26 @@ pub const EDGES: [[u8; 2]; 12] =
 /// Corners of the faces, counter-clockwise from outside.
 const FACES: [[u8; 4]; 6] = [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]];
 
-/// The loops of every set of corners that are within.
-pub struct Loops {
-    /// Edges, a loop after the other.
+/// Table of the loops for each of the 256 sets of a cell's corners that are inside of the surface. A set is a byte, with bit c for
+/// corner c.
+pub struct LoopTable {
+    /// Edges of all loops, one loop after the other.
     edges: Vec<u8>,
     /// End of each loop in `edges`.
     ends: Vec<u16>,
-    /// Loops of a set: first, and end.
+    /// Loops of each set: index of the first, and one past the last.
     sets: [(u16, u16); 256],
 }
 
-impl Loops {
-    /// Found once.
-    pub fn known() -> &'static Loops {
-        static KNOWN: LazyLock<Loops> = LazyLock::new(Loops::find);
+impl LoopTable {
+    /// The table, which is computed once.
+    pub fn get() -> &'static LoopTable {
+        static KNOWN: LazyLock<LoopTable> = LazyLock::new(LoopTable::find);
         &KNOWN
     }
 
-    fn find() -> Loops {
-        let mut loops = Loops { edges: Vec::new(), ends: Vec::new(), sets: [(0, 0); 256] };
+    fn find() -> LoopTable {
+        let mut loops = LoopTable { edges: Vec::new(), ends: Vec::new(), sets: [(0, 0); 256] };
         for within in 0..256usize {
             let next = steps(within);
             let first = loops.ends.len() as u16;
@@ -59,7 +60,7 @@ impl Loops {
         loops
     }
 
-    /// Loops of edges around what is within, counter-clockwise from outside.
+    /// Loops of edges for the set `within` of corners that are inside, counter-clockwise seen from outside.
     pub fn of(&self, within: u8) -> impl Iterator<Item = &[u8]> {
         let (first, end) = self.sets[usize::from(within)];
         (usize::from(first)..usize::from(end)).map(|n| {
@@ -69,8 +70,8 @@ impl Loops {
     }
 }
 
-/// The middle of a loop's corners and the unit normal of the plane there, if the corners are as near to it as [`PLANAR`] and
-/// turn one way.
+/// Mean of a loop's corners, and unit normal of the plane through it, if all corners lie within [`PLANAR`] of that plane and the loop
+/// is convex.
 pub fn plane_of(corners: &[DVec3]) -> Option<(DVec3, DVec3)> {
     let n = corners.len();
     let middle = corners.iter().sum::<DVec3>() / n as f64;
@@ -83,7 +84,7 @@ pub fn plane_of(corners: &[DVec3]) -> Option<(DVec3, DVec3)> {
     plane.then_some((middle, normal))
 }
 
-/// A loop as planar convex facets.
+/// Call `each` for planar convex facets that fill the loop `corners`.
 pub fn facets(corners: &[DVec3], each: &mut dyn FnMut(&Polygon)) {
     let n = corners.len();
     if n > 3 && n <= MAX_CORNERS && plane_of(corners).is_some() {
@@ -136,7 +137,7 @@ mod tests {
 
     #[test]
     fn every_crossed_edge_is_on_one_loop_that_turns_outward() {
-        let loops = Loops::known();
+        let loops = LoopTable::get();
         let mut longest = 0;
         for within in 0..=255u8 {
             let inside = |c: u8| within >> c & 1 == 1;

@@ -1,15 +1,15 @@
-//! Names of materials: of a model, of several sources put together.
+//! Names and ids of materials: those of a model, and those of several sources that are combined.
 
 use super::traits::Source;
 use crate::scene::{Model, Part};
 use crate::volume::Mix;
 use crate::volume::surface::SurfaceMeans;
 
-/// The name of what has none, where other things have.
+/// Name of materials without a name, where others have one.
 pub const UNNAMED: &str = "unnamed";
 
-/// The materials of several sources, each name once, and for each source what its own ids become. None where no source
-/// names any.
+/// Names of the materials of several sources, each once, and for each source a map from its own ids to those of the result. The list
+/// of names is empty where no source names any.
 pub fn unite<'s>(sources: impl IntoIterator<Item = &'s dyn Source>) -> (Vec<String>, Vec<Vec<u16>>) {
     let sources: Vec<&dyn Source> = sources.into_iter().collect();
     let (mut names, mut maps) = (Vec::new(), Vec::with_capacity(sources.len()));
@@ -30,8 +30,8 @@ pub fn unite<'s>(sources: impl IntoIterator<Item = &'s dyn Source>) -> (Vec<Stri
     (names, maps)
 }
 
-/// The surfaces of several sources put together, of which `maps` gives what each source's own ids become; empty where all are
-/// plain. Materials of one name are taken for as much of it each.
+/// Surfaces of the `materials` of several combined sources, each given with its map of ids from [`unite`]; empty where all are plain.
+/// Where several sources have a material of the same name, the plain mean of theirs is taken.
 pub fn unite_surfaces<'s>(
     sources: impl IntoIterator<Item = (&'s dyn Source, &'s Vec<u16>)>,
     materials: usize,
@@ -50,8 +50,8 @@ pub fn unite_surfaces<'s>(
     if plain { Vec::new() } else { all.iter().map(|of| SurfaceMeans::mean(of)).collect() }
 }
 
-/// The names of the materials of those parts that are placed and `wanted`, each once, and which each of the model's
-/// materials has; none where all are without.
+/// Names of the materials of those parts of a model that are `wanted` and have instances, each once, and for each of the model's
+/// materials the id of its name. The list of names is empty where none of them has a name.
 pub fn of_model(model: &Model, wanted: impl Fn(&Part) -> bool) -> (Vec<String>, Vec<u16>) {
     let mut used = vec![false; model.materials.len()];
     for part in model.instances.iter().map(|i| &model.parts[i.part]).filter(|p| wanted(p)) {
@@ -72,7 +72,7 @@ pub fn of_model(model: &Model, wanted: impl Fn(&Part) -> bool) -> (Vec<String>, 
     (names, ids)
 }
 
-/// `mix` with the ids that `map` gives.
+/// `mix` with every id replaced by the one that `map` has for it.
 pub fn renamed(mix: &Mix, map: &[u16]) -> Mix {
     mix.renamed(|id| map.get(usize::from(id)).map_or(0, |&id| id.min(254) as u8))
 }

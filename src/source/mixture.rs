@@ -1,14 +1,14 @@
-//! Several semi-transparent media in one region: where they share voxels, their matter is added up.
+//! Sum of several semi-transparent media in one region: where they share voxels, their matter is added.
 
 use crate::geom::DVec3;
 use crate::morton;
 use crate::source::Medium;
 use crate::volume::Mix;
-use crate::volume::material::FINE;
+use crate::volume::material::FINE_STEP;
 
-/// The voxels of `medium`'s cube, each with its part of what is filled.
+/// Call `each` with the part of `medium` in every voxel of its cube.
 pub fn voxels(medium: &Medium, each: &mut dyn FnMut(Medium)) {
-    let side = 1u32 << medium.levels;
+    let side = 1u32 << medium.edge_log2;
     let whole = f64::from(side);
     let (lo, hi) = (medium.lo * whole, medium.hi * whole);
     for code in 0..u64::from(side).pow(3) {
@@ -16,7 +16,7 @@ pub fn voxels(medium: &Medium, each: &mut dyn FnMut(Medium)) {
         let corner = DVec3::from(cell.map(f64::from));
         let part = Medium {
             at: std::array::from_fn(|a| medium.at[a] + cell[a]),
-            levels: 0,
+            edge_log2: 0,
             lo: (lo - corner).clamp(DVec3::ZERO, DVec3::ONE),
             hi: (hi - corner).clamp(DVec3::ZERO, DVec3::ONE),
             ..*medium
@@ -27,8 +27,7 @@ pub fn voxels(medium: &Medium, each: &mut dyn FnMut(Medium)) {
     }
 }
 
-/// The media `parts` of one region as voxels that do not overlap, in Morton order. Matter of voxels that `keep` tells to
-/// leave out is left out.
+/// The media `parts` of one region as voxels that do not overlap, in Morton order. Voxels for which `keep` is false are left out.
 pub fn mix(parts: &[Medium], keep: &dyn Fn(&Medium) -> bool) -> Vec<Medium> {
     let mut all = Vec::new();
     for part in parts {
@@ -43,7 +42,7 @@ pub fn mix(parts: &[Medium], keep: &dyn Fn(&Medium) -> bool) -> Vec<Medium> {
     all.chunk_by(|a, b| a.at == b.at).filter_map(sum).collect()
 }
 
-/// All of one voxel.
+/// Sum of all matter in one voxel.
 fn sum(parts: &[Medium]) -> Option<Medium> {
     let first = parts.first()?;
     if parts.len() == 1 {
@@ -59,7 +58,7 @@ fn sum(parts: &[Medium]) -> Option<Medium> {
         matter += own;
         scattered += if p.scattered { own } else { 0.0 };
         flat += own * p.flat;
-        // Opposite normals are the same to flakes: turned to the first's side.
+        // Flakes with opposite normals are the same: all are turned to the side of the first.
         normal += own * p.flat * p.normal * if p.normal.dot(first.normal) < 0.0 { -1.0 } else { 1.0 };
         facing += own * p.facing * p.normal;
         albedo += own * DVec3::from(p.albedo.map(f64::from));
@@ -73,7 +72,7 @@ fn sum(parts: &[Medium]) -> Option<Medium> {
     let mut materials: std::collections::BTreeMap<u8, f64> = std::collections::BTreeMap::new();
     weights.for_each(|(id, weight)| *materials.entry(id).or_default() += weight);
     Some(Medium {
-        materials: Mix::new(materials, FINE),
+        materials: Mix::new(materials, FINE_STEP),
         lo,
         hi,
         extinction: matter / volume(lo, hi),

@@ -1,8 +1,9 @@
-//! What matter is: every kind of source gives the same things – facets, semi-transparent media, and what is inside – one
-//! region of the grid at a time.
+//! Sources of matter: meshes, curves, image stacks, L-systems, implicit fields, recipes and texels.
 //!
-//! The door is [`Source`] and [`Staged`], with [`Placement`] and what they speak of: [`Polygon`], [`Medium`], [`Surface`],
-//! [`AlphaSampler`]. A bake knows only these. Behind it is a folder or a file for each kind; [`open`](open()) chooses one by a file's name.
+//! All kinds implement the same interface, [`Source`] and [`Staged`]: they give facets ([`Polygon`]), semi-transparent matter
+//! ([`Medium`]), and whether a point is inside of opaque matter, one region of the grid at a time. A bake knows only this interface,
+//! with [`Placement`], [`Surface`] and [`AlphaSampler`], which belong to it. Each kind has a folder or a file; [`open`](open())
+//! chooses the kind by a file's name.
 
 pub mod curve;
 pub mod emitter;
@@ -11,11 +12,11 @@ pub mod field;
 pub mod group;
 pub mod hypertexture;
 pub mod layers;
-mod ledger;
 mod loops;
 pub mod lsystem;
 pub mod materials;
 mod medium;
+mod memory_budget;
 pub mod mesh;
 mod mixture;
 pub mod noise;
@@ -36,11 +37,11 @@ pub use facets::{FacetTriangle, Facets, facets};
 pub use group::{GroupSource, Part};
 pub use lsystem::LSystemOptions;
 pub use medium::Medium;
-pub(crate) use medium::least_extinction;
+pub(crate) use medium::min_extinction;
 pub use mesh::{Fill, MeshOptions, MeshSource};
 pub use open::{dependencies, open};
-pub use options::{FileKind, OpenOptions, READING, file_kind, unread};
+pub use options::{FileKind, OpenOptions, READ_OPTIONS, file_kind, unused_by};
 pub use placement::{Placement, REGION_LOG2};
-pub use recipe::{Laid, laid_files, lay};
+pub use recipe::{PaintOptions, apply_paint, paint_files};
 pub use stack::{StackOptions, StackSource};
 pub use traits::{AlphaSampler, FACET_MEMORY, Source, Staged, Surface};

@@ -1,4 +1,4 @@
-//! A source from a file, by its extension; and the files that it names.
+//! Opening a source by its file's extension, and listing the files that it refers to.
 
 use std::path::{Path, PathBuf};
 
@@ -19,10 +19,10 @@ use crate::scene::files::extension;
 use crate::scene::{self, files, gltf, text};
 use crate::{Error, Result, Warnings};
 
-/// Extensions that are known.
+/// Extensions that are known, for messages.
 const KNOWN: &str = ".gltf, .glb, .obj, .lsys, .ls, .l, .lpy, .ini, .csv, .tsv, .hair, .trk, .trx, .tck, .swc (these also as .gz), .vtex, .toml and .json (recipes), .nii, .nii.gz, .hdr, .img, .nrrd, .nhdr, .mha, .mhd, .mgh, .mgz, .dcm, .tif, a folder of slices or of DICOM";
 
-/// Largest grammar that is looked through for names of files, in bytes.
+/// Largest grammar that is searched for names of files, in bytes.
 const MAX_TEXT: u64 = 1 << 30;
 
 /// Open the source `path`.
@@ -72,7 +72,8 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Box<dyn Source>> {
     Ok(Box::new(GroupSource::new(vec![Box::new(mesh), Box::new(curves)], &[part(0), part(1)], units)))
 }
 
-/// Open a part of a recipe: with its coordinates as its file has them, wherever its [`Source::origin`] is.
+/// Open a part of a recipe. If coordinates far from 0 were moved ([`Source::origin`]), they are moved back, so that the part has the
+/// coordinates of its file.
 fn open_settled(path: &Path, options: &OpenOptions) -> Result<Box<dyn Source>> {
     let source = open(path, options)?;
     if source.origin() == DVec3::ZERO {
@@ -82,7 +83,7 @@ fn open_settled(path: &Path, options: &OpenOptions) -> Result<Box<dyn Source>> {
     Ok(Box::new(GroupSource::new(vec![source], &[part], units)))
 }
 
-/// The file itself and, in order, the files beside it that it names and that are there.
+/// The file `path` itself and, in order, the existing files that it refers to.
 pub fn dependencies(path: &Path) -> Vec<PathBuf> {
     if stack::is_stack(path) {
         return stack::files(path);
@@ -100,7 +101,7 @@ pub fn dependencies(path: &Path) -> Vec<PathBuf> {
         "obj" => crate::scene::obj::named_files(path).into_iter().for_each(&mut add),
         _ if may_be_grammar => {
             // Surfaces are meshes; a grammar that names itself is an error when it is opened.
-            for file in lsystem::beside(path, &text()) {
+            for file in lsystem::companion_files(path, &text()) {
                 match extension(&file).as_str() {
                     "gltf" | "glb" | "obj" => dependencies(&file).into_iter().for_each(&mut add),
                     "v" | "map" | "s" => add(file),

@@ -18,11 +18,11 @@ pub struct OpenOptions {
     pub mesh: MeshOptions,
     /// Options of image stacks.
     pub stack: StackOptions,
-    /// Recipes that are being read: none of them may draw itself.
+    /// Paths of the recipes that are being read, outermost first, by which a recipe that includes itself is noticed.
     pub within: Vec<PathBuf>,
-    /// Nodes of those recipes that the source lies within, and copies of it that they draw (0 is 1): their limits go on.
+    /// Nesting depth, in nodes, of the source within those recipes, which counts for the limit on nesting.
     pub depth: usize,
-    /// Copies that those recipes draw of the source; 0 counts as 1.
+    /// Number of copies of the source that those recipes draw, which counts for the limit on copies; 0 counts as 1.
     pub copies: u64,
     /// Options of trajectories.
     pub trajectory: TrajectoryOptions,
@@ -49,9 +49,9 @@ pub enum FileKind {
     Other,
 }
 
-/// The keys of recipes, and on the command line the options of the same names, that say how files of certain kinds are read, those
-/// kinds, and what they are called. What is not here is of every source.
-pub const READING: [(&[&str], &[FileKind], &str); 9] = {
+/// Options that apply to some kinds of files alone: their names (keys of recipes, and command-line options with the same names), the
+/// kinds, and the name of these kinds in messages. Options that are not listed apply to every source.
+pub const READ_OPTIONS: [(&[&str], &[FileKind], &str); 9] = {
     use FileKind::{Curves, LSystem, Mesh, Stack};
     [
         (&["scene", "time", "animation"], &[Mesh], "glTF files"),
@@ -70,10 +70,11 @@ pub const READING: [(&[&str], &[FileKind], &str); 9] = {
     ]
 };
 
-/// What `key` says how to read, where `path` is none of it. `lines`: whether lines of meshes are given a width, and so are curves.
-/// A recipe passes on to its files what they have no keys for.
-pub fn unread(key: &str, path: &Path, lines: bool) -> Option<&'static str> {
-    let (_, kinds, of) = READING.into_iter().find(|(keys, ..)| keys.contains(&key))?;
+/// Check whether the option `key` has no effect on the file `path`. If so, returns the name of the kinds of files that it applies to.
+/// `lines` says whether lines of meshes are given a width, which makes them curves. Recipes pass options on to their files, so most
+/// options have an effect on them.
+pub fn unused_by(key: &str, path: &Path, lines: bool) -> Option<&'static str> {
+    let (_, kinds, of) = READ_OPTIONS.into_iter().find(|(keys, ..)| keys.contains(&key))?;
     let kind = file_kind(path);
     let is_read = match (kind, key) {
         (FileKind::Recipe, "scene" | "include" | "exclude") => false,
@@ -85,7 +86,7 @@ pub fn unread(key: &str, path: &Path, lines: bool) -> Option<&'static str> {
     (!is_read).then_some(of)
 }
 
-/// By the name, and where that says nothing by the first bytes.
+/// Kind of the file `path`, by its name and, where that is not clear, by its first bytes.
 pub fn file_kind(path: &Path) -> FileKind {
     match extension(path).as_str() {
         "gltf" | "glb" | "obj" => FileKind::Mesh,

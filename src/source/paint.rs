@@ -216,8 +216,8 @@ impl Source for PaintedSource {
         self.inner.up()
     }
 
-    fn exact_inside(&self) -> bool {
-        self.inner.exact_inside()
+    fn is_inside_exact(&self) -> bool {
+        self.inner.is_inside_exact()
     }
 
     fn stage<'a>(&'a self, place: &Placement, progress: &dyn Progress) -> Result<Box<dyn Staged + 'a>> {
@@ -334,7 +334,7 @@ impl Staged for StagedPaint<'_> {
 
     fn medium(&self, region: usize, each: &mut dyn FnMut(&Medium)) {
         self.inner.medium(region, &mut |m| {
-            let edge = f64::from(1u32 << m.levels);
+            let edge = f64::from(1u32 << m.edge_log2);
             let at = DVec3::from(m.at.map(f64::from)) + 0.5 * edge;
             let s = self.surface_of(Surface { albedo: m.albedo, alpha: 1.0 }, at, edge);
             let albedo = self.reflected(s.albedo, m.materials.weights().map(|(id, share)| (id.into(), share)));
@@ -348,12 +348,12 @@ impl Staged for StagedPaint<'_> {
         self.paint.opacity.is_none() && self.inner.inside(at)
     }
 
-    fn level(&self, at: DVec3) -> f64 {
-        self.inner.level(at)
+    fn implicit_value(&self, at: DVec3) -> f64 {
+        self.inner.implicit_value(at)
     }
 
-    fn side(&self, b: &Aabb) -> Option<bool> {
-        self.inner.side(b)
+    fn is_box_inside(&self, b: &Aabb) -> Option<bool> {
+        self.inner.is_box_inside(b)
     }
 }
 

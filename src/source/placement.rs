@@ -3,25 +3,25 @@
 use crate::geom::{Aabb, DAffine3, DMat3, DVec3};
 use crate::volume::Info;
 
-/// log2 of the voxels a region is wide; a texel of fewer voxels is one region.
+/// log2 of the width of a region in voxels. A smaller texel is a single region.
 pub const REGION_LOG2: usize = 4;
 
 /// Placement of a source in the grid of finest voxels.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Placement {
-    /// The box that the texel's cube is: a cube, or what wraps around along cyclic axes.
+    /// Box, in the space that the source is placed in, that becomes the texel's cube.
     pub bounds: Aabb,
-    /// The source's own space → the space of `bounds`: where a source is placed as a part of another.
+    /// Transform from the source's own space to that of `bounds`, for sources that are parts of another source.
     pub transform: DAffine3,
-    /// Voxel edges in a unit of that space.
+    /// Number of voxel edges per unit of the space of `bounds`.
     pub scale: f64,
     /// Finest depth: 2^depth voxels per side.
     pub depth: usize,
     /// Source axis that becomes w: 0 (+X up), 1 (+Y up) or 2 (+Z up).
     pub up: u8,
-    /// Axes of the grid along which what reaches beyond comes in again on the other side.
+    /// Axes of the grid along which matter that reaches beyond the cube comes in again on the other side.
     pub cyclic: [bool; 3],
-    /// Bytes of memory that may be taken to lay the source into the grid; `u64::MAX`: no limit.
+    /// Bytes of memory that staging the source may take; `u64::MAX` for no limit.
     pub memory: u64,
 }
 
@@ -39,7 +39,7 @@ impl Placement {
         }
     }
 
-    /// Source space → grid space, [0, 2^depth]^3.
+    /// Map a point from source space to grid space, [0, 2^depth]^3.
     pub fn to_grid(&self, p: DVec3) -> DVec3 {
         let p = self.turn(self.transform.transform_point3(p));
         (p - self.turned_min()) * self.scale
@@ -52,12 +52,12 @@ impl Placement {
         DAffine3::from_mat3_translation(scaled * turned, -self.scale * self.turned_min()) * self.transform
     }
 
-    /// The same with the source placed by `transform` within its own space.
+    /// Placement of a source that is placed by `transform` in the space of the source that this placement is of.
     pub fn within(&self, transform: DAffine3) -> Placement {
         Placement { transform: self.transform * transform, ..*self }
     }
 
-    /// A direction of the space of `bounds`, along u, v, w.
+    /// Rotate a direction of the space of `bounds` to the axes u, v, w.
     fn turn(&self, p: DVec3) -> DVec3 {
         match self.up {
             0 => DVec3::new(p.y, p.z, p.x),
@@ -70,8 +70,8 @@ impl Placement {
         self.turn(self.bounds.min).min(self.turn(self.bounds.max))
     }
 
-    /// Places in the grid at which matter that fills `extent` (grid space) appears: by no shift, and by the whole sides along
-    /// cyclic axes that bring some of it into the cube. A few at most.
+    /// Translations (grid space) under which matter in the box `extent` appears in the cube: along cyclic axes all multiples of the
+    /// cube's edge that bring a part of it into the cube, and no translation along the others.
     pub fn shifts(&self, extent: Aabb) -> Vec<DVec3> {
         let side = f64::from(self.side());
         let mut out = vec![DVec3::ZERO];
@@ -91,12 +91,12 @@ impl Placement {
         out
     }
 
-    /// Voxels a side.
+    /// Number of voxels along the cube's edge.
     pub fn side(&self) -> u32 {
         1 << self.depth
     }
 
-    /// log2 of the voxels that a region of this placement is wide.
+    /// log2 of the width of a region in voxels.
     pub fn region_log2(&self) -> usize {
         REGION_LOG2.min(self.depth)
     }

@@ -16,7 +16,7 @@ use crate::geom::polygon::Polygon;
 use crate::geom::{Aabb, DAffine3, DMat3, DVec3, directions13};
 use crate::progress::Progress;
 use crate::source::Medium;
-use crate::volume::chord::{Chords, Lanes, MAX_RATE};
+use crate::volume::chord::{Chords, Lanes, MAX_RATE, OPAQUE};
 use crate::volume::surface::{self, SurfaceMeans};
 use crate::volume::voxel::{RATE_MAX, rate_table};
 use crate::volume::{Depth, Info, Mix, Sggx, Volume, Voxel};
@@ -30,8 +30,6 @@ pub struct TexelSource {
     warnings: Warnings,
 }
 
-/// Share of a support box from which on it is taken for opaque.
-const OPAQUE: f32 = 0.996;
 /// Most regions that voxels may reach, one by one.
 const MAX_ENTRIES: usize = 1 << 28;
 
@@ -249,7 +247,7 @@ impl StagedTexel {
         for (own, w) in own.iter_mut().zip(directions13()) {
             *own = (rate * shape.sigma(w.as_vec3())).clamp(1e-6, MAX_RATE);
         }
-        let blocked = chords.blocked(&own, voxel.c()).map(|share| share.clamp(0.0, OPAQUE));
+        let blocked = chords.opacity(&own, voxel.c()).map(|share| share.clamp(0.0, OPAQUE));
         let rates = chords.solve_rates(&blocked, 0.0).rates;
         std::array::from_fn(|k| rates[k].into())
     }

@@ -1,4 +1,5 @@
-//! Interface between a source and a bake: its extent, and its matter as facets, a region at a time.
+//! Interface between a source and a bake. A [`Source`] knows its extent and its materials; staged in a grid, it gives its matter
+//! region by region: see [`Staged`].
 
 use super::medium::Medium;
 use super::placement::Placement;
@@ -12,43 +13,43 @@ use crate::{Result, Warnings};
 /// Appearance of a facet at a point.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Surface {
-    /// Linear Rec. 709.
+    /// Linear Rec. 709 albedo.
     pub albedo: [f32; 3],
-    /// Share of the surface that is there, in [0, 1].
+    /// Alpha: share of the surface that is not cut out, in [0, 1].
     pub alpha: f32,
 }
 
 /// Anything that can be baked.
 pub trait Source: Sync {
-    /// The tight box of all matter, in source space; empty where there is none.
+    /// Tight box of all matter, in source units; empty where there is none.
     fn bounds(&self) -> Aabb;
-    /// Vector that was subtracted from all coordinates because they are far from 0; bounds and all else that the source says of
-    /// places are relative to it. The texel that is baked says where it was.
+    /// Offset that was subtracted from all coordinates because they are far from 0. Bounds and all other positions that the source
+    /// gives are relative to it; the bake adds it to the bounds of the texel.
     fn origin(&self) -> DVec3 {
         DVec3::ZERO
     }
-    /// A box of all matter where the source is placed by `transform`; the tight one where that is affordable.
+    /// Box of all matter of the source placed by `transform`: the tight one where it does not cost too much to find.
     fn bounds_in(&self, transform: DAffine3) -> Aabb {
         self.bounds().transformed(transform)
     }
-    /// Metres in a source unit; 0 where unknown.
+    /// Metres per source unit; 0 where unknown.
     fn metres_per_unit(&self) -> f64;
-    /// Edge of a mean facet patch (a leaf, a twig's width), in source units; 0 where unknown.
+    /// Typical size of a flat patch of facets (a leaf, a twig's width), in source units; 0 where unknown.
     fn facet_size(&self) -> f64;
     /// Whether any facet's colour is anything but white.
     fn has_colour(&self) -> bool;
-    /// Names of the materials that its matter is of, by id, each once; none where it names none.
+    /// Names of its materials, by id, all different; empty where it names none.
     fn materials(&self) -> &[String] {
         &[]
     }
-    /// What these materials are besides their colour, by id, or of one that has no name; empty where all are matt and opaque.
-    /// The albedo of [`Staged::surface`] is what is reflected alone.
+    /// Properties of these materials besides their colour, by id; a single entry where it names no materials; empty where all are matt
+    /// and opaque. The albedo of [`Staged::surface`] is that of reflection alone.
     fn surfaces(&self) -> Vec<SurfaceMeans> {
         Vec::new()
     }
-    /// Warnings of things that were mended or left out while the source was read.
+    /// Warnings about input that was repaired or left out while the source was read.
     fn warnings(&self) -> &Warnings;
-    /// Choices made where no option was given, one line per choice.
+    /// Choices that were made where no option was given, one line each.
     fn notes(&self) -> &[String] {
         &[]
     }
@@ -56,38 +57,38 @@ pub trait Source: Sync {
     fn up(&self) -> u8 {
         1
     }
-    /// Whether a grid of any resolution tells as exactly what is within the matter, so that a fine one is of no use.
-    fn exact_inside(&self) -> bool {
+    /// Whether [`Staged::inside`] is exact at any resolution of the grid, so that staging in a finer grid gains nothing.
+    fn is_inside_exact(&self) -> bool {
         false
     }
-    /// Lay the source into a grid: sort what it has by region.
+    /// Stage the source in a grid: sort its matter by region.
     ///
     /// # Errors
     /// [`crate::Error::Limit`] where that takes more memory than the placement allows, before it is taken.
     fn stage<'a>(&'a self, place: &Placement, progress: &dyn Progress) -> Result<Box<dyn Staged + 'a>>;
 }
 
-/// Bytes of memory per facet that is kept for a region, while they are sorted by region.
+/// Bytes of memory per facet and region, while facets are sorted by region.
 pub const FACET_MEMORY: u64 = 48;
 
-/// A source in a grid.
+/// A source staged in a grid. Grid space has voxels with edges of length 1.
 pub trait Staged: Sync {
-    /// Morton codes of the regions that may hold matter, ascending. A region is 2^region_log2 voxels wide.
+    /// Morton codes of the regions that may hold matter, ascending. A region is 2^[`Placement::region_log2`] voxels wide.
     fn regions(&self) -> &[u64];
     /// Number of facets that are kept in memory for a region.
     fn weight(&self, region: usize) -> u64;
-    /// One more than the highest number of a facet.
+    /// One more than the largest number of a facet.
     fn facets(&self) -> u32;
-    /// Bytes of memory that it keeps, roughly.
+    /// Approximate number of bytes of memory that it takes.
     fn bytes(&self) -> u64 {
         (0..self.regions().len()).map(|r| 12 + 4 * self.weight(r)).sum()
     }
-    /// Give the facets that may reach into `regions()[region]`, one by one: planar and convex, in grid space, in a fixed
-    /// order. What reaches beyond the region is cut off by the caller.
+    /// Call `each` for the facets that may reach into `regions()[region]`: planar and convex, in grid space, in a fixed order. The caller
+    /// clips them to the region.
     fn emit(&self, region: usize, each: &mut dyn FnMut(&Polygon));
     /// Appearance of the facet at `at` (grid space), averaged over about `width` voxels; with 0, a point sample.
     fn surface(&self, facet: u32, at: DVec3, width: f64) -> Surface;
-    /// The id of the facet's material, among [`Source::materials`]; 0 where it names none.
+    /// Id of the facet's material: its index in [`Source::materials`]; 0 where the source names none.
     fn material(&self, _facet: u32) -> u16 {
         0
     }
@@ -98,41 +99,43 @@ pub trait Staged: Sync {
     fn alpha_sampler(&self, _facet: u32) -> Option<Box<dyn AlphaSampler + '_>> {
         None
     }
-    /// The unit normal (grid space) that a facet of the unit normal `own` shows at `at`; another one leaves alone how much it
-    /// covers in the mean over all directions.
+    /// Shading normal (unit, grid space) at `at` of a facet whose geometric normal is `own`. It changes the normals and projected areas
+    /// of a voxel, but not the facet's area.
     fn normal(&self, _facet: u32, _at: DVec3, own: DVec3) -> DVec3 {
         own
     }
-    /// Whether the facet is one face of a closed thing: its normal points to where it is seen from.
+    /// Whether the facet is part of a closed surface, so that it is seen only from where its normal points.
     fn one_sided(&self, facet: u32) -> bool;
-    /// Whether the facet is one face of a closed thing, were it so thin that it is seen from both sides within a voxel.
+    /// Whether the facet is part of a closed surface, even one so thin that both of its sides are seen within a voxel, which is not
+    /// [`one_sided`](Staged::one_sided).
     fn closed(&self, facet: u32) -> bool {
         self.one_sided(facet)
     }
-    /// Give the semi-transparent matter in `regions()[region]`, cube by cube: no two overlap, and a cube lies within the
-    /// region. What of it is within opaque matter is to be left out.
+    /// Call `each` for the semi-transparent matter in `regions()[region]`, cube by cube. Cubes lie within the region and do not overlap,
+    /// and none of their matter may lie inside of opaque matter.
     fn medium(&self, _region: usize, _each: &mut dyn FnMut(&Medium)) {}
-    /// Whether the point `at` (grid space) is within opaque matter; only asked of cubes that no facet reaches, about their
-    /// middles. Regions without facets that are within have to be among [`Staged::regions`].
+    /// Whether the point `at` (grid space) is inside of opaque matter. It is called for the centres of cubes without facets alone.
+    /// [`Staged::regions`] must also hold the regions without facets that are inside.
     fn inside(&self, at: DVec3) -> bool;
-    /// A value that is below 0 within opaque matter and above 0 outside, at any point; by default its sign alone is known.
-    fn level(&self, at: DVec3) -> f64 {
+    /// Value at `at` (grid space) of an implicit function that is negative inside of opaque matter and positive outside, with any scale.
+    /// By default only its sign is known: −1 or 1.
+    fn implicit_value(&self, at: DVec3) -> f64 {
         if self.inside(at) { -1.0 } else { 1.0 }
     }
-    /// Whether the box `b` lies wholly within opaque matter (true) or wholly outside (false); `None` where it may be on the
-    /// frontier, or where that is not known.
-    fn side(&self, _b: &Aabb) -> Option<bool> {
+    /// Whether the box `b` (grid space) lies wholly inside of opaque matter (true) or wholly outside (false); `None` where it may contain
+    /// a part of the surface, or where that is not known.
+    fn is_box_inside(&self, _b: &Aabb) -> Option<bool> {
         None
     }
 }
 
 /// Alpha of one facet.
 pub trait AlphaSampler {
-    /// Conservative bound on the alpha of `piece` (grid space).
+    /// Conservative classification of `piece` (grid space): `Mixed` where it may be neither transparent nor opaque throughout.
     fn classify(&self, piece: &Polygon) -> AlphaClass;
-    /// Number of texels of the alpha along a voxel's edge: more samples than these tell nothing new.
+    /// Number of texels of the alpha texture per voxel edge. More samples than these give no more detail.
     fn texels_per_voxel(&self) -> f64;
-    /// Fill `alpha` with the alpha at `from`, `from + step` … (grid space), each averaged over about `width` voxels where texels
-    /// are smaller than that.
+    /// Fill `alpha` with the alpha at the points `from`, `from + step`, … (grid space), each averaged over about `width` voxels where
+    /// texels are smaller than that.
     fn sample_row(&self, from: DVec3, step: DVec3, width: f64, alpha: &mut [f32]);
 }

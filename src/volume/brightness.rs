@@ -1,6 +1,6 @@
-//! Brightness factors, which make the depths of a texel agree: a coarse voxel cannot hold the order of its matter, and that
-//! changes how much of the visible matter is lit. `march::calibrate` measures them against the finest depth when a texel is baked, META keeps them, and
-//! shading applies them, so that no brightness steps where the depth changes.
+//! Brightness factors, which make the depths of a texel equally bright. A coarse voxel does not know which of its matter lies in
+//! front, and so how much of the visible matter is lit. `march::calibrate` measures the factors against the finest depth when a
+//! texel is baked, META stores them, and shading applies them, so that the brightness does not step where the depth changes.
 
 use serde_json::{Map, Value, json};
 
@@ -9,33 +9,34 @@ use super::{Info, MAX_DEPTH};
 /// The factors of one depth.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BrightnessFactors {
-    /// Factors of the light that a lamp brings where it shines from behind the matter, from the side, and from the viewer.
+    /// Factors of the radiance due to a light that shines from behind the matter, from the side, and from the viewer's side.
     pub light: [f32; 3],
 }
 
-/// META's key: an array of `{"light": [behind, side, front]}`, root first.
+/// Key in META of an array of `{"light": [behind, side, front]}`, root first.
 pub const META_KEY: &str = "levels";
-/// No factor is further from 1 than this.
-const LARGEST: f32 = 4.0;
-/// Factors are kept in steps of 1/256.
-const STEPS: f32 = 256.0;
+/// Largest factor; the smallest is its reciprocal.
+const MAX_FACTOR: f32 = 4.0;
+/// Number of steps in which a factor of 1 is stored.
+const STEPS_PER_UNIT: f32 = 256.0;
 
 impl BrightnessFactors {
     /// No change.
     pub const PLAIN: BrightnessFactors = BrightnessFactors { light: [1.0; 3] };
 
-    /// The factors nearest to `light` that are stored; 1 for what is no number.
+    /// Nearest factors to `light` that can be stored; 1 in place of a factor that is not finite.
     pub fn new(light: [f64; 3]) -> BrightnessFactors {
         let limited = |v: f64| {
             let v = if v.is_finite() { v as f32 } else { 1.0 };
-            (v.clamp(1.0 / LARGEST, LARGEST) * STEPS).round() / STEPS
+            (v.clamp(1.0 / MAX_FACTOR, MAX_FACTOR) * STEPS_PER_UNIT).round() / STEPS_PER_UNIT
         };
         BrightnessFactors { light: light.map(limited) }
     }
 
-    /// The factor of a lamp's light, for the cosine between the directions to the lamp and to the viewer.
+    /// Factor for a light at the given cosine, in [−1, 1], between the directions to the light and to the viewer. It is linear
+    /// between −1, 0 and 1.
     #[inline]
-    pub fn lit(&self, cosine: f32) -> f32 {
+    pub fn at_cosine(&self, cosine: f32) -> f32 {
         let [behind, side, front] = self.light;
         side + if cosine < 0.0 { (side - behind) * cosine } else { (front - side) * cosine }
     }
@@ -69,7 +70,7 @@ mod tests {
         store(&[BrightnessFactors::PLAIN, dimmed], &mut info.meta);
         let back = read(&info);
         assert_eq!((back[0], back[1], back[2]), (BrightnessFactors::PLAIN, dimmed, BrightnessFactors::PLAIN));
-        assert_eq!([-1.0, -0.5, 0.0, 0.5, 1.0].map(|c| dimmed.lit(c)), [0.5, 0.625, 0.75, 1.0, 1.25]);
+        assert_eq!([-1.0, -0.5, 0.0, 0.5, 1.0].map(|c| dimmed.at_cosine(c)), [0.5, 0.625, 0.75, 1.0, 1.25]);
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! The matter of one depth as a list: what a program that knows no octrees begins with.
+//! The matter of one depth as a plain list, for exports to programs that have no octrees.
 
 use super::octree::PAGE;
 use super::voxel::decode_rate;
@@ -9,18 +9,18 @@ use crate::{Error, Result, morton};
 /// Matter of one depth, or a coarser node that stands for all of its cells.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Cell {
-    /// Low corner in the cube along (u, v, w), in edges of a voxel of the depth that was asked for.
+    /// Lower corner along (u, v, w), in edges of a voxel of the depth that was asked for.
     pub corner: [u32; 3],
-    /// Edge, in the same unit: 1, or a power of two where a coarser node is the finest there is.
+    /// Edge, in the same unit: 1, or a larger power of two for a terminal node of a coarser depth.
     pub edge: u32,
-    /// What is known of it. Its rate is per edge of the cell, however large that is.
+    /// Voxel of the cell. Its rate is in hits per edge of the cell, however large that is.
     pub voxel: Voxel,
     /// Shares of the texel's materials.
     pub mix: Mix,
 }
 
 impl Cell {
-    /// The box of its matter in the unit cube; `resolution` voxels are along the cube.
+    /// Support box in the unit cube, lower and upper corner, where `resolution` is the number of voxels along the cube's edge.
     pub fn support(&self, resolution: u32) -> (DVec3, DVec3) {
         let edge = f64::from(self.edge) / f64::from(resolution);
         let corner = DVec3::from_array(self.corner.map(f64::from)) / f64::from(resolution);
@@ -28,7 +28,7 @@ impl Cell {
         (corner + low.as_dvec3() * edge, corner + high.as_dvec3() * edge)
     }
 
-    /// Share of the light that it takes in the mean over the three axes, in [0, 1].
+    /// Opacity of the support box, averaged over the three coordinate axes, in [0, 1]; matter is taken to be uncorrelated.
     pub fn opacity(&self) -> f64 {
         let rate = f64::from(decode_rate(self.voxel.rate));
         let shape = Sggx::decode(self.voxel.ndf);
@@ -41,11 +41,10 @@ impl Cell {
     }
 }
 
-/// The cells of `depth` that hold matter, in Morton order of their corners; those of the finest depth if the texel has no such
-/// depth. At most `most` of them.
+/// Cells of `depth` that hold matter, in Morton order of their corners; those of the finest depth if the texel has no such depth.
 ///
 /// # Errors
-/// [`Error::Limit`] where there are more, or what `pages` finds.
+/// [`Error::Limit`] where there are more than `most`, and what reading `pages` gives.
 pub fn cells(pages: &(impl Pages + ?Sized), depth: usize, most: usize) -> Result<Vec<Cell>> {
     let counts = pages.counts();
     let depth = depth.min(counts.len().saturating_sub(1));

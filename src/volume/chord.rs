@@ -16,7 +16,7 @@ pub struct Chords {
     b: Lanes,
     d: Lanes,
     longest: Lanes,
-    /// Reciprocal of the mean chord.
+    /// Reciprocal of the mean chord, which is also the rate of faint matter per unit of its opacity.
     pub inverse_mean: Lanes,
 }
 
@@ -50,6 +50,8 @@ pub const LENGTHS: Lanes = {
     out
 };
 
+/// Opacity of a box from which on it counts as opaque: larger ones would ask for rates without bound.
+pub const OPAQUE: f32 = 0.996;
 /// Largest rate that a fit asks for, hits per voxel edge.
 pub const MAX_RATE: f32 = 118.0;
 
@@ -73,7 +75,7 @@ const LAST_STEP: f32 = 0.03;
 #[derive(Debug, Clone, Copy)]
 pub struct SolvedRates {
     pub rates: Lanes,
-    /// Derivatives of the opacities by the logarithms of the rates, at or near the rates.
+    /// Derivatives of the opacities with respect to the logarithms of the rates, at or near the rates.
     pub slopes: Lanes,
 }
 
@@ -94,28 +96,29 @@ impl Chords {
         chords
     }
 
-    /// Opacity of the box, in [0, 1]: the mean over its lines, for matter of the rates `r` > 0 and the correlation `c`.
+    /// Opacity of the box along each axis, in [0, 1]: the mean over its chords, for matter of the rates `r` > 0 (hits per unit of
+    /// length) and the correlation `c`.
     #[inline(always)]
-    pub fn blocked(&self, r: &Lanes, c: f32) -> Lanes {
-        self.blocked_and_slope(r, c).0
+    pub fn opacity(&self, r: &Lanes, c: f32) -> Lanes {
+        self.opacity_and_slope(r, c).0
     }
 
-    /// Opacity as of [`Chords::blocked`], and its derivative by log r.
+    /// [`Chords::opacity`], and its derivative with respect to the logarithm of the rate.
     #[inline(always)]
-    fn blocked_and_slope(&self, r: &Lanes, c: f32) -> (Lanes, Lanes) {
-        let (mut share, mut slope) = ([0.0; 16], [0.0; 16]);
+    fn opacity_and_slope(&self, r: &Lanes, c: f32) -> (Lanes, Lanes) {
+        let (mut opacity, mut slope) = ([0.0; 16], [0.0; 16]);
         if c > FULL_CORRELATION {
             for i in 0..16 {
                 let m = smaller(self.longest[i], 1.0 / r[i]);
                 let (b, d) = (self.b[i], self.d[i]);
-                share[i] = r[i] * m * (1.0 - m * (0.5 * b - m * d * (1.0 / 3.0)));
+                opacity[i] = r[i] * m * (1.0 - m * (0.5 * b - m * d * (1.0 / 3.0)));
                 // Chords shorter than m grow more opaque with the rate (`part`); those that reach m do so (`whole`) unless they
                 // are opaque already.
                 let part = r[i] * m * m * (0.5 * b - m * d * (2.0 / 3.0));
                 let whole = if m < self.longest[i] { 0.0 } else { r[i] * m * (1.0 - m * (b - m * d)) };
                 slope[i] = part + whole;
             }
-            return (share, slope);
+            return (opacity, slope);
         }
         let more = 1.0 / (1.0 - c);
         // T = (1 + a) e^−ks − a with 1 + a = 1 / (1 − c), until it is 0. Beyond s = 12 / k what is left is below 1e-5.
@@ -134,10 +137,10 @@ impl Chords {
             let end = exp_neg(k * m);
             let whole = if m < self.longest[i] { 0.0 } else { end * (1.0 - m * (b - m * d)) };
             // All chords of a box along its edges are equal, and there the closed form is exact; the sum is exact for short ones.
-            share[i] = more * if b == 0.0 && k * m > 1.0 { 1.0 - end } else { k * m * sum };
+            opacity[i] = more * if b == 0.0 && k * m > 1.0 { 1.0 - end } else { k * m * sum };
             slope[i] = more * k * m * (part + whole);
         }
-        (share, slope)
+        (opacity, slope)
     }
 
     /// Rates, at most [`MAX_RATE`], at which the box has the opacities `p` in [0, 1) at the correlation `c`.
@@ -150,19 +153,19 @@ impl Chords {
         let mut slopes = [0.0; 16];
         let mut goal = [0.0; 16];
         for i in 0..16 {
-            let want = larger(depth_of_opacity(p[i], c), 1e-12);
+            let want = larger(optical_depth_of(p[i], c), 1e-12);
             goal[i] = ln(want);
             rates[i] = smaller(want * self.inverse_mean[i], MAX_RATE);
         }
         // Newton's method on log depth as a function of log rate, whose slope is 1 for faint matter and falls towards opaque.
         for _ in 0..MAX_NEWTON_STEPS {
-            let (share, slope) = self.blocked_and_slope(&rates, c);
+            let (opacity, slope) = self.opacity_and_slope(&rates, c);
             slopes = slope;
             let mut largest = [0.0f32; 16];
             for i in 0..16 {
-                let share = share[i].clamp(1e-12, 1.0 - 1e-6);
-                let depth = depth_of_opacity(share, c);
-                let slope = slope[i] / (depth * (1.0 - share * (1.0 - c)));
+                let reached = opacity[i].clamp(1e-12, 1.0 - 1e-6);
+                let depth = optical_depth_of(reached, c);
+                let slope = slope[i] / (depth * (1.0 - reached * (1.0 - c)));
                 let step = ((goal[i] - ln(depth)) / slope.clamp(0.02, 1.0)).clamp(-3.0, 3.0);
                 let e = exp_neg(step.abs());
                 let next = smaller(if step < 0.0 { rates[i] * e } else { rates[i] / e }, MAX_RATE);
@@ -202,9 +205,9 @@ impl Chords {
 }
 
 /// Optical depth of a line of opacity `p` in [0, 1) at the correlation `c`: that of
-/// [`opacity::depth_for`](crate::volume::opacity::depth_for) at transmittance 1 − p, to a relative 1e-6.
+/// [`opacity::optical_depth_for`](crate::volume::opacity::optical_depth_for) at transmittance 1 − p, to a relative 1e-6.
 #[inline(always)]
-pub fn depth_of_opacity(p: f32, c: f32) -> f32 {
+pub fn optical_depth_of(p: f32, c: f32) -> f32 {
     if c > FULL_CORRELATION {
         return p;
     }
@@ -281,8 +284,8 @@ mod tests {
         let e = DVec3::new(0.9, 0.5, 0.25);
         let chords = Chords::new(e);
         for (r, c) in [(0.5, 0.0), (2.0, 0.5), (3.0, 1.0), (9.0, 0.2), (20.0, 0.9)] {
-            let p = chords.blocked(&[r; 16], c);
-            let back = chords.blocked(&chords.solve_rates(&p, c).rates, c);
+            let p = chords.opacity(&[r; 16], c);
+            let back = chords.opacity(&chords.solve_rates(&p, c).rates, c);
             for (k, projection) in PROJECTIONS.iter().enumerate() {
                 let (wa, wb) = projection.extent();
                 let (mut n, mut sum) = (0, 0.0);
@@ -313,7 +316,7 @@ mod tests {
                 let c = code as f32 / 15.0;
                 for p in [1e-6, 1e-3, 0.1, 0.5, 0.9, 0.97, 0.996] {
                     let SolvedRates { rates, .. } = chords.solve_rates(&[p; 16], c);
-                    let back = chords.blocked(&rates, c);
+                    let back = chords.opacity(&rates, c);
                     for k in 0..13 {
                         // Near opaque the largest rate is near, and steps are small.
                         let most = if p > 0.99 { 5e-3 } else { 2e-3 };
@@ -332,7 +335,7 @@ mod tests {
             let chords = Chords::new(e);
             for p in [1e-6, 0.1, 0.5, 0.7, 0.9, 0.97, 0.996] {
                 let SolvedRates { rates, slopes } = chords.solve_rates(&[p; 16], 1.0);
-                let (back, slope) = chords.blocked_and_slope(&rates, 1.0);
+                let (back, slope) = chords.opacity_and_slope(&rates, 1.0);
                 for k in (0..13).filter(|&k| rates[k] < MAX_RATE) {
                     // Some ten roundings of numbers of up to 1 / (1 − p), in f32.
                     assert!((back[k] / p - 1.0).abs() < 2e-5, "{e} {p} {k}: {}", back[k]);
@@ -352,8 +355,8 @@ mod tests {
         }
         for c in [0.0, 0.3, 14.0 / 15.0, 1.0] {
             for p in [1e-7, 1e-4, 0.2, 0.9, 0.999] {
-                let want = opacity::depth_for(1.0 - f64::from(p), c) as f32;
-                assert!((depth_of_opacity(p, c as f32) / want - 1.0).abs() < 3e-6, "{c} {p}");
+                let want = opacity::optical_depth_for(1.0 - f64::from(p), c) as f32;
+                assert!((optical_depth_of(p, c as f32) / want - 1.0).abs() < 3e-6, "{c} {p}");
             }
         }
     }

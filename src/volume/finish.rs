@@ -1,4 +1,4 @@
-//! Phong's parameters of matter beside its diffuse colour: how much light from around it reflects, and its highlights.
+//! Phong parameters of matter besides its diffuse colour: how much of the ambient light it reflects, and its highlights.
 //!
 //! Based on: B. T. Phong, *Illumination for Computer Generated Pictures*, CACM 1975, in the form of J. Blinn, *Models of Light
 //! Reflection for Computer Synthesized Pictures*, SIGGRAPH 1977: a highlight depends on the angle between the normal and the
@@ -7,26 +7,27 @@
 use crate::geom::Vec3;
 
 /// Largest shininess.
-pub const MOST_SHININESS: f64 = 10_000.0;
-/// Shininess of a highlight that says nothing of it.
+pub const MAX_SHININESS: f64 = 10_000.0;
+/// Shininess of highlights for which none is given.
 pub const DEFAULT_SHININESS: f64 = 16.0;
 
-/// What a landscape says of a material or a layer. What is not said is left to who is asked next.
+/// Phong parameters that a landscape gives to a material, a layer or a variant. A parameter that is `None` is taken from the
+/// enclosing object: see [`Finish::within`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Finish {
-    /// Linear, each in [0, 1]: the share of the light from around that is reflected, of what would be without it.
+    /// Factors of the ambient light that is reflected, linear, each in [0, 1].
     pub ambient: [f64; 3],
-    /// Linear, each in [0, 1]: the strength of highlights; 0 where nobody says it.
+    /// Strength of highlights, linear, each in [0, 1]; 0 if no object gives it.
     pub specular: Option<[f64; 3]>,
-    /// The exponent of highlights, 0 to [`MOST_SHININESS`]; [`DEFAULT_SHININESS`] where nobody says it.
+    /// Exponent of highlights, 0 to [`MAX_SHININESS`]; [`DEFAULT_SHININESS`] if no object gives it.
     pub shininess: Option<f64>,
 }
 
 impl Finish {
-    /// Matt.
+    /// Full ambient light and no highlights.
     pub const PLAIN: Finish = Finish { ambient: [1.0; 3], specular: None, shininess: None };
 
-    /// This, where it says something, else as `outer` has it. Ambient factors multiply.
+    /// Parameters inside of an enclosing object: those given here, and those of `outer` for the rest. Ambient factors multiply.
     pub fn within(&self, outer: &Finish) -> Finish {
         Finish {
             ambient: [0, 1, 2].map(|k| self.ambient[k] * outer.ambient[k]),
@@ -35,12 +36,12 @@ impl Finish {
         }
     }
 
-    /// Whether highlights of its own are said, be it that there are none.
+    /// Whether it gives any parameter of highlights, even one that switches them off.
     pub fn has_gloss(&self) -> bool {
         self.specular.is_some() || self.shininess.is_some()
     }
 
-    /// Its highlights.
+    /// Highlights, with defaults for what is not given.
     pub fn gloss(&self) -> Gloss {
         let specular = self.specular.unwrap_or_default().map(|v| v as f32);
         Gloss { specular: Vec3::from_array(specular), shininess: self.shininess.unwrap_or(DEFAULT_SHININESS) as f32 }

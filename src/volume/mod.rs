@@ -31,10 +31,11 @@ pub const MAX_DEPTH: usize = 16;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Model {
-    /// Directional rate (SGGX) measured by coverage beams, with block correlation and support.
+    /// A rate that depends on the direction (SGGX), fitted to measured coverage, with a support box and one correlation per
+    /// block.
     #[default]
     Coverage,
-    /// Neyret 1996: one averaged isotropic opacity; the ellipsoid is for shading alone.
+    /// The model of Neyret 1996: one averaged isotropic opacity. The normal distribution is for shading alone.
     Neyret,
 }
 
@@ -57,9 +58,11 @@ pub struct Info {
     pub facet_size: f64,
     /// Which of a voxel's fields carry information; the others are constant.
     pub channels: Channels,
-    /// By id; voxels tell them apart where there are two or more. At most [`material::MOST_MATERIALS`].
+    /// Materials; the index of one is its id in [`Mix`]. Voxels store mixes where there are two or more of them. At most
+    /// [`material::MAX_MATERIALS`].
     pub materials: Vec<Material>,
-    /// Everything else that META holds: generator, sources, bake options, certificate. Keys in sorted order.
+    /// Everything else that META holds, with keys in sorted order: the generator, the sources, the options of the bake, and its
+    /// certificate (the error that the bake measured of itself).
     pub meta: serde_json::Map<String, serde_json::Value>,
 }
 

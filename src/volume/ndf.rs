@@ -5,7 +5,8 @@
 
 use crate::geom::{Vec3, each3};
 
-/// A symmetric positive matrix S; facets' projected area along the unit vector w is sqrt(w^T S w), relative to the largest axis.
+/// A symmetric positive semidefinite matrix S. The projected area of the facets along the unit vector w is sqrt(w^T S w), in
+/// any unit; decoded matrices have a largest diagonal element of 1, and the voxel's rate holds the unit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sggx {
     /// Element xx of the matrix.
@@ -26,7 +27,7 @@ impl Sggx {
     /// The same projected area, 1, along every direction.
     pub const ISOTROPIC: Sggx = Sggx { xx: 1.0, yy: 1.0, zz: 1.0, xy: 0.0, xz: 0.0, yz: 0.0 };
 
-    /// w^T S w.
+    /// Quadratic form w^T S w.
     #[inline(always)]
     pub fn quad(&self, w: Vec3) -> f32 {
         self.xx * w.x * w.x
@@ -41,7 +42,7 @@ impl Sggx {
         self.quad(w).max(0.0).sqrt()
     }
 
-    /// S w.
+    /// Product S w.
     #[inline(always)]
     pub fn mul(&self, w: Vec3) -> Vec3 {
         Vec3::new(
@@ -57,9 +58,9 @@ impl Sggx {
         Sggx { xx: xx * s, yy: yy * s, zz: zz * s, xy: xy * s, xz: xz * s, yz: yz * s }
     }
 
-    /// Six bytes: sqrt of the diagonal over its largest, in steps of 1/255, then the correlations xy, xz, yz, where
-    /// code 128 is 0 and codes 1 … 255 are −1 … 1 in steps of 1/127. The largest diagonal is divided out:
-    /// multiply the rate by [`Sggx::scale`].
+    /// Six bytes: the square roots of the diagonal, divided by the largest of them, in steps of 1/255; then the correlations xy,
+    /// xz and yz, where code 128 is 0 and the codes 1 … 255 are −1 … 1 in steps of 1/127. What was divided by is
+    /// [`Sggx::scale`], by which the rate has to be multiplied.
     #[inline]
     pub fn encode(&self) -> [u8; 6] {
         let s = self.scale();
@@ -67,7 +68,7 @@ impl Sggx {
             return Sggx::ISOTROPIC.encode();
         }
         let d = [self.xx, self.yy, self.zz].map(|v| v.max(0.0).sqrt());
-        // To the nearest: the cast takes off what is behind the point, of numbers that are never below 0.
+        // Rounds to the nearest: the numbers are never negative, so the cast only drops the fraction.
         let diag = |v: f32| (v / s * 255.0 + 0.5) as u8;
         let corr = |m: f32, p: f32| {
             let r = if p > 0.0 { (m / p).clamp(-1.0, 1.0) } else { 0.0 };
@@ -83,7 +84,7 @@ impl Sggx {
         ]
     }
 
-    /// sqrt of the largest diagonal element: what [`Sggx::encode`] divides out.
+    /// Square root of the largest diagonal element, by which [`Sggx::encode`] divides.
     pub fn scale(&self) -> f32 {
         self.xx.max(self.yy).max(self.zz).max(0.0).sqrt()
     }
@@ -110,9 +111,9 @@ impl Sggx {
 fn positive_scale(r: [f32; 3]) -> f32 {
     const STEP: f32 = 1.0 / 16_384.0;
     let (product, squares) = (r[0] * r[1] * r[2], r[0] * r[0] + r[1] * r[1] + r[2] * r[2]);
-    // It falls from 1 at f = 0 to less than 0 at f = 1.
+    // Determinant of the matrix of correlations times f. It falls from 1 at f = 0 to less than 0 at f = 1.
     let det = |f: f32| 1.0 + 2.0 * f * f * f * r[0] * r[1] * r[2] - f * f * squares;
-    // Newton's method, and then by steps: halving an interval fourteen times took 4 % of a far picture's time.
+    // Newton's method, then single steps to the exact multiple. Fourteen bisections took 4 % of the time of a distant view.
     let mut f = 1.0f32;
     for _ in 0..3 {
         f -= det(f) / (f * (6.0 * product * f - 2.0 * squares));

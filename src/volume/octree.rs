@@ -1,11 +1,11 @@
-//! The octree as a ray sees it: 4^3 blocks of voxels two depths apart, opened only when something steps into them.
+//! The octree as rays traverse it: in 4^3 blocks, which span two depths each and are decoded when a ray first enters one.
 //!
 //! Based on: C. Crassin et al., *GigaVoxels*, I3D 2009 (bricks decoded on demand); S. Laine, T. Karras, *Efficient Sparse
 //! Voxel Octrees*, I3D 2010 (masks and popcounts instead of pointers).
 //!
-//! A file lists the nodes of each depth in Morton order. So the 64 grandchildren of a node are one run of the depth below
-//! its children, and a mask of 64 bits with the rank of the first one finds any of them: that is a [`Block`]. A ray at
-//! depth d walks blocks of depth d − 2 (whose cells are the voxels it wants), d − 4, … up to the root.
+//! A file lists the nodes of each depth in Morton order. So the grandchildren of a node, at most 64, are consecutive, and a mask
+//! of 64 bits together with the rank (the index within its depth) of the first grandchild finds any of them. That is a
+//! [`Block`]. A ray that reads voxels of depth d traverses the blocks of nodes at depths d − 2, d − 4, … up to the root.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, OnceLock};
@@ -16,36 +16,36 @@ use super::{Info, MAX_DEPTH, Mix, Model, Volume, Voxel};
 use crate::geom::Vec3;
 use crate::{Error, Result};
 
-/// log2 of how many voxels a page holds in memory.
+/// log2 of the number of voxels in a page in memory.
 pub const PAGE_LOG2: u32 = 12;
 pub(crate) const PAGE: usize = 1 << PAGE_LOG2;
 /// Most nodes of a depth.
 const MAX_NODES: usize = u32::MAX as usize - 1;
 
-/// Provider of an [`Octree`]'s content: a file's reader, or a volume in memory. Each call may be slow: an octree asks once for
-/// the masks of a depth and the voxels of a page, and for surfaces only where materials are more than matt and opaque. It never
-/// asks for mixes, which [`super::palette`] turns into colours.
+/// Provider of an [`Octree`]'s content: a file's reader, or a volume in memory. Each call may be slow, so an octree asks only once
+/// for the masks of a depth and for the voxels of a page. It asks for surfaces only where a material is more than matt and
+/// opaque, and never for mixes: [`super::palette`] reads those to find the colours of restyled materials.
 pub trait Pages: Send + Sync {
     /// Description of the texel.
     fn info(&self) -> &Info;
-    /// Nodes at each depth, root first.
+    /// Number of nodes of each depth, root first.
     fn counts(&self) -> Vec<usize>;
     /// Child masks of all nodes at `depth`, in Morton order.
     fn masks(&self, depth: usize) -> Result<Vec<u8>>;
-    /// Voxels `page * 4096 ..` of `depth`, 4096 or as many as are left.
+    /// Voxels of a page: of the voxels of `depth` in Morton order those from `page` · 4096 on, 4096 or as many as are left.
     fn voxels(&self, depth: usize, page: usize) -> Result<Vec<Voxel>>;
     /// Shares of the texel's materials that the voxels of a page show; empty where there are fewer than two.
     fn mixes(&self, _depth: usize, _page: usize) -> Result<Vec<Mix>> {
         Ok(Vec::new())
     }
-    /// What the materials are besides their albedo; `None` where all are matt, opaque and lit.
+    /// Properties of the materials besides their albedo; `None` where all are matt, opaque and lit.
     fn surface_table(&self) -> Option<SurfaceTable> {
         SurfaceTable::new(self.info())
     }
-    /// What the `voxels` of a page are besides their albedo; `table`: [`Pages::surface_table`].
+    /// Surfaces of the `voxels` of a page, from the `table` that [`Pages::surface_table`] gave.
     fn surfaces(&self, depth: usize, page: usize, voxels: &[Voxel], table: &SurfaceTable) -> Result<Vec<VoxelSurface>> {
         let mixes = if table.needs_mixes() { self.mixes(depth, page)? } else { Vec::new() };
-        let of = |(i, v): (usize, &Voxel)| table.plain(v.albedo(), &mixes.get(i).copied().unwrap_or_default());
+        let of = |(i, v): (usize, &Voxel)| table.own_surface(v.albedo(), &mixes.get(i).copied().unwrap_or_default());
         Ok(voxels.iter().enumerate().map(of).collect())
     }
 }
@@ -96,16 +96,16 @@ fn slice<T: Copy>(all: &[T], page: usize) -> Vec<T> {
     all[(page * PAGE).min(all.len())..((page + 1) * PAGE).min(all.len())].to_vec()
 }
 
-/// The 4^3 cells below a node, two depths down. Cell i is the Morton code of its place in the block, 0 … 63.
+/// The 4^3 cells two depths below a node. The index of a cell is the Morton code of its position in the block, 0 … 63.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Block {
     /// Occupied cells.
     pub mask: u64,
-    /// Those of them that belong to a terminal node above their depth (all 8 cells of a child, or all 64).
+    /// Occupied cells that are part of a terminal node above their depth: all 8 cells of a child, or all 64 of the node.
     pub terminal: u64,
     /// Rank, in its depth, of the first cell that is not terminal.
     first: u32,
-    /// Rank of the first child, one depth down; `u32::MAX`: the node itself is terminal.
+    /// Rank of the node's first child, one depth down, or [`SELF_TERMINAL`].
     child: u32,
 }
 
@@ -118,6 +118,7 @@ pub struct VoxelAddress {
     pub rank: u32,
 }
 
+/// Value of [`Block`]'s `child` where the block's own node is terminal.
 const SELF_TERMINAL: u32 = u32::MAX;
 
 impl Block {
@@ -131,18 +132,18 @@ impl Block {
         self.first + below.count_ones()
     }
 
-    /// The voxel that the occupied `cell` shows; the block belongs to node `node` of `depth`, −2 and −1 for the virtual
-    /// roots of even and odd descents.
+    /// Address of the voxel that fills the occupied `cell`, where the block belongs to the node `node` of `depth`. Depths −2 and
+    /// −1 are those of the virtual roots: see [`Octree::blocks`].
     #[inline(always)]
-    pub fn place(&self, depth: i32, node: u32, cell: u32) -> VoxelAddress {
+    pub fn address(&self, depth: i32, node: u32, cell: u32) -> VoxelAddress {
         if self.terminal >> cell & 1 == 0 {
             return VoxelAddress { depth: (depth + 2) as u8, rank: self.rank(cell) };
         }
-        self.terminal_place(depth, node, cell)
+        self.terminal_address(depth, node, cell)
     }
 
     #[cold]
-    fn terminal_place(&self, depth: i32, node: u32, cell: u32) -> VoxelAddress {
+    fn terminal_address(&self, depth: i32, node: u32, cell: u32) -> VoxelAddress {
         if self.child == SELF_TERMINAL {
             return VoxelAddress { depth: depth as u8, rank: node };
         }
@@ -158,7 +159,7 @@ impl Block {
 
 /// Counts of the pages and voxels that were decoded so far.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Opened {
+pub struct DecodedCounts {
     /// Voxel pages decoded.
     pub pages: u64,
     /// Voxels in them.
@@ -167,13 +168,13 @@ pub struct Opened {
     pub deepest: usize,
 }
 
-/// Voxels decoded when first asked for.
+/// Voxels of a page, decoded when first asked for.
 type Page = OnceLock<Box<[Voxel]>>;
 
-/// Found when first asked for.
+/// Surfaces of the voxels of a page, found when first asked for.
 type SurfacePage = OnceLock<Box<[VoxelSurface]>>;
 
-/// What voxels are besides their albedo, by depth and page, as [`Octree::pages`] has them.
+/// Surfaces of the voxels, by depth and page like [`Octree::pages`].
 struct Surfaces {
     table: SurfaceTable,
     pages: Vec<Box<[SurfacePage]>>,
@@ -183,21 +184,21 @@ struct Surfaces {
 pub struct Octree {
     source: Box<dyn Pages>,
     counts: Vec<usize>,
-    /// Child masks by depth: the blocks of two depths are made of each.
+    /// Child masks by depth. The blocks of two depths are made from each.
     masks: Vec<OnceLock<Box<[u8]>>>,
     /// Indexed by the node's depth + 2: slots 0 and 1 are the virtual roots of depths −2 and −1.
     blocks: Vec<OnceLock<Box<[Block]>>>,
     /// Indexed by depth, then page.
     pages: Vec<Box<[Page]>>,
-    /// Alike, of texels whose materials are more than matt and opaque.
+    /// Surfaces of the voxels; `None` where all materials are matt, opaque and lit.
     surfaces: Option<Surfaces>,
     brightness_factors: [BrightnessFactors; MAX_DEPTH + 1],
-    /// What every march asks for.
+    /// Box of the content, and model: copies of what the description says, since every march asks for them.
     content: (Vec3, Vec3),
     model: Model,
     failure: OnceLock<Error>,
-    pages_opened: AtomicU64,
-    voxels_opened: AtomicU64,
+    pages_decoded: AtomicU64,
+    voxels_decoded: AtomicU64,
     deepest: AtomicU64,
 }
 
@@ -233,8 +234,8 @@ impl Octree {
             surfaces,
             counts,
             failure: OnceLock::new(),
-            pages_opened: AtomicU64::new(0),
-            voxels_opened: AtomicU64::new(0),
+            pages_decoded: AtomicU64::new(0),
+            voxels_decoded: AtomicU64::new(0),
             deepest: AtomicU64::new(0),
         })
     }
@@ -264,14 +265,16 @@ impl Octree {
         &self.brightness_factors
     }
 
-    /// Nodes at `depth`.
+    /// Number of nodes at `depth`; 0 where there is no such depth.
     pub fn count(&self, depth: usize) -> usize {
         self.counts.get(depth).copied().unwrap_or(0)
     }
 
-    /// Blocks of the nodes at `depth` (−2 and −1: the one virtual root above an even or an odd descent, whose cells are the
-    /// root alone and the root's children, both at the low corner). `depth + 2` must not exceed the finest depth.
-    /// After a failure to read, blocks are empty and [`Octree::failure`] tells.
+    /// Blocks of the nodes at `depth`, in Morton order. `depth + 2` must not exceed the finest depth.
+    ///
+    /// Blocks go down two depths at a time, so a descent to an even depth begins with a virtual root at depth −2, whose one cell
+    /// is the root, and a descent to an odd depth at depth −1, whose cells are the root's children. In both, the root's cube is at
+    /// the lower corner of the block. After a failure to read, blocks are empty and [`Octree::failure`] tells why.
     #[inline(always)]
     pub fn blocks(&self, depth: i32) -> &[Block] {
         let slot = &self.blocks[(depth + 2) as usize];
@@ -285,7 +288,7 @@ impl Octree {
     fn open_blocks(&self, depth: i32) -> &[Block] {
         self.blocks[(depth + 2) as usize].get_or_init(|| {
             let blocks = self.build_blocks(depth);
-            // Topology that fails to be read looks terminal; that is not to be shown.
+            // Child masks that could not be read are 0, which would make every node terminal and fill the cube.
             if self.failure.get().is_none() { blocks } else { vec![Block::EMPTY; blocks.len()].into() }
         })
     }
@@ -309,7 +312,7 @@ impl Octree {
                 -2 => u64::from(self.count(0) == 1),
                 _ => u64::from(self.masks(0).first().copied().unwrap_or(0)),
             };
-            // A lone terminal root is its own eight children.
+            // A terminal root without children stands for all eight of them.
             if depth == -1 && occupied == 0 && self.count(0) == 1 {
                 return Box::new([Block { mask: 255, terminal: 255, first: 0, child: 0 }]);
             }
@@ -340,7 +343,8 @@ impl Octree {
         blocks.into()
     }
 
-    /// The voxel that the cell of Morton code `code` at `depth` shows; `None` where it is empty, or there is no such depth.
+    /// Address of the voxel that fills the cell with the Morton code `code` at `depth`: its own, or a terminal node's above it.
+    /// `None` where the cell is empty, or there is no such depth.
     pub fn find(&self, depth: usize, code: u64) -> Option<VoxelAddress> {
         if depth > self.finest()? || code >> (3 * depth) != 0 {
             return None;
@@ -355,21 +359,21 @@ impl Octree {
                 return None;
             }
             if below == 0 || block.terminal >> cell & 1 != 0 {
-                return Some(block.place(above, node, cell));
+                return Some(block.address(above, node, cell));
             }
             node = block.rank(cell);
             above += 2;
         }
     }
 
-    /// The voxel of `rank` at `depth`.
+    /// Voxel at an address that [`Block::address`] or [`Octree::find`] gave.
     #[inline(always)]
-    pub fn voxel(&self, place: VoxelAddress) -> &Voxel {
-        let (page, slot) = (place.rank >> PAGE_LOG2, place.rank as usize & (PAGE - 1));
-        let cell = &self.pages[place.depth as usize][page as usize];
+    pub fn voxel(&self, address: VoxelAddress) -> &Voxel {
+        let (page, slot) = (address.rank >> PAGE_LOG2, address.rank as usize & (PAGE - 1));
+        let cell = &self.pages[address.depth as usize][page as usize];
         let voxels = match cell.get() {
             Some(voxels) => voxels,
-            None => self.open_page(place.depth as usize, page as usize),
+            None => self.open_page(address.depth as usize, page as usize),
         };
         &voxels[slot]
     }
@@ -379,10 +383,10 @@ impl Octree {
         self.surfaces.is_some()
     }
 
-    /// What the voxel is besides its albedo.
-    pub fn surface(&self, place: VoxelAddress) -> VoxelSurface {
+    /// Surface of the voxel at an address.
+    pub fn surface(&self, address: VoxelAddress) -> VoxelSurface {
         let Some(Surfaces { table, pages }) = &self.surfaces else { return VoxelSurface::default() };
-        let (depth, page) = (usize::from(place.depth), (place.rank >> PAGE_LOG2) as usize);
+        let (depth, page) = (usize::from(address.depth), (address.rank >> PAGE_LOG2) as usize);
         let Some(cell) = pages.get(depth).and_then(|pages| pages.get(page)) else { return VoxelSurface::default() };
         let surfaces = cell.get_or_init(|| {
             let voxels = self.pages[depth][page].get().map_or_else(|| self.open_page(depth, page), |voxels| &**voxels);
@@ -392,7 +396,7 @@ impl Octree {
             });
             read.into()
         });
-        surfaces.get(place.rank as usize & (PAGE - 1)).copied().unwrap_or_default()
+        surfaces.get(address.rank as usize & (PAGE - 1)).copied().unwrap_or_default()
     }
 
     #[cold]
@@ -404,24 +408,24 @@ impl Octree {
                 Vec::new()
             });
             voxels.resize(want, Voxel::default());
-            self.pages_opened.fetch_add(1, Ordering::Relaxed);
-            self.voxels_opened.fetch_add(want as u64, Ordering::Relaxed);
+            self.pages_decoded.fetch_add(1, Ordering::Relaxed);
+            self.voxels_decoded.fetch_add(want as u64, Ordering::Relaxed);
             self.deepest.fetch_max(depth as u64, Ordering::Relaxed);
             voxels.into()
         })
     }
 
     /// Counts of the pages and voxels that were decoded so far.
-    pub fn opened(&self) -> Opened {
-        Opened {
-            pages: self.pages_opened.load(Ordering::Relaxed),
-            voxels: self.voxels_opened.load(Ordering::Relaxed),
+    pub fn decoded(&self) -> DecodedCounts {
+        DecodedCounts {
+            pages: self.pages_decoded.load(Ordering::Relaxed),
+            voxels: self.voxels_decoded.load(Ordering::Relaxed),
             deepest: self.deepest.load(Ordering::Relaxed) as usize,
         }
     }
 
-    /// The first failure to read that a descent met, if any: to be asked once the rays are done, since what could not be
-    /// read was shown as empty.
+    /// First failure to read, if any. It has to be checked once the rays are done, since matter that could not be read was treated
+    /// as empty.
     pub fn failure(&self) -> Option<&Error> {
         self.failure.get()
     }
@@ -454,13 +458,13 @@ mod tests {
         assert_eq!(tree.finest(), Some(2));
         let block = tree.blocks(0)[0];
         assert_eq!(block.mask, 255 | 0b1010 << 56);
-        assert_eq!(block.place(0, 0, 3), VoxelAddress { depth: 1, rank: 0 });
-        assert_eq!(block.place(0, 0, 57), VoxelAddress { depth: 2, rank: 0 });
-        assert_eq!(block.place(0, 0, 59), VoxelAddress { depth: 2, rank: 1 });
-        assert_eq!(tree.voxel(block.place(0, 0, 59)).rate, 2);
-        assert_eq!(tree.blocks(-1)[0].place(-1, 0, 7), VoxelAddress { depth: 1, rank: 1 });
-        assert_eq!(tree.blocks(-2)[0].place(-2, 0, 0), VoxelAddress { depth: 0, rank: 0 });
-        assert_eq!(tree.opened().pages, 1);
+        assert_eq!(block.address(0, 0, 3), VoxelAddress { depth: 1, rank: 0 });
+        assert_eq!(block.address(0, 0, 57), VoxelAddress { depth: 2, rank: 0 });
+        assert_eq!(block.address(0, 0, 59), VoxelAddress { depth: 2, rank: 1 });
+        assert_eq!(tree.voxel(block.address(0, 0, 59)).rate, 2);
+        assert_eq!(tree.blocks(-1)[0].address(-1, 0, 7), VoxelAddress { depth: 1, rank: 1 });
+        assert_eq!(tree.blocks(-2)[0].address(-2, 0, 0), VoxelAddress { depth: 0, rank: 0 });
+        assert_eq!(tree.decoded().pages, 1);
     }
 
     #[test]

@@ -4,10 +4,11 @@
 //! D. Vicini, W. Jakob, A. Kaplanyan, *A Non-Exponential Transmittance Model for Volumetric Scene Representations*, 2021
 //! (correlated matter is not exponential).
 //!
-//! In a stretch of constant rate r and correlation c, dT/ds = −r (T + c (1 − T)) while T > 0. c = 0 is independent matter
-//! ("over", T = e^−rs); c = 1 is matter that never overlaps along the ray ("plus", T = 1 − rs down to exactly 0).
-//! The solution is a semigroup, so the result does not depend on how a stretch is cut into steps. T is the transmittance of
-//! the current 4^3 block of voxels, over which c was fitted: it starts at 1 on entry, and blocks multiply.
+//! Along a segment of constant rate r and correlation c, dT/ds = −r (T + c (1 − T)) while T > 0. With c = 0 matter is
+//! independent ("over", T = e^−rs); with c = 1 it never overlaps along the ray ("plus", T = 1 − rs down to exactly 0).
+//! The solution is a semigroup, so the result does not depend on how a segment is cut into steps. T is the transmittance of
+//! the current 4^3 block of voxels, over which c was fitted: it starts at 1 where the ray enters the block, and the
+//! transmittances of blocks are multiplied.
 
 /// Transmittance after an optical depth `tau` = r · length ≥ 0 of matter of correlation `c` in [0, 1], starting from `t` in [0, 1].
 #[inline]
@@ -17,7 +18,7 @@ pub fn advance(t: f32, tau: f32, c: f32) -> f32 {
     (t * e - c * tau * phi).max(0.0)
 }
 
-/// (e^−k, (1 − e^−k) / k) for k ≥ 0; the second is 1 at 0.
+/// The pair e^−k and (1 − e^−k) / k for k ≥ 0; the second is 1 at k = 0.
 #[inline]
 fn decay(k: f32) -> (f32, f32) {
     if k < 0.05 {
@@ -30,15 +31,16 @@ fn decay(k: f32) -> (f32, f32) {
     }
 }
 
-/// [`advance`] in f64, the oracle of the tests and the form that the bake inverts.
+/// [`advance`] in f64, which tests compare with.
 pub fn advance_f64(t: f64, tau: f64, c: f64) -> f64 {
     let k = (1.0 - c) * tau;
     let phi = if k < 1e-9 { 1.0 - 0.5 * k } else { -libm::expm1(-k) / k };
     (t * libm::exp(-k) - c * tau * phi).max(0.0)
 }
 
-/// The optical depth that takes T from 1 to `t` in [0, 1] at correlation `c` in [0, 1]; infinite for t = 0 with c = 0.
-pub fn depth_for(t: f64, c: f64) -> f64 {
+/// Optical depth after which the transmittance has fallen from 1 to `t` in [0, 1], at the correlation `c` in [0, 1]; infinite
+/// for t = 0 with c = 0. The inverse of [`advance_f64`] from 1.
+pub fn optical_depth_for(t: f64, c: f64) -> f64 {
     let d = 1.0 - c;
     if d < 1e-6 {
         return 1.0 - t;
@@ -79,7 +81,7 @@ mod tests {
 
         #[test]
         fn inverse(t in 0.001f64..1.0, c in 0.0f64..=1.0) {
-            prop_assert!((advance_f64(1.0, depth_for(t, c), c) - t).abs() < 1e-9);
+            prop_assert!((advance_f64(1.0, optical_depth_for(t, c), c) - t).abs() < 1e-9);
         }
     }
 }

@@ -1,8 +1,8 @@
-//! A texel in other colours: what a landscape says of its materials, applied to voxels as they are read.
+//! Restyling: the colours that a landscape gives to a texel's materials, applied to voxels as they are read.
 //!
-//! A voxel holds the mean colour of what is seen of it and the share of each material, not each material's own colour. That
-//! one is taken for the material's mean over the texel, times what the voxel's colour is off from the mix of those means:
-//! exact where a material has one colour, and where it varies as a whole.
+//! A voxel stores the mean colour of its visible matter and the share of each material, but not each material's own colour. The
+//! latter is estimated as the material's mean over the texel, times the ratio of the voxel's colour to the mix of those means.
+//! That is exact where each material has one colour, and where the colours of all materials vary together.
 
 use std::collections::BTreeMap;
 
@@ -11,27 +11,27 @@ use super::{Finish, Gloss, Info, Mix, Pages, Voxel};
 use crate::Result;
 use crate::geom::Vec3;
 
-/// Restyling of a material.
+/// Colour and finish that a landscape gives to a material.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Style {
-    /// Linear; multiplies the texel's own albedo, or is the albedo.
+    /// Linear factor of the texel's own albedo, or the new albedo: see `keeps_albedo`.
     pub factor: [f64; 3],
-    /// Whether the texel's own albedo stays.
-    pub keep: bool,
-    /// How it reflects light from around, and highlights.
+    /// Whether `factor` multiplies the texel's own albedo; else it replaces it.
+    pub keeps_albedo: bool,
+    /// Phong parameters besides the colour.
     pub finish: Finish,
 }
 
 impl Style {
     /// No change.
-    pub const OWN: Style = Style { factor: [1.0; 3], keep: true, finish: Finish::PLAIN };
-    /// White, for a factor to be put on.
-    pub const BLANK: Style = Style { factor: [1.0; 3], keep: false, finish: Finish::PLAIN };
+    pub const UNCHANGED: Style = Style { factor: [1.0; 3], keeps_albedo: true, finish: Finish::PLAIN };
+    /// White in place of the texel's own albedo; a factor on it gives any colour.
+    pub const WHITE: Style = Style { factor: [1.0; 3], keeps_albedo: false, finish: Finish::PLAIN };
 
     /// The restyled albedo.
-    pub fn of(&self, albedo: Vec3) -> Vec3 {
+    pub fn apply(&self, albedo: Vec3) -> Vec3 {
         let factor = Vec3::from_array(self.factor.map(|v| v as f32));
-        if self.keep { albedo * factor } else { factor }
+        if self.keeps_albedo { albedo * factor } else { factor }
     }
 }
 
@@ -46,14 +46,14 @@ pub struct Palette {
 
 impl Default for Palette {
     fn default() -> Self {
-        Palette { styles: BTreeMap::new(), rest: Style::OWN }
+        Palette { styles: BTreeMap::new(), rest: Style::UNCHANGED }
     }
 }
 
 impl Palette {
     /// Whether nothing changes.
     pub fn is_plain(&self) -> bool {
-        self.rest == Style::OWN && self.styles.values().all(|s| *s == Style::OWN)
+        self.rest == Style::UNCHANGED && self.styles.values().all(|s| *s == Style::UNCHANGED)
     }
 
     /// The style of a material.
@@ -73,11 +73,11 @@ pub struct Restyled<P> {
     inner: P,
     /// By id: mean albedo and style.
     materials: Vec<(Vec3, Style)>,
-    /// What materials are besides.
+    /// Properties of the materials besides their albedo; `None` where all are plain.
     surfaces: Option<SurfaceTable>,
 }
 
-/// The share that is reflected of what a material sends back and lets through, by channel.
+/// Reflected part of what a material reflects and transmits, in [0, 1], by channel.
 fn reflected_share(mean: Vec3, params: &SurfaceParams) -> Vec3 {
     let (through, whole) = (mean_transmission(params), mean + mean_transmission(params));
     let share = |k: usize| if through[k] > 0.0 { mean[k] / whole[k] } else { 1.0 };
@@ -85,7 +85,7 @@ fn reflected_share(mean: Vec3, params: &SurfaceParams) -> Vec3 {
 }
 
 impl<P: Pages> Restyled<P> {
-    /// Show what `inner` holds in the styles of `palette`.
+    /// Pages of `inner` with the materials in the styles of `palette`.
     pub fn new(inner: P, palette: &Palette) -> Restyled<P> {
         let of = |m: &super::Material| (Vec3::from_array(m.albedo.map(|v| v as f32)), palette.style(&m.name));
         let mut materials: Vec<(Vec3, Style)> = inner.info().materials.iter().map(of).collect();
@@ -96,13 +96,13 @@ impl<P: Pages> Restyled<P> {
         Restyled { inner, materials, surfaces }
     }
 
-    /// A material in its style: what it transmits, and whether that varies as its own albedo does.
+    /// Linear transmission of the material `id` in its style, and whether it varies from voxel to voxel as the albedo does.
     fn shown(&self, id: u8, mean: Vec3, params: &SurfaceParams) -> (Vec3, bool) {
-        let style = self.materials.get(usize::from(id)).map_or(Style::OWN, |m| m.1);
-        if style.keep {
-            return (style.of(mean_transmission(params)), true);
+        let style = self.materials.get(usize::from(id)).map_or(Style::UNCHANGED, |m| m.1);
+        if style.keeps_albedo {
+            return (style.apply(mean_transmission(params)), true);
         }
-        (style.of(Vec3::ONE) * (1.0 - reflected_share(mean, params)), false)
+        (style.apply(Vec3::ONE) * (1.0 - reflected_share(mean, params)), false)
     }
 
     /// Whether a material has a finish of its own.
@@ -110,8 +110,8 @@ impl<P: Pages> Restyled<P> {
         self.materials.iter().any(|m| m.1.finish != Finish::PLAIN)
     }
 
-    /// The surface with the finishes of the materials that it shows: ambient factors weighted by what they reflect, highlights by
-    /// their shares, and their width by strength.
+    /// `surface` with the finishes of the materials in `mix`: ambient factors are averaged by what the materials reflect, highlights
+    /// by the materials' shares, and the widths of the lobes by the strengths of the highlights.
     fn finished(&self, surface: VoxelSurface, mix: &Mix) -> VoxelSurface {
         let (mut ambient, mut all) = (Vec3::ZERO, Vec3::ZERO);
         let (mut specular, mut without_gloss) = (Vec3::ZERO, 0.0);
@@ -119,7 +119,7 @@ impl<P: Pages> Restyled<P> {
         for (id, share) in mix.weights() {
             let Some((mean, style)) = self.materials.get(usize::from(id)) else { continue };
             let share = share as f32;
-            let reflected = share * style.of(*mean);
+            let reflected = share * style.apply(*mean);
             all += reflected;
             ambient += reflected * Vec3::from_array(style.finish.ambient.map(|v| v as f32));
             if !style.finish.has_gloss() {
@@ -143,9 +143,9 @@ impl<P: Pages> Restyled<P> {
         let (mut all, mut kept, mut fresh, mut stays) = (Vec3::ZERO, Vec3::ZERO, Vec3::ZERO, Vec3::ZERO);
         for (id, share) in mix.weights() {
             let Some((mean, style)) = self.materials.get(usize::from(id)) else { continue };
-            let (share, factor) = (share as f32, style.of(Vec3::ONE));
+            let (share, factor) = (share as f32, style.apply(Vec3::ONE));
             all += share * *mean;
-            if style.keep {
+            if style.keeps_albedo {
                 kept += share * *mean * factor;
                 stays += share * factor;
             } else {
@@ -199,7 +199,8 @@ impl<P: Pages> Pages for Restyled<P> {
         let mixes = if table.needs_mixes() { self.inner.mixes(depth, page)? } else { Vec::new() };
         let of = |(i, (own, now)): (usize, (&Voxel, &Voxel))| {
             let mix = mixes.get(i).copied().unwrap_or_default();
-            let surface = table.of(own.albedo(), &mix, now.albedo(), |id, mean, params| self.shown(id, mean, params));
+            let surface =
+                table.voxel_surface(own.albedo(), &mix, now.albedo(), |id, mean, params| self.shown(id, mean, params));
             if has_finishes { self.finished(surface, &mix) } else { surface }
         };
         Ok(own.iter().zip(voxels).enumerate().map(of).collect())
@@ -209,7 +210,7 @@ impl<P: Pages> Pages for Restyled<P> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::volume::material::FINE;
+    use crate::volume::material::FINE_STEP;
     use crate::volume::{Depth, Material, Volume};
 
     fn texel(materials: &[(&str, [f64; 3])], voxels: &[([f64; 3], Mix)]) -> Volume {
@@ -242,26 +243,26 @@ mod tests {
     fn what_is_known_of_materials_is_restyled_exactly() {
         let (bark, leaf) = ([0.2, 0.1, 0.05], [0.1, 0.4, 0.1]);
         let mixed = |s: f64| std::array::from_fn(|k| (1.0 - s) * bark[k] + s * leaf[k]);
-        let mix = |s: f64| Mix::new([(0, 1.0 - s), (1, s)], FINE);
+        let mix = |s: f64| Mix::new([(0, 1.0 - s), (1, s)], FINE_STEP);
         let shares = [0.0, 0.25, 0.5, 1.0];
         let texel = texel(&[("bark", bark), ("leaf", leaf)], &shares.map(|s| (mixed(s), mix(s))));
         let styled = |name: &str, style| Palette { styles: [(name.into(), style)].into(), ..Palette::default() };
-        let tinted = styled("leaf", Style { factor: [4.0, 0.5, 0.0], keep: true, ..Style::OWN });
+        let tinted = styled("leaf", Style { factor: [4.0, 0.5, 0.0], keeps_albedo: true, ..Style::UNCHANGED });
         for (s, found) in shares.iter().zip(seen(&texel, &tinted)) {
             let s = *s as f32;
             let want = [0.2 * (1.0 - s) + 0.4 * s, 0.1 * (1.0 - s) + 0.2 * s, 0.05 * (1.0 - s)];
             assert!(near(found, want), "{s}: {found} {want:?}");
         }
-        let replaced = styled("leaf", Style { factor: [0.8, 0.3, 0.0], keep: false, ..Style::OWN });
+        let replaced = styled("leaf", Style { factor: [0.8, 0.3, 0.0], keeps_albedo: false, ..Style::UNCHANGED });
         for (s, found) in shares.iter().zip(seen(&texel, &replaced)) {
             let s = *s as f32;
             let want = [0.2 * (1.0 - s) + 0.8 * s, 0.1 * (1.0 - s) + 0.3 * s, 0.05 * (1.0 - s)];
             assert!(near(found, want), "{s}: {found} {want:?}");
         }
-        assert!(styled("moss", Style::BLANK).unknown(&texel.info).eq(["moss"]));
+        assert!(styled("moss", Style::WHITE).unknown(&texel.info).eq(["moss"]));
         assert!(Palette::default().is_plain() && !replaced.is_plain());
         // All of it white, and nothing changed.
-        let blank = Palette { rest: Style::BLANK, ..Palette::default() };
+        let blank = Palette { rest: Style::WHITE, ..Palette::default() };
         assert!(seen(&texel, &blank).iter().all(|c| *c == Vec3::ONE));
         assert_eq!(Restyled::new(texel.clone(), &Palette::default()).voxels(0, 0).unwrap(), texel.depths[0].voxels);
     }
@@ -280,20 +281,20 @@ mod tests {
             let surfaces = restyled.surfaces(0, 0, &voxels, &table).unwrap();
             (voxels[0].albedo(), surfaces[0].transmission())
         };
-        let (reflected, through) = seen(Style { factor: [2.0, 0.5, 1.0], keep: true, ..Style::OWN });
+        let (reflected, through) = seen(Style { factor: [2.0, 0.5, 1.0], keeps_albedo: true, ..Style::UNCHANGED });
         assert!(near(reflected, [0.2, 0.2, 0.1]) && near(through, [0.2, 0.2, 0.05]), "{reflected} {through}");
         // A new colour is that of both, in the shares that the leaf has: half, half and two thirds reflected.
-        let (reflected, through) = seen(Style { factor: [0.8, 0.3, 0.6], keep: false, ..Style::OWN });
+        let (reflected, through) = seen(Style { factor: [0.8, 0.3, 0.6], keeps_albedo: false, ..Style::UNCHANGED });
         assert!(near(reflected, [0.4, 0.15, 0.4]) && near(through, [0.4, 0.15, 0.2]), "{reflected} {through}");
     }
 
     #[test]
     fn materials_have_finishes_of_their_own() {
-        let mix = Mix::new([(0, 0.5), (1, 0.5)], FINE);
+        let mix = Mix::new([(0, 0.5), (1, 0.5)], FINE_STEP);
         let texel = texel(&[("bark", [0.2; 3]), ("leaf", [0.4; 3])], &[([0.3; 3], mix), ([0.2; 3], Mix::one(0))]);
         let finish = Finish { ambient: [0.0; 3], specular: Some([0.5; 3]), shininess: Some(30.0) };
         let palette =
-            Palette { styles: [("leaf".into(), Style { finish, ..Style::OWN })].into(), ..Palette::default() };
+            Palette { styles: [("leaf".into(), Style { finish, ..Style::UNCHANGED })].into(), ..Palette::default() };
         assert!(!palette.is_plain());
         let restyled = Restyled::new(texel, &palette);
         let voxels = restyled.voxels(0, 0).unwrap();
@@ -309,11 +310,13 @@ mod tests {
     #[test]
     fn black_materials_and_no_materials() {
         let texel_of_none = texel(&[], &[([0.25, 1.0, 0.0], Mix::default())]);
-        let half = Palette { rest: Style { factor: [0.5; 3], keep: true, ..Style::OWN }, ..Palette::default() };
+        let half =
+            Palette { rest: Style { factor: [0.5; 3], keeps_albedo: true, ..Style::UNCHANGED }, ..Palette::default() };
         assert!(near(seen(&texel_of_none, &half)[0], [0.125, 0.5, 0.0]));
-        let black = texel(&[("a", [0.0; 3]), ("b", [0.0; 3])], &[([0.5; 3], Mix::new([(0, 1.0), (1, 3.0)], FINE))]);
+        let black =
+            texel(&[("a", [0.0; 3]), ("b", [0.0; 3])], &[([0.5; 3], Mix::new([(0, 1.0), (1, 3.0)], FINE_STEP))]);
         let half = Palette {
-            styles: [("b".into(), Style { factor: [0.0; 3], keep: true, ..Style::OWN })].into(),
+            styles: [("b".into(), Style { factor: [0.0; 3], keeps_albedo: true, ..Style::UNCHANGED })].into(),
             ..Palette::default()
         };
         assert!(near(seen(&black, &half)[0], [0.125; 3]));

@@ -3,24 +3,25 @@
 //! Based on: the glTF extension `KHR_materials_diffuse_transmission` (a thin sheet that reflects diffusely on the side of the
 //! light and shines diffusely on the other).
 //!
-//! META says it by material, so files and readers that know nothing of it stay as they were. A voxel has the mix of what its
-//! materials have: what it transmits is as bright, against their mean, as what it reflects.
+//! META stores it by material, so older files and readers are not affected. A voxel has the mean of its materials' properties:
+//! the ratio of its transmission to the materials' mean transmission is that of its albedo to their mean albedo.
 
 use serde_json::{Map, Value, json};
 
-use super::finish::MOST_SHININESS;
+use super::finish::MAX_SHININESS;
 use super::{Gloss, Info, Mix};
 use crate::geom::{Vec3, each3};
 
-/// META's key: an array of objects, one for each of `materials`, or one alone where there are none.
+/// Key in META of an array of objects, one per material, or a single one where the texel names no materials.
 pub const META_KEY: &str = "surfaces";
 
-/// What a material is besides its albedo. The default is a matt and opaque sheet.
+/// Properties of a material besides its albedo. The default is a matt, opaque and lit sheet.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct SurfaceParams {
-    /// Mean linear albedo of diffuse transmission, each in [0, 1]; of a texel without materials, over that of reflection.
+    /// Mean linear albedo of diffuse transmission, each in [0, 1]. In a texel without materials it is the ratio to the albedo of
+    /// reflection instead.
     pub transmission: [f64; 3],
-    /// Share that shows its albedo whatever the light, in [0, 1].
+    /// Share that shows its albedo whatever the light (`KHR_materials_unlit`), in [0, 1].
     pub unlit: f64,
 }
 
@@ -31,12 +32,12 @@ impl SurfaceParams {
     }
 }
 
-/// A material as a source has it.
+/// Mean reflection and transmission of a material as its source has them.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct SurfaceMeans {
     /// Mean linear albedo of reflection.
     pub reflected: [f64; 3],
-    /// The rest, `transmission` on the same scale as `reflected`.
+    /// Its other properties; `transmission` is on the same scale as `reflected`.
     pub params: SurfaceParams,
 }
 
@@ -48,12 +49,13 @@ impl SurfaceMeans {
         [0, 1, 2].map(part)
     }
 
-    /// The parameters of a material whose visible mean albedo is `albedo`; `None`: of a texel without materials.
-    pub fn seen(&self, albedo: Option<[f64; 3]>) -> SurfaceParams {
+    /// Parameters of the material in a texel, where the mean albedo of its visible matter is `albedo`; `None` for a texel without
+    /// materials.
+    pub fn params(&self, albedo: Option<[f64; 3]>) -> SurfaceParams {
         let ratio = self.ratio();
         let transmission = match albedo {
             None => ratio,
-            // What reflects nothing has no scale but its own.
+            // Where nothing is reflected there is no ratio: transmission is taken as the source has it.
             Some(m) => [0, 1, 2].map(|k| {
                 let own = self.params.transmission[k];
                 if self.reflected[k] > 0.0 { m[k] * ratio[k] } else { own }
@@ -62,7 +64,7 @@ impl SurfaceMeans {
         SurfaceParams { transmission, ..self.params }
     }
 
-    /// The mean of several; the default of none.
+    /// Mean of several; the default where there are none.
     pub fn mean(of: &[SurfaceMeans]) -> SurfaceMeans {
         let n = of.len().max(1) as f64;
         let mean = |get: &dyn Fn(&SurfaceMeans) -> f64| of.iter().map(get).sum::<f64>() / n;
@@ -98,8 +100,8 @@ pub fn store(surfaces: &[SurfaceParams], meta: &mut Map<String, Value>) {
 /// The parameters that META has, as many as there are; empty where all are plain. Whatever META holds is brought into range.
 pub fn read(info: &Info) -> Vec<SurfaceParams> {
     /// Of a texel without materials: a ratio.
-    const MOST_RATIO: f64 = 1e3;
-    let most = if info.materials.is_empty() { MOST_RATIO } else { 1.0 };
+    const MAX_RATIO: f64 = 1e3;
+    let most = if info.materials.is_empty() { MAX_RATIO } else { 1.0 };
     let number = |v: Option<&Value>, most: f64| {
         v.and_then(Value::as_f64).filter(|v| v.is_finite()).map_or(0.0, |v| v.clamp(0.0, most))
     };
@@ -112,20 +114,20 @@ pub fn read(info: &Info) -> Vec<SurfaceParams> {
     if all.iter().all(SurfaceParams::is_plain) { Vec::new() } else { all }
 }
 
-/// What a voxel is besides its albedo, as codes. The default is matt, opaque and lit.
+/// Properties of a voxel besides its albedo, as codes. The default is matt, opaque and lit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct VoxelSurface {
     /// Linear albedo of diffuse transmission = (code / 255)^2.
     transmission: [u8; 3],
     /// Share that is unlit = code / 255.
     unlit: u8,
-    /// Share of the light from around that is reflected, of what would be else = code / 255.
+    /// Factor of the ambient light that is reflected = code / 255.
     ambient: [u8; 3],
-    /// Strength of highlights, times the share of the materials that have some = (code / 255)^2.
+    /// Strength of highlights, times the share of the materials that give their own = (code / 255)^2.
     specular: [u8; 3],
-    /// Shininess + 1 = (most + 1)^(code / 255).
+    /// Shininess + 1 = ([`MAX_SHININESS`] + 1)^(code / 255).
     shininess: u8,
-    /// Share of the materials that say nothing of highlights = code / 255.
+    /// Share of the materials that give no highlights of their own, and take those of their layer = code / 255.
     without_gloss: u8,
 }
 
@@ -162,11 +164,11 @@ fn colour(codes: [u8; 3]) -> Vec3 {
 
 /// Logarithm of the largest shininess + 1.
 fn shininess_span() -> f32 {
-    (1.0 + MOST_SHININESS as f32).ln()
+    (1.0 + MAX_SHININESS as f32).ln()
 }
 
 impl VoxelSurface {
-    /// From linear values, clamped to [0, 1].
+    /// Surface of this linear transmission and unlit share, clamped to [0, 1].
     pub fn new(transmission: Vec3, unlit: f32) -> VoxelSurface {
         VoxelSurface {
             transmission: transmission.to_array().map(root_code),
@@ -175,7 +177,7 @@ impl VoxelSurface {
         }
     }
 
-    /// The same with an ambient factor, with highlights, and with the share of the materials that say nothing of them.
+    /// The surface with an ambient factor, with highlights, and with the share of the materials that give none of their own.
     pub fn with_finish(self, ambient: Vec3, gloss: &Gloss, without_gloss: f32) -> VoxelSurface {
         VoxelSurface {
             ambient: ambient.to_array().map(share_code),
@@ -196,12 +198,12 @@ impl VoxelSurface {
         share(self.unlit)
     }
 
-    /// Share of the light from around that is reflected, of what would be else; each channel in [0, 1].
+    /// Factor of the ambient light that is reflected, each channel in [0, 1].
     pub fn ambient(&self) -> Vec3 {
         Vec3::from_array(self.ambient.map(share))
     }
 
-    /// Highlights of the materials that say something of theirs, their strength times these materials' share.
+    /// Highlights of the materials that give their own, with their strength times these materials' share.
     pub fn gloss(&self) -> Gloss {
         let specular = colour(self.specular);
         // Most voxels have none.
@@ -210,38 +212,26 @@ impl VoxelSurface {
         Gloss { specular, shininess }
     }
 
-    /// Share of the materials that say nothing of highlights, in [0, 1].
+    /// Share of the materials that give no highlights of their own, in [0, 1].
     pub fn without_gloss(&self) -> f32 {
         share(self.without_gloss)
     }
 }
 
-/// Materials of a texel, some of which are more than matt and opaque.
+/// Properties of all materials of a texel, by which the surfaces of its voxels are found.
 pub struct SurfaceTable {
-    /// By id: mean albedo and the rest.
+    /// Mean albedo and other properties, by id.
     entries: Vec<(Vec3, SurfaceParams)>,
 }
 
-/// A material's part in a voxel: its share of what is seen, the mean albedo and transmission that it is shown with, and whether
-/// these follow the voxel's own albedo.
-#[derive(Clone, Copy)]
-pub struct Shown {
-    /// In [0, 1].
-    pub share: f32,
-    /// Linear.
-    pub transmission: Vec3,
-    /// Whether it varies as the voxel's albedo does.
-    pub follows: bool,
-}
-
 impl SurfaceTable {
-    /// `None` where all materials are plain.
+    /// Table of a texel's materials; `None` where all are plain.
     pub fn new(info: &Info) -> Option<SurfaceTable> {
         let surfaces = read(info);
         (!surfaces.is_empty()).then(|| SurfaceTable::with(info, &surfaces))
     }
 
-    /// The table also where all materials are plain.
+    /// Table of a texel's materials, even if all of them are plain.
     pub fn always(info: &Info) -> SurfaceTable {
         SurfaceTable::with(info, &read(info))
     }
@@ -257,14 +247,15 @@ impl SurfaceTable {
         self.entries.get(usize::from(id)).copied().unwrap_or_default()
     }
 
-    /// Whether voxels differ by more than their albedo.
+    /// Whether a voxel's surface depends on its mix of materials.
     pub fn needs_mixes(&self) -> bool {
         self.entries.len() > 1
     }
 
-    /// The surface of a voxel of the albedo `albedo` that shows `mix`, in the colours `shown` of its materials; where it then
-    /// reflects `restyled`.
-    pub fn of(
+    /// Surface of a voxel with the linear albedo `albedo` and the materials `mix`, whose albedo after restyling is `restyled`.
+    /// `shown` gives, for a material's id, mean albedo and properties, the transmission that it is shown with, and whether that
+    /// varies as the voxel's albedo does.
+    pub fn voxel_surface(
         &self,
         albedo: Vec3,
         mix: &Mix,
@@ -292,13 +283,13 @@ impl SurfaceTable {
         VoxelSurface::new(transmission.min(Vec3::ONE - restyled), if bright > 0.0 { unlit / bright } else { 0.0 })
     }
 
-    /// [`SurfaceTable::of`] in the materials' own colours.
-    pub fn plain(&self, albedo: Vec3, mix: &Mix) -> VoxelSurface {
-        self.of(albedo, mix, albedo, |_, _, params| (mean_transmission(params), true))
+    /// [`SurfaceTable::voxel_surface`] in the materials' own colours.
+    pub fn own_surface(&self, albedo: Vec3, mix: &Mix) -> VoxelSurface {
+        self.voxel_surface(albedo, mix, albedo, |_, _, params| (mean_transmission(params), true))
     }
 }
 
-/// In 32 bits.
+/// Transmission of a material, linear, in 32-bit numbers.
 pub fn mean_transmission(params: &SurfaceParams) -> Vec3 {
     Vec3::from_array(each3(params.transmission, |v| v as f32))
 }
@@ -307,7 +298,7 @@ pub fn mean_transmission(params: &SurfaceParams) -> Vec3 {
 mod tests {
     use super::*;
     use crate::volume::Material;
-    use crate::volume::material::FINE;
+    use crate::volume::material::FINE_STEP;
 
     fn info(materials: &[[f64; 3]], surfaces: &[SurfaceParams]) -> Info {
         let of = |(i, albedo): (usize, &[f64; 3])| Material { name: i.to_string(), albedo: *albedo, share: 0.5 };
@@ -324,13 +315,13 @@ mod tests {
         let table = SurfaceTable::new(&info).unwrap();
         let mixed = |s: f32| Vec3::new(0.2, 0.1, 0.05).lerp(Vec3::new(0.1, 0.4, 0.1), s);
         for s in [0.0f32, 0.5, 1.0] {
-            let mix = Mix::new([(0, f64::from(1.0 - s)), (1, f64::from(s))], FINE);
-            let found = table.plain(mixed(s), &mix).transmission();
+            let mix = Mix::new([(0, f64::from(1.0 - s)), (1, f64::from(s))], FINE_STEP);
+            let found = table.own_surface(mixed(s), &mix).transmission();
             // Half a step of the code's root at .3: 2 · sqrt(.3) / 510, and of a share: half of 1/63, twice.
             let want = s * Vec3::new(0.1, 0.3, 0.05);
             assert!((found - want).abs().max_element() < 0.003 + 0.3 / 63.0, "{s}: {found} {want}");
             // Half as bright, half the light comes through.
-            let dark = table.plain(0.5 * mixed(s), &mix).transmission();
+            let dark = table.own_surface(0.5 * mixed(s), &mix).transmission();
             assert!((dark - 0.5 * want).abs().max_element() < 0.003 + 0.3 / 63.0, "{s}: {dark}");
         }
     }
@@ -353,7 +344,7 @@ mod tests {
         let bright = SurfaceParams { transmission: [0.5; 3], ..SurfaceParams::default() };
         let table = SurfaceTable::new(&info(&[[0.5; 3]], &[bright])).unwrap();
         for albedo in [0.0, 0.3, 0.5, 0.8, 1.0] {
-            let through = table.plain(Vec3::splat(albedo), &Mix::one(0)).transmission().x;
+            let through = table.own_surface(Vec3::splat(albedo), &Mix::one(0)).transmission().x;
             // A step of the code at most.
             assert!(albedo + through <= 1.0 + 1.0 / 255.0, "{albedo} {through}");
         }
@@ -377,8 +368,8 @@ mod tests {
             reflected: [0.2, 0.0, 0.4],
             params: SurfaceParams { transmission: [0.1, 0.3, 0.4], ..SurfaceParams::default() },
         };
-        assert_eq!(means.seen(None).transmission, [0.5, 0.0, 1.0]);
-        assert_eq!(means.seen(Some([0.1, 0.0, 0.2])).transmission, [0.05, 0.3, 0.2]);
+        assert_eq!(means.params(None).transmission, [0.5, 0.0, 1.0]);
+        assert_eq!(means.params(Some([0.1, 0.0, 0.2])).transmission, [0.05, 0.3, 0.2]);
         assert_eq!(SurfaceMeans::mean(&[means, SurfaceMeans::default()]).reflected, [0.1, 0.0, 0.2]);
     }
 }

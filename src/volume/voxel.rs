@@ -1,7 +1,7 @@
 //! One voxel: integer codes in 16 bytes, four to a cache line, and the equations that decode them.
 //!
-//! The codes here are the full-precision ones of memory; a file may hold a stream with fewer steps, which the reader
-//! widens to these. Rates are in hits per voxel edge *of the voxel's own depth*, so that codes look alike at every depth.
+//! These are the codes in memory, of full precision. A file may hold a stream with fewer steps, which the reader widens to
+//! them. Rates are in hits per voxel edge *of the voxel's own depth*, so that codes look alike at every depth.
 
 use super::ndf::Sggx;
 use crate::geom::Vec3;
@@ -10,7 +10,7 @@ use crate::geom::Vec3;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(C, align(16))]
 pub struct Voxel {
-    /// 0: rate 0. Else log2 of rho = (code − 144) / 16: 2^−8.9 … 2^6.9 hits per voxel edge.
+    /// 0 for no matter; else the rate is 2^((code − 144) / 16), from 2^−8.9 to 2^6.9 hits per voxel edge.
     pub rate: u8,
     /// Low nibble: block correlation c = code / 15. High nibble: one-sidedness |mean area vector| / area = code / 15.
     pub correlation: u8,
@@ -45,17 +45,18 @@ pub const RATE_MAX: u8 = 255;
 const RATE_BIAS: f32 = 144.0;
 const RATE_STEPS: f32 = 16.0;
 
-/// rho of every rate code, in hits per voxel edge. `libm`, not the platform, so that it is the same everywhere.
+/// Rates of all codes, in hits per voxel edge. They are computed by `libm` and not by the platform's functions, so that they
+/// are the same everywhere.
 pub fn rate_table() -> [f32; 256] {
     std::array::from_fn(|code| decode_rate(code as u8))
 }
 
-/// rho of a rate code, in hits per voxel edge.
+/// Rate of a code, in hits per voxel edge.
 pub fn decode_rate(code: u8) -> f32 {
     if code == 0 { 0.0 } else { libm::exp2f((f32::from(code) - RATE_BIAS) / RATE_STEPS) }
 }
 
-/// The code nearest to `rho` ≥ 0 in log scale; below half the smallest rate it is 0, above the largest it is [`RATE_MAX`].
+/// Code nearest to the rate `rho` ≥ 0 on a logarithmic scale: 0 below half of the smallest rate, [`RATE_MAX`] above the largest.
 pub fn encode_rate(rho: f64) -> u8 {
     if rho.is_nan() || rho < libm::exp2(-9.0 - 0.5 / 16.0) {
         return 0;
@@ -63,7 +64,7 @@ pub fn encode_rate(rho: f64) -> u8 {
     (libm::log2(rho) * f64::from(RATE_STEPS) + f64::from(RATE_BIAS)).round().clamp(1.0, 255.0) as u8
 }
 
-/// i / 15.
+/// Values i / 15 of the 4-bit codes.
 static FIFTEENTHS: [f32; 16] = {
     let mut table = [0.0; 16];
     let mut i = 0;
@@ -85,7 +86,7 @@ pub static SUPPORT_ENDS: [[f32; 2]; 256] = {
     table
 };
 
-/// Edge of the voxels of a depth, in cube edges.
+/// Edge of the voxels of `depth` ≤ 16, in edges of the texel's cube.
 #[inline(always)]
 pub fn voxel_edge(depth: u8) -> f32 {
     // 2^-depth by its exponent; depths are below 17.

@@ -7,7 +7,7 @@ use vtex::Error;
 
 use crate::memory::{alone, peak};
 use crate::mutators::gzip;
-use crate::run::{Command, MEMORY, MOST_MEMORY, run};
+use crate::run::{Command, MAX_MEMORY, MEMORY, run};
 use crate::seeds::put;
 use crate::small;
 
@@ -88,7 +88,7 @@ fn memory_is_refused_before_it_is_taken() {
         }
         let (result, most) = peak(|| run(command, &own.join(main), 1));
         println!("{name:10} {:>6} MiB of {:>4}: {result:?}", most >> 20, MEMORY >> 20);
-        assert!((most as u64) < MOST_MEMORY, "{name} takes {} MiB", most >> 20);
+        assert!((most as u64) < MAX_MEMORY, "{name} takes {} MiB", most >> 20);
         assert!(matches!(result, Err(Error::Limit { .. })), "{name}: {result:?}");
     }
 }

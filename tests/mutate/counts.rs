@@ -7,7 +7,7 @@ use std::path::Path;
 use serde_json::json;
 
 use crate::memory;
-use crate::run::{Command, MOST_MEMORY, run};
+use crate::run::{Command, MAX_MEMORY, run};
 
 /// A glTF of a grid of 32 × 32 squares that one node places `copies` times, with `materials` masked materials of one picture.
 fn instanced(folder: &Path, copies: usize, materials: usize) -> std::path::PathBuf {
@@ -68,7 +68,7 @@ fn refused(command: Command, input: &Path, said: &str) {
     let mut line = String::new();
     let _ = write!(line, "{command:?}: {text}; {} MiB", peak >> 20);
     assert!(text.contains(said) && text.contains("the limit is"), "{line}");
-    assert!(peak as u64 <= MOST_MEMORY, "{line}");
+    assert!(peak as u64 <= MAX_MEMORY, "{line}");
 }
 
 #[test]

@@ -8,14 +8,14 @@ use vtex::progress::Quiet;
 use vtex::render::image_io;
 use vtex::scene::gltf::map::{MapOptions, map};
 use vtex::scene::{ReadOptions, gltf};
-use vtex::source::{LSystemOptions, Laid, OpenOptions, Source, StackOptions, TrajectoryOptions};
+use vtex::source::{LSystemOptions, OpenOptions, PaintOptions, Source, StackOptions, TrajectoryOptions};
 use vtex::{Error, Result, bake, format, merge, render, source};
 
 /// Bytes that a source may take as it is read, and that its bake may take.
 pub const MEMORY: u64 = 32 << 20;
 /// What an input may take in all: as much as its source and its bake are allowed, and what the program takes besides: tables,
 /// buffers of decoders, pictures of a few pixels, messages.
-pub const MOST_MEMORY: u64 = 2 * MEMORY + (32 << 20);
+pub const MAX_MEMORY: u64 = 2 * MEMORY + (32 << 20);
 
 /// What a format's inputs are given to.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -23,7 +23,7 @@ pub enum Command {
     Bake,
     /// As the transfer function of the stack `ball.nrrd`.
     Transfer,
-    /// As what is laid on `quad.obj`.
+    /// As the paint on `quad.obj`.
     Albedo,
     Texel,
     Render,
@@ -39,11 +39,11 @@ pub fn run(command: Command, input: &Path, number: u64) -> Result<()> {
         Command::Bake => read_and_bake(input, &beside("out.vtex"), number),
         Command::Transfer => {
             let stack = StackOptions { table: Some(input.into()), ..StackOptions::default() };
-            baked(&beside("ball.nrrd"), &OpenOptions { stack, ..open_options() }, &Laid::default(), number)
+            baked(&beside("ball.nrrd"), &OpenOptions { stack, ..open_options() }, &PaintOptions::default(), number)
         }
         Command::Albedo => {
-            let laid = Laid { albedo: Some(input.to_string_lossy().into()), ..Laid::default() };
-            baked(&beside("quad.obj"), &open_options(), &laid, number)
+            let paint = PaintOptions { albedo: Some(input.to_string_lossy().into()), ..PaintOptions::default() };
+            baked(&beside("quad.obj"), &open_options(), &paint, number)
         }
         Command::Texel => texel(input, number),
         Command::Render => picture(input),
@@ -71,10 +71,10 @@ pub fn read_and_bake(input: &Path, output: &Path, number: u64) -> Result<()> {
     written(&*source::open(input, &open_options())?, output, number)
 }
 
-fn baked(input: &Path, options: &OpenOptions, laid: &Laid, number: u64) -> Result<()> {
+fn baked(input: &Path, options: &OpenOptions, paint: &PaintOptions, number: u64) -> Result<()> {
     source::dependencies(input);
     let opened = source::open(input, options)?;
-    let opened = source::lay(opened, laid, &options.read)?;
+    let opened = source::apply_paint(opened, paint, &options.read)?;
     written(&*opened, &input.with_file_name("out.vtex"), number)
 }
 

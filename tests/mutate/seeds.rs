@@ -25,9 +25,9 @@ pub struct Format {
 }
 
 /// Larger inputs are left out: their mutants would take too long.
-const MOST_BYTES: usize = 96 << 10;
+const MAX_BYTES: usize = 96 << 10;
 /// The same of kinds that are packed well: what they are unpacked to is filtered and contoured, for a second each.
-const MOST_PACKED: usize = 1 << 10;
+const MAX_PACKED: usize = 1 << 10;
 
 /// How a file is mutated, by its name.
 pub fn kind(name: &str) -> Kind {
@@ -139,12 +139,12 @@ fn sort_in(file: &Path, all: &mut [Format]) {
         "vtex" => &["vtex"],
         _ => return,
     };
-    if std::fs::metadata(file).is_ok_and(|m| m.len() as usize > MOST_BYTES) {
+    if std::fs::metadata(file).is_ok_and(|m| m.len() as usize > MAX_BYTES) {
         return;
     }
     let Some(seed) = with_dependencies(file, &name) else { return };
     let packs = names.iter().any(|n| ["NRRD", "JPEG"].contains(n));
-    if packs && seed.files.iter().map(|f| f.1.len()).sum::<usize>() > MOST_PACKED {
+    if packs && seed.files.iter().map(|f| f.1.len()).sum::<usize>() > MAX_PACKED {
         return;
     }
     for format in all.iter_mut().filter(|f| names.contains(&f.name)) {
@@ -168,7 +168,7 @@ fn with_dependencies(file: &Path, name: &str) -> Option<Seed> {
         }
     }
     let bytes: usize = files.iter().map(|f| f.1.len()).sum();
-    (bytes <= 2 * MOST_BYTES).then_some(Seed { main: name.into(), files })
+    (bytes <= 2 * MAX_BYTES).then_some(Seed { main: name.into(), files })
 }
 
 /// A leaf of two materials and a ball, baked.

@@ -14,7 +14,9 @@ use vtex::scene::{self, ReadOptions, gltf};
 use vtex::source::curve::trajectory;
 use vtex::source::lsystem::Dialect;
 use vtex::source::stack::{self, TransferSpec};
-use vtex::source::{self, LSystemOptions, Laid, OpenOptions, Source, StackOptions, StackSource, TrajectoryOptions};
+use vtex::source::{
+    self, LSystemOptions, OpenOptions, PaintOptions, Source, StackOptions, StackSource, TrajectoryOptions,
+};
 use vtex::volume::Octree;
 use vtex::{Error, Result, bake, render};
 
@@ -27,7 +29,7 @@ pub const MEMORY: u64 = 4 << 20;
 /// What an input may take in all: as much for the file as for what is made of it, and buffers of decoders.
 const MOST: usize = 2 * MEMORY as usize + (32 << 20);
 /// Pictures that are compared, and rasters, have 2^26 pixels at most, whatever else is allowed.
-const MOST_OF_PICTURES: usize = (1 << 30) + (32 << 20);
+const MAX_OF_PICTURES: usize = (1 << 30) + (32 << 20);
 
 /// One reader, or one kind of thing that is made of bytes.
 pub struct Target {
@@ -69,7 +71,7 @@ const fn shape(name: &'static str, formats: &'static [&'static str], shape: shap
 }
 
 const fn pictures(target: Target) -> Target {
-    Target { most: MOST_OF_PICTURES, ..target }
+    Target { most: MAX_OF_PICTURES, ..target }
 }
 
 pub const ALL: &[Target] = &[
@@ -232,7 +234,7 @@ fn texel(call: &Call) -> Result<()> {
     if call.first & 1 == 1 {
         mutators::mend_texel(&mut bytes);
     }
-    let reader = Reader::of_bytes(call.path, bytes.into(), &Limits { decoded_bytes: MEMORY })?;
+    let reader = Reader::from_bytes(call.path, bytes.into(), &Limits { decoded_bytes: MEMORY })?;
     reader.read_all()?;
     let tree = Octree::new(reader)?;
     shapes::texel::crossed(&tree, call.hash);
@@ -303,8 +305,8 @@ fn transfer(call: &Call) -> Result<()> {
 fn albedo(call: &Call) -> Result<()> {
     let options = open_options();
     let quad = source::open(&call.path.with_file_name("quad.obj"), &options)?;
-    let laid = Laid { albedo: Some(call.path.to_string_lossy().into()), ..Laid::default() };
-    baked(&*source::lay(quad, &laid, &options.read)?, call.hash)
+    let paint = PaintOptions { albedo: Some(call.path.to_string_lossy().into()), ..PaintOptions::default() };
+    baked(&*source::apply_paint(quad, &paint, &options.read)?, call.hash)
 }
 
 fn curves(call: &Call) -> Result<()> {

@@ -11,7 +11,7 @@ use std::time::Duration;
 
 use crate::memory;
 use crate::mutators::{Dice, mutate};
-use crate::run::{MOST_MEMORY, run};
+use crate::run::{MAX_MEMORY, run};
 use crate::seeds::{Format, formats, kind, put};
 
 /// How an input ended.
@@ -26,7 +26,7 @@ pub struct Outcome {
 }
 
 /// Seconds of the processor that a long run gives an input.
-const MOST_SECONDS: u64 = 60;
+const MAX_SECONDS: u64 = 60;
 const SEED: u64 = 1;
 
 /// The part of the numbers that a child process runs.
@@ -83,7 +83,7 @@ impl Job {
             }
             Err(_) => ("panic", std::mem::take(&mut *PANIC.lock().unwrap())),
         };
-        let result = if peak as u64 > MOST_MEMORY { "memory" } else { result };
+        let result = if peak as u64 > MAX_MEMORY { "memory" } else { result };
         let mut line = String::new();
         let _ = writeln!(line, "{number}\t{}\t{result}\t{peak}\t{}", format.name, text.escape_debug());
         let log = std::fs::OpenOptions::new().create(true).append(true).open(self.folder.join("log"));
@@ -192,10 +192,10 @@ fn child(numbers: &Range<u64>, folder: &Path, long: bool) -> Option<String> {
         let used = seconds(child.id());
         if now != current {
             (current, since) = (now, used);
-        } else if used.saturating_sub(since) > MOST_SECONDS {
+        } else if used.saturating_sub(since) > MAX_SECONDS {
             child.kill().unwrap();
             child.wait().unwrap();
-            return Some(format!("it takes more than {MOST_SECONDS} s"));
+            return Some(format!("it takes more than {MAX_SECONDS} s"));
         }
     }
 }

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use super::*;
 use crate::bake::clip::for_each_piece;
-use crate::bake::measure::Gather;
+use crate::bake::measure::VoxelAccumulator;
 use crate::geom::{Aabb, DAffine3, DMat3};
 use crate::progress::Quiet;
 use crate::scene::model::{Alpha, Instance, Material, Model, Part};
@@ -110,7 +110,7 @@ fn find(texture: Texture, alpha: Alpha) -> Found {
                     found.error[0] += (share - truth).powi(2);
                     found.error[1] += (sampled(&*staged, p, 8) - truth).powi(2);
                 }
-                let mut gather = Gather::new(false);
+                let mut gather = VoxelAccumulator::new(false);
                 gather.add(&*staged, p, at, alpha);
                 for k in 0..13 {
                     whole += f64::from(gather.lines(k)) / 256.0;

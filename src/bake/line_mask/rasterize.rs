@@ -8,8 +8,8 @@ use crate::geom::polygon::Polygon;
 use crate::geom::projection::{LINES, PROJECTIONS, Projection};
 use crate::simd::multiversioned;
 
-/// Add to `mask` the lines through `polygon` (voxel edges, within the voxel at `origin`); with `alpha`, only those that meet
-/// what it leaves. Their number is added to `sum_before_union`, axis by axis, whether the mask held them already or not.
+/// Add to `mask` the lines that meet `polygon` (in voxel edges, within the voxel at `origin`); with `alpha`, only those that meet its
+/// opaque cells. The number of these lines is added to `sum_before_union`, axis by axis, whether the mask held them already or not.
 pub fn rasterize(
     mask: &mut LineMask,
     polygon: &Polygon,

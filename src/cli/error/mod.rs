@@ -124,7 +124,7 @@ pub fn against(
         (seen.albedo, seen.alpha)
     };
     let soft = |m: &source::Medium| {
-        let (low, edge) = (DVec3::from(m.at.map(f64::from)), f64::from(1u32 << m.levels));
+        let (low, edge) = (DVec3::from(m.at.map(f64::from)), f64::from(1u32 << m.edge_log2));
         let bounds = Aabb::new((low + edge * m.lo) / side, (low + edge * m.hi) / side);
         MediumBox { bounds, extinction: m.extinction * side, flat: m.flat, normal: m.normal, albedo: m.albedo }
     };

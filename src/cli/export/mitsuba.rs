@@ -13,7 +13,7 @@ use crate::volume::Sggx;
 use crate::{Error, Result};
 
 /// Voxels along the edge of the largest grid: ten numbers of four bytes for each of its cells are 640 MiB.
-pub const MOST: u32 = 256;
+pub const MAX_RESOLUTION: u32 = 256;
 
 /// Write `path`, an .xml, and its grids beside it. Gives the grids' names.
 pub fn write(voxels: &Voxels, path: &Path) -> Result<Vec<PathBuf>> {

@@ -24,9 +24,9 @@ use crate::{Error, Result};
 use solid::Form;
 
 /// Largest file that is put into a page: browsers hold its text twice while they read it.
-const MOST_BYTES: u64 = 256 << 20;
+const MAX_BYTES: u64 = 256 << 20;
 /// Most voxels of a mesh or of splats: their file has some gigabytes then.
-const MOST_VOXELS: usize = 1 << 24;
+const MAX_VOXELS: usize = 1 << 24;
 
 /// Write a texel for other programs: a page for any browser (.html), blocks, points or Gaussian splats (.glb), Gaussian splats
 /// (.ply), grids of OpenVDB (.vdb), levels of detail of OpenUSD (.usda), a scene of Mitsuba 3 (.xml)
@@ -144,11 +144,11 @@ fn own_name(path: &Path) -> String {
 /// # Errors
 /// `Limit` where the texel is too large for a page, or what reading it says.
 pub fn page_of(path: &Path, reader: &Reader, title: &str) -> Result<String> {
-    if reader.file_bytes() > MOST_BYTES {
+    if reader.file_bytes() > MAX_BYTES {
         return Err(Error::Limit {
             what: format!("the texel in a page ({} keeps its coarser depths)", "vtex truncate"),
             needed: reader.file_bytes(),
-            allowed: MOST_BYTES,
+            allowed: MAX_BYTES,
         });
     }
     let texel = std::fs::read(path).map_err(|e| Error::input(path, "", e.to_string()))?;
@@ -170,7 +170,7 @@ fn voxels(args: &Args, reader: &Reader, otherwise: u8) -> Result<voxels::Voxels>
         let file = args.file.display();
         return Err(Error::Options(format!("{file} has no depth {depth}: its finest is {finest}")));
     }
-    voxels::of(reader, args.depth.unwrap_or(otherwise).into(), MOST_VOXELS)
+    voxels::of(reader, args.depth.unwrap_or(otherwise).into(), MAX_VOXELS)
 }
 
 fn to_mesh(args: &Args, reader: &Reader) -> Result<Written> {
@@ -224,7 +224,7 @@ fn to_usd(args: &Args, reader: &Reader) -> Result<Written> {
     let finest = voxels(args, reader, 7)?;
     let coarser = |by: u8| -> Result<voxels::Voxels> {
         let depth = finest.resolution.ilog2() as usize;
-        voxels::of(reader, depth.saturating_sub(by.into()), MOST_VOXELS)
+        voxels::of(reader, depth.saturating_sub(by.into()), MAX_VOXELS)
     };
     let (middle, far) = (coarser(COARSER)?, coarser(COARSER + 1)?);
     let shown: Vec<_> = middle.cells.iter().filter(|cell| cell.opacity() >= args.least_opacity()).collect();
@@ -244,11 +244,11 @@ fn to_usd(args: &Args, reader: &Reader) -> Result<Written> {
 
 fn to_mitsuba(args: &Args, reader: &Reader) -> Result<Written> {
     let voxels = voxels(args, reader, 7)?;
-    if voxels.resolution > mitsuba::MOST {
+    if voxels.resolution > mitsuba::MAX_RESOLUTION {
         return Err(Error::Limit {
             what: "the edge of the grids, in voxels (--depth takes a coarser one)".into(),
             needed: voxels.resolution.into(),
-            allowed: mitsuba::MOST.into(),
+            allowed: mitsuba::MAX_RESOLUTION.into(),
         });
     }
     let more = mitsuba::write(&voxels, &args.output)?;

@@ -18,7 +18,7 @@ const SH_0: f64 = 0.282_094_791_773_878_14;
 /// Flattest splat: its thinnest axis over its longest.
 const FLATTEST: f64 = 0.05;
 /// Greatest opacity in the middle of a splat: what the file keeps is its logit.
-const MOST_OPAQUE: f64 = 0.995;
+const MAX_OPAQUE: f64 = 0.995;
 
 /// One splat, in the copy's own space.
 pub struct Splat {
@@ -73,9 +73,9 @@ fn splat(voxels: &Voxels, cell: &Cell) -> Option<Splat> {
     let mean = |v: DVec3| (v.y * v.z + v.z * v.x + v.x * v.y) / 3.0;
     let wanted = opacity * mean(size);
     let mut peak = wanted / (std::f64::consts::TAU * mean(deviations));
-    if peak > MOST_OPAQUE {
-        deviations *= (peak / MOST_OPAQUE).sqrt();
-        peak = MOST_OPAQUE;
+    if peak > MAX_OPAQUE {
+        deviations *= (peak / MAX_OPAQUE).sqrt();
+        peak = MAX_OPAQUE;
     }
     // Both maps are turns and one scale, so that axes stay at right angles.
     let scale = voxels.to_own.matrix3.x_axis.length();

@@ -14,7 +14,7 @@ use crate::{Error, Result};
 use grid::{Grid, Place, text};
 
 /// Voxels that are written one by one: 16 bytes each, besides their masks.
-const MOST: u64 = 1 << 26;
+const MAX_VALUES: u64 = 1 << 26;
 
 /// The file.
 ///
@@ -22,9 +22,9 @@ const MOST: u64 = 1 << 26;
 /// `Limit` where there are too many voxels.
 pub fn of(voxels: &Voxels) -> Result<Vec<u8>> {
     let needed: u64 = voxels.cells.iter().map(|cell| if cell.edge < 8 { u64::from(cell.edge).pow(3) } else { 1 }).sum();
-    if needed > MOST {
+    if needed > MAX_VALUES {
         let what = "the number of voxels in the grids (--depth takes a coarser one)".into();
-        return Err(Error::Limit { what, needed, allowed: MOST });
+        return Err(Error::Limit { what, needed, allowed: MAX_VALUES });
     }
     let scale = voxels.size();
     let (mut density, mut color) = (Grid::<1>::new("density", "float"), Grid::<3>::new("color", "vec3s"));

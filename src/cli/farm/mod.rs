@@ -21,7 +21,7 @@ use crate::scene::files::extension;
 use crate::{Error, Result};
 use paths::{Flow, Paths};
 use rebake::Rebake;
-use template::{Job, MOST_TILES, folders};
+use template::{Job, MAX_TILES, folders};
 
 /// Write a job for render farms: the bakes of a landscape's texels, its frames and tiles, as a template of Open Job Description
 /// (2023-09 with TASK_CHUNKING), which `openjd run` and the farms that know it run
@@ -188,8 +188,8 @@ fn grid([width, height]: [u32; 2], [columns, rows]: [u32; 2]) -> Result<Vec<Crop
         let what = format!("--tiles {columns}x{rows}: a picture of {width}×{height} cannot be divided so");
         return Err(Error::Options(what));
     }
-    if count > MOST_TILES as u64 {
-        return Err(Error::Options(format!("--tiles {columns}x{rows}: a job may have {MOST_TILES} tiles")));
+    if count > MAX_TILES as u64 {
+        return Err(Error::Options(format!("--tiles {columns}x{rows}: a job may have {MAX_TILES} tiles")));
     }
     let edge = |i: u32, n: u32, length: u32| (u64::from(i) * u64::from(length) / u64::from(n)) as u32;
     let span = |i: u32, n: u32, length: u32| [edge(i, n, length), edge(i + 1, n, length)];

@@ -8,9 +8,9 @@ use serde_json::{Value, json};
 use crate::{Error, Result};
 
 /// Files that are named one by one: a template may have 50 parameters. More are named by their folders.
-const MOST_FILES: usize = 36;
+const MAX_FILES: usize = 36;
 /// Folders that are named.
-const MOST_FOLDERS: usize = 40;
+const MAX_FOLDERS: usize = 40;
 
 /// Whether a farm takes a file to the machines, or also back.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -75,7 +75,7 @@ impl Paths {
     }
 
     fn by_folder(&self) -> bool {
-        self.files.len() > MOST_FILES
+        self.files.len() > MAX_FILES
     }
 
     /// The folders of all files, with the strongest flow in each.
@@ -123,9 +123,9 @@ impl Paths {
             return Ok(files.map(|(i, (path, &flow))| define("File", "FILE", i, path, flow)).collect());
         }
         let folders = self.folders();
-        if folders.len() > MOST_FOLDERS {
+        if folders.len() > MAX_FOLDERS {
             let what = "folders of the job's files; put the files together: a job".to_owned();
-            return Err(Error::Limit { what, needed: folders.len() as u64, allowed: MOST_FOLDERS as u64 });
+            return Err(Error::Limit { what, needed: folders.len() as u64, allowed: MAX_FOLDERS as u64 });
         }
         let folders = folders.into_iter().enumerate();
         Ok(folders.map(|(i, (path, flow))| define("Folder", "DIRECTORY", i, path, flow)).collect())
@@ -151,7 +151,7 @@ mod tests {
         let defined = paths.definitions().unwrap();
         assert_eq!(defined[0]["default"], "in/tree.vtex");
         assert_eq!((&defined[0]["dataFlow"], &defined[1]["dataFlow"]), (&json!("INOUT"), &json!("IN")));
-        for i in 0..MOST_FILES {
+        for i in 0..MAX_FILES {
             paths.add(&dir.path().join(format!("in/{i}.png")), Flow::In).unwrap();
         }
         assert_eq!(paths.refer(&texel).unwrap(), "{{Param.Folder2}}/tree.vtex");

@@ -8,7 +8,7 @@ use crate::Result;
 use crate::cli::bake;
 use crate::cli::provenance::Change;
 use crate::format::{Limits, Reader};
-use crate::source::{Laid, laid_files};
+use crate::source::{PaintOptions, paint_files};
 
 /// A bake of a job.
 #[derive(Debug)]
@@ -44,8 +44,11 @@ impl Rebake {
         let Some(options) = flags(said) else {
             return Ok(Err("its options cannot be told from the file".into()));
         };
-        let laid = Laid { albedo: said.get("albedo").and_then(Value::as_str).map(str::to_owned), ..Laid::default() };
-        if !laid_files(&laid).is_empty() {
+        let paint = PaintOptions {
+            albedo: said.get("albedo").and_then(Value::as_str).map(str::to_owned),
+            ..PaintOptions::default()
+        };
+        if !paint_files(&paint).is_empty() {
             return Ok(Err("its --albedo is a file, which has no place in a job".into()));
         }
         let source = match sources.first().and_then(|s| s["uri"].as_str()) {

@@ -10,7 +10,7 @@ use crate::render::CropWindow;
 use crate::{Error, Result};
 
 /// Longest list of a task's parameter.
-pub const MOST_TILES: usize = 1024;
+pub const MAX_TILES: usize = 1024;
 /// Longest name of a step, in characters.
 const STEP_NAME: usize = 64;
 /// Longest name of a job, in characters.
@@ -45,8 +45,8 @@ impl Job {
     /// # Errors
     /// `Limit` where there are too many tiles, or files.
     pub fn template(&self, paths: &Paths) -> Result<Value> {
-        if self.tiles.len() > MOST_TILES {
-            let (needed, allowed) = (self.tiles.len() as u64, MOST_TILES as u64);
+        if self.tiles.len() > MAX_TILES {
+            let (needed, allowed) = (self.tiles.len() as u64, MAX_TILES as u64);
             return Err(Error::Limit { what: "the job's tiles".into(), needed, allowed });
         }
         let tiled = self.tiles.len() > 1;

@@ -15,7 +15,7 @@ use percent_encoding::percent_decode_str;
 const HEAD: usize = 16 << 10;
 const HEADERS: usize = 96;
 /// Connections that are answered at a time.
-const MOST: usize = 32;
+const MAX_CONNECTIONS: usize = 32;
 /// How long a request may take to arrive, and a part of an answer to leave.
 const PATIENCE: Duration = Duration::from_secs(10);
 
@@ -131,7 +131,7 @@ pub fn serve(listener: &TcpListener, port: u16, answer: &(dyn Fn(&Request, &mut 
                 continue;
             };
             let open = &open;
-            if open.fetch_add(1, Ordering::Relaxed) >= MOST {
+            if open.fetch_add(1, Ordering::Relaxed) >= MAX_CONNECTIONS {
                 open.fetch_sub(1, Ordering::Relaxed);
                 continue;
             }

@@ -34,7 +34,7 @@ const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; c
                       form-action 'none'; frame-ancestors 'none'";
 
 /// Most pixels a side of a picture, and its coarsest pixel in pixels of the finest.
-const MOST_PIXELS: u32 = 4096;
+const MAX_PIXELS: u32 = 4096;
 const COARSEST: u32 = 64;
 /// Cones a pixel of the last picture.
 const LANES: u32 = 4;
@@ -275,8 +275,8 @@ fn camera_of(request: &Request) -> Result<Camera, String> {
         return Err("fov lies between 0 and 180 degrees".into());
     }
     let size = render::size(value("size")?).map_err(|e| format!("size: {e}"))?;
-    if size.iter().any(|side| !(1..=MOST_PIXELS).contains(side)) {
-        return Err(format!("size: each side has 1 to {MOST_PIXELS} pixels"));
+    if size.iter().any(|side| !(1..=MAX_PIXELS).contains(side)) {
+        return Err(format!("size: each side has 1 to {MAX_PIXELS} pixels"));
     }
     let step: u32 = value("step")?.parse().map_err(|_| "step is no whole number".to_owned())?;
     if !step.is_power_of_two() || step > COARSEST {

@@ -5,16 +5,16 @@ use proptest::prelude::*;
 use super::*;
 use crate::format::tests::{ALL_CHANNELS, Dice, quantised, volume, written};
 use crate::format::{Head, Limits, Quality, Reader, WriteOptions, filter, truncate, verify, write};
-use crate::volume::material::FINE;
+use crate::volume::material::FINE_STEP;
 use crate::volume::octree::Pages;
 use crate::volume::{Mix, Volume};
 
-fn coding(materials: usize) -> Coding {
+fn coding(materials: usize) -> MixCoding {
     let named = |i: usize| {
         let albedo = [0.1, 0.5, 0.9].map(|v: f64| (v + i as f64 * 0.37).fract());
         Material { name: i.to_string(), albedo, share: 0.5 }
     };
-    Coding::new(&(0..materials).map(named).collect::<Vec<_>>())
+    MixCoding::new(&(0..materials).map(named).collect::<Vec<_>>())
 }
 
 #[test]
@@ -37,10 +37,10 @@ proptest! {
     ) {
         let ids: std::collections::BTreeMap<u8, f64> =
             weights.iter().map(|(i, w)| (i.index(materials) as u8, *w)).collect();
-        let (own, coding) = (Mix::new(ids, FINE), coding(materials));
+        let (own, coding) = (Mix::new(ids, FINE_STEP), coding(materials));
         let codes = coding.codes(&[own, Mix::default()], |_| albedo);
         let n = components(materials);
-        prop_assert!((0..codes.len()).all(|i| codes[i] <= most(materials, i % n)));
+        prop_assert!((0..codes.len()).all(|i| codes[i] <= component_max(materials, i % n)));
         prop_assert_eq!(coding.mix(&codes[..n], albedo), Some(own));
         prop_assert_eq!(coding.mix(&codes[n..], albedo), Some(Mix::default()));
     }
@@ -51,7 +51,7 @@ proptest! {
         let mix = coding.mix(&codes[..n], albedo);
         prop_assert_eq!(mix.is_some(), coding.is_whole(&codes[..n]));
         if let Some(mix) = mix {
-            prop_assert_eq!(mix.shares().map(|s| u32::from(s.1)).sum::<u32>(), u32::from(WHOLE));
+            prop_assert_eq!(mix.shares().map(|s| u32::from(s.1)).sum::<u32>(), u32::from(SHARE_SUM));
         }
     }
 }
@@ -66,7 +66,7 @@ fn mixed(mut volume: Volume, count: usize) -> Volume {
             let n = dice.next() % 6;
             let weights: std::collections::BTreeMap<u8, f64> =
                 (0..n).map(|_| ((dice.next() % count as u64) as u8, (dice.next() % 100) as f64)).collect();
-            Mix::new(weights, FINE)
+            Mix::new(weights, FINE_STEP)
         };
         depth.mixes = depth.voxels.iter().map(|_| mix()).collect();
     }
@@ -96,7 +96,7 @@ fn materials_read_back_and_are_read_only_for_themselves() {
     }
     // One and the same everywhere takes no page.
     let mut even = mixed(volume(3, 6, ALL_CHANNELS), 2);
-    even.depths.iter_mut().flat_map(|d| &mut d.mixes).for_each(|m| *m = Mix::new([(0, 1.0), (1, 2.0)], FINE));
+    even.depths.iter_mut().flat_map(|d| &mut d.mixes).for_each(|m| *m = Mix::new([(0, 1.0), (1, 2.0)], FINE_STEP));
     let (_dir, path) = written(&even, Quality::Full);
     let reader = Reader::open(&path, &Limits::default()).unwrap();
     assert!(reader.head().streams.last().unwrap().is_constant());

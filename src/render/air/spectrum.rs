@@ -48,10 +48,10 @@ pub fn decay<const N: usize>(values: [f64; N]) -> [f64; N] {
     /// The logarithm of 2 in two parts, of which multiples of the first are exact.
     const LN_2: [f64; 2] = [0.693_147_180_369_123_8, 1.908_214_929_270_587_7e-10];
     /// From here on all is 0 next to anything, and 2^n is no longer a normal number soon after.
-    const MOST: f64 = 700.0;
+    const MAX: f64 = 700.0;
     let mut out = [0.0; N];
     for k in 0..N {
-        let x = -values[k].min(MOST);
+        let x = -values[k].min(MAX);
         // x = n ln 2 + rest, the rest within half of ln 2.
         let rounded = x * std::f64::consts::LOG2_E + ROUND;
         let n = rounded - ROUND;

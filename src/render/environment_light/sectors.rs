@@ -35,7 +35,7 @@ const MORE: usize = 5;
 const STEP: usize = 2;
 /// Least cosine between the middles of neighbouring sectors above the horizon. Below the horizon sectors are larger, and few of
 /// them count as neighbours; they mostly see ground.
-const LEAST_NEIGHBOUR_COSINE: f64 = 0.68;
+const MIN_NEIGHBOUR_COSINE: f64 = 0.68;
 
 /// Number of sectors.
 pub const SECTORS: usize = 32;
@@ -106,7 +106,7 @@ fn sectors(radiance: impl Fn(DVec3) -> DVec3) -> Vec<Sector> {
     let axes: Vec<DVec3> = all.iter().map(|sector| sector.axis).collect();
     for (sector, axis) in all.iter_mut().zip(&axes) {
         let is_neighbour = |other: &DVec3| {
-            other != axis && other.dot(*axis) > LEAST_NEIGHBOUR_COSINE && (other.y > 0.0) == (axis.y > 0.0)
+            other != axis && other.dot(*axis) > MIN_NEIGHBOUR_COSINE && (other.y > 0.0) == (axis.y > 0.0)
         };
         sector.neighbours = (0..axes.len()).filter(|&n| is_neighbour(&axes[n])).collect();
     }

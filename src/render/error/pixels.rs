@@ -169,7 +169,7 @@ impl Batch<'_> {
             *s += f64::from(a);
         }
         let facet = self.tree.info().facet_size as f32;
-        let factor = self.tree.brightness_factors()[self.depth].lit((-ray.dir).dot(SUN) as f32);
+        let factor = self.tree.brightness_factors()[self.depth].at_cosine((-ray.dir).dot(SUN) as f32);
         for group in &scratch.groups {
             let origin = group.position + group.start(facet, lights[0]);
             let shadow = MarchSegment { origin, dir: lights[0], length: 2.0, ..segment };

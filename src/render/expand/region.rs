@@ -12,7 +12,7 @@ use crate::render::jitter::height_stretch;
 use crate::render::shell::{Corner, ShellPoint};
 
 /// Most subdivisions of a face's edges and of its height; a face that would need more gets a larger error.
-const MOST_CUTS: [usize; 2] = [512, 32];
+const MAX_CUTS: [usize; 2] = [512, 32];
 
 /// A convex region of a shell, in the texel coordinates of a layer.
 #[derive(Debug, Clone)]
@@ -102,7 +102,7 @@ impl FacePrism<'_> {
         let mut cuts = [1; 2];
         loop {
             let [flat, high, both] = self.deviations(cuts);
-            let room = [0, 1].map(|k| cuts[k] < MOST_CUTS[k]);
+            let room = [0, 1].map(|k| cuts[k] < MAX_CUTS[k]);
             let mut more = [flat > tolerance && room[0], high > tolerance && room[1]];
             if more == [false; 2] && both > tolerance {
                 // A twist, which is reduced by subdividing either; the coarser of the two is subdivided.

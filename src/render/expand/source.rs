@@ -4,7 +4,7 @@ use crate::geom::{Aabb, DVec3};
 use crate::render::source_mesh::SourceMesh;
 
 /// Bins along an edge of the cube, at most.
-const MOST_BINS: usize = 32;
+const MAX_BINS: usize = 32;
 
 /// A source's triangles in texel space, in bins.
 pub struct SourceTriangles {
@@ -49,7 +49,7 @@ impl SourceTriangles {
             }
         }
         let bounds = Aabb::around(triangles.iter().flat_map(|t| t.corners));
-        let bins = ((triangles.len() as f64).cbrt() as usize).clamp(1, MOST_BINS);
+        let bins = ((triangles.len() as f64).cbrt() as usize).clamp(1, MAX_BINS);
         let mut made = SourceTriangles {
             mesh,
             triangles,

@@ -12,7 +12,7 @@ use crate::geom::{DMat3, DVec2, DVec3, Ray};
 use crate::scene::{Material, Model, Part, Texture};
 
 /// Cosine to the axis below which a ray does not belong to a bundle.
-const LEAST_COSINE: f64 = 0.1;
+const MIN_COSINE: f64 = 0.1;
 
 /// Rays of one bundle.
 pub struct Bundle {
@@ -64,7 +64,7 @@ impl Bundle {
     /// Add a ray that looks between the distances `from` and `to`. One that runs across the axis meets nothing.
     pub fn push(&mut self, ray: &Ray, from: f64, to: f64) {
         let (origin, dir) = (self.to_frame * (ray.origin - self.origin), self.to_frame * ray.dir);
-        if !(dir.z > LEAST_COSINE && origin.is_finite()) {
+        if !(dir.z > MIN_COSINE && origin.is_finite()) {
             self.rays.push(Slanted { at: DVec2::ZERO, slope: DVec2::ZERO, from: f64::INFINITY, to: f64::INFINITY });
             return;
         }

@@ -3,7 +3,7 @@
 use crate::geom::{DMat3, DVec3};
 
 /// Most cells that one segment of a ray visits; a segment through more cells is not subdivided any further.
-pub const MOST_CELLS: u32 = 1 << 16;
+pub const MAX_CELLS: u32 = 1 << 16;
 
 /// A corner of a face of the shell.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -8,7 +8,7 @@
 //! *Surface Algorithms using Bounds on Derivatives*, CAGD 1986 (a chord of length l strays from a curve by at most l²/8 times
 //! the largest second derivative).
 
-use super::corner::{Corner, HeightInShell, MOST_CELLS, ShellSegment};
+use super::corner::{Corner, HeightInShell, MAX_CELLS, ShellSegment};
 use super::trilinear::{Inverse, Trilinear, outside};
 use super::wall::{Crossings, Wall};
 use crate::geom::{Aabb, DMat3, DVec3, Ray};
@@ -196,7 +196,7 @@ impl ChordSubdivision<'_> {
             Some((at(from, middle)?, at(middle, to)?))
         };
         if depth < MAX_HALVINGS
-            && (to.q - from.q).abs().max_element() <= f64::from(MOST_CELLS)
+            && (to.q - from.q).abs().max_element() <= f64::from(MAX_CELLS)
             && stray > (self.tolerance)(middle.t, &middle.to_texel)
             && let Some((first, second)) = halves()
         {

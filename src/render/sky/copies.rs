@@ -25,7 +25,7 @@ const OWN_PLACES: [f64; 2] = [7.0, 10.0];
 /// Distance between a copy's own points, in widths of the cone that sees it. Most copies have one point.
 const PITCH: f64 = 40.0;
 /// Most levels of such points; each level has twice as many along each axis.
-const MOST_LEVELS: f64 = 5.0;
+const MAX_LEVELS: f64 = 5.0;
 /// Points are snapped to a grid whose cells are at most this share of the distance between points.
 const QUANTUM: f64 = 0.25;
 /// Width of the cones from such a point, as a share of that distance.
@@ -112,7 +112,7 @@ impl Tracer<'_> {
         let content = texel.tree.info().content;
         let (extent, to_world) = (content.size(), segment.to_texel.inverse());
         let largest = extent.max_element();
-        let exact = libm::log2(largest / (PITCH * width).max(f64::MIN_POSITIVE)).clamp(0.0, MOST_LEVELS);
+        let exact = libm::log2(largest / (PITCH * width).max(f64::MIN_POSITIVE)).clamp(0.0, MAX_LEVELS);
         for (level, level_weight) in two_levels(exact).into_iter().filter(|l| l.1 > 0.0) {
             let pitch = largest * libm::exp2(f64::from(-level));
             let count = (extent / pitch).round().max(DVec3::ONE);

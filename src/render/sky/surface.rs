@@ -19,10 +19,10 @@ const REACH: f64 = 1.5;
 const LIFT: f64 = 0.02;
 /// Least cosine between a normal and an axis along which its surface is looked for. It must be below 1/√3, or some normals would
 /// have no such axis.
-const LEAST_COSINE: f64 = 0.5;
+const MIN_COSINE: f64 = 0.5;
 
 /// Least sum of the weights of grid points that were found to lie near the surface.
-const LEAST_FOUND: f32 = 1e-3;
+const MIN_FOUND: f32 = 1e-3;
 /// Distance from the surface, in cells, at which the grid in space is looked up: points within the surface would see nothing.
 const OFF_SURFACE: f64 = 0.5;
 
@@ -52,7 +52,7 @@ impl Tracer<'_> {
             }
         }
         // Grid points with no such surface nearby were left out.
-        if found < LEAST_FOUND {
+        if found < MIN_FOUND {
             self.sky_visibility_in_space(x, normal, width)
         } else {
             Some(visibility.map(|s| s / found))
@@ -108,7 +108,7 @@ impl Facing {
 
 /// The axis directions that a surface of this normal faces, with weights that sum to 1.
 fn facings(normal: DVec3) -> impl Iterator<Item = Facing> {
-    let weights = normal.abs().to_array().map(|n| (n - LEAST_COSINE).max(0.0));
+    let weights = normal.abs().to_array().map(|n| (n - MIN_COSINE).max(0.0));
     let sum: f64 = weights.iter().sum();
     (0..3u8).filter_map(move |axis| {
         let weight = weights[usize::from(axis)] / sum;
@@ -173,7 +173,7 @@ mod tests {
             let n = n.normalize();
             let sum: f64 = facings(n).map(|facing| facing.weight).sum();
             assert!((sum - 1.0).abs() < 1e-12, "{n}");
-            assert!(facings(n).all(|facing| facing.dir().dot(n) > LEAST_COSINE));
+            assert!(facings(n).all(|facing| facing.dir().dot(n) > MIN_COSINE));
         }
         // Steep enough for one axis alone.
         assert_eq!(facings(DVec3::new(0.4, 0.9, 0.1)).map(|facing| facing.index).collect::<Vec<_>>(), [1]);

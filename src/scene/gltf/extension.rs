@@ -12,7 +12,7 @@ pub use crate::scene::shell::EXTENSION_NAME as NAME;
 use crate::scene::shell::{
     Continuous, Discrete, Environment, FrameFacts, Layer, Orientations, ShellMaterial, Sky, TexelRef, Variant,
 };
-use crate::scene::wind::{MOST_STRENGTH, Wind, WindField};
+use crate::scene::wind::{MAX_STRENGTH, Wind, WindField};
 use crate::volume::{Palette, Style};
 use crate::{Result, Warnings};
 use object::{ANY, Object};
@@ -234,7 +234,7 @@ fn variants(
             return Err(variant.error("weight", "must be above 0"));
         }
         let (phong, keep) = phong(&variant, images.as_deref_mut(), warnings)?;
-        let palette = Palette { rest: if keep { palette.rest } else { Style::BLANK }, ..palette.clone() };
+        let palette = Palette { rest: if keep { palette.rest } else { Style::WHITE }, ..palette.clone() };
         variants.push(Variant { texel: texels.index_of_variant(texel, &palette, cycle), weight, phong });
     }
     Ok(variants)
@@ -331,7 +331,7 @@ fn wind(json: &Object, base: Option<Wind>, warnings: &mut Warnings) -> Result<Op
     };
     Ok(Some(Wind {
         direction,
-        strength: json.number("strength", 0.0..=MOST_STRENGTH)?.unwrap_or(base.strength),
+        strength: json.number("strength", 0.0..=MAX_STRENGTH)?.unwrap_or(base.strength),
         gust_scale: json.number("gustScale", 1e-6..=1e9)?.unwrap_or(base.gust_scale),
         speed: json.number("speed", 0.0..=1e6)?.unwrap_or(base.speed),
         seed: json.integer("seed", u32::MAX.into())?.map_or(base.seed, |s| s as u32),

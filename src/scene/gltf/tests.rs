@@ -539,7 +539,7 @@ fn the_example_of_the_draft_is_read() {
     assert_eq!(d.variants, [variant(2, 3.0), variant(3, 1.0)]);
     assert_eq!((l.texel, s.texels.len()), (2, 4));
     assert!(s.texels[2].frames == s.texels[0].frames && s.texels[3].frames == s.texels[1].frames);
-    assert_eq!(s.texels[2].palette.style("bark"), Style { factor: [0.35, 0.25, 0.15], ..Style::OWN });
+    assert_eq!(s.texels[2].palette.style("bark"), Style { factor: [0.35, 0.25, 0.15], ..Style::UNCHANGED });
     assert_eq!(l.continuous.map(|c| (c.seed, c.octaves)), Some((7, 1)));
     assert_eq!((l.phong.finish.specular, l.phong.finish.shininess), (Some([0.04; 3]), Some(24.0)));
     assert_eq!(warned(&s.model, "is ignored"), 0);

@@ -44,7 +44,7 @@ pub enum Join {
 }
 
 /// Most pieces that a curve between two points is cut into.
-const MOST_PIECES: f64 = 256.0;
+const MAX_PIECES: f64 = 256.0;
 /// A point is left out where the path stays closer than this share of the tolerance to a straight piece …
 const SLACK: f64 = 0.25;
 /// … that is at most so many tolerances long and at least by this factor as long as the path.
@@ -69,7 +69,7 @@ pub fn flatten(source: &CurveSource, line: &Line, tolerance: f64) -> Vec<Station
         let bezier = centripetal(a, b.at, c.at, d);
         let bend = |k: usize| (bezier[k] - 2.0 * bezier[k + 1] + bezier[k + 2]).length();
         // A chord of a 1/n piece is at most max |C''| / (8 n²) away, and |C''| ≤ 6 bends.
-        let pieces = (0.75 * bend(0).max(bend(1)) / tolerance.max(1e-300)).sqrt().ceil().clamp(1.0, MOST_PIECES);
+        let pieces = (0.75 * bend(0).max(bend(1)) / tolerance.max(1e-300)).sqrt().ceil().clamp(1.0, MAX_PIECES);
         for k in 0..pieces as usize {
             let t = k as f64 / pieces;
             let mix = |x: f32, y: f32| x + t as f32 * (y - x);

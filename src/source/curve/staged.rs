@@ -10,7 +10,7 @@ use super::{CurveSource, Line, Section};
 use crate::geom::polygon::Polygon;
 use crate::geom::{Aabb, DAffine3, DMat3, DVec3};
 use crate::progress::Progress;
-use crate::source::ledger::Ledger;
+use crate::source::memory_budget::MemoryBudget;
 use crate::source::mesh::Fill;
 use crate::source::placement::Placement;
 use crate::source::traits::{FACET_MEMORY, Staged, Surface};
@@ -21,7 +21,7 @@ const TOLERANCE: f64 = 1.0 / 16.0;
 /// Radius in voxels from which a cube of a voxel may fit into a strand.
 const THICK: f64 = 0.5;
 /// No facet reaches further from its piece than so many radii: a mitre at a right angle, of a triangle.
-const MOST_REACH: f64 = 1.75;
+const MAX_REACH: f64 = 1.75;
 /// Strands, and pieces, in a chunk of parallel work.
 const CHUNK: usize = 256;
 const PIECES: usize = 4096;
@@ -58,7 +58,7 @@ impl<'a> StagedCurves<'a> {
         let up = place.transform.matrix3.inverse() * DVec3::AXES[usize::from(place.up.min(2))];
         let up = up.try_normalize().unwrap_or(DVec3::Y);
         let chunks = source.lines.len().div_ceil(CHUNK);
-        let ledger = Ledger::new(place.memory);
+        let ledger = MemoryBudget::new(place.memory);
         progress.stage("lay out", chunks as u64);
         let lists = par::map(chunks, |chunk| {
             let (mut knots, mut colours) = (Vec::new(), Vec::new());
@@ -109,7 +109,7 @@ impl<'a> StagedCurves<'a> {
         Ok(staged)
     }
 
-    fn sort_by_region(&mut self, place: &Placement, ledger: &Ledger, progress: &dyn Progress) -> Result<()> {
+    fn sort_by_region(&mut self, place: &Placement, ledger: &MemoryBudget, progress: &dyn Progress) -> Result<()> {
         let count = self.knots.len() * self.shifts.len();
         let chunks = count.div_ceil(PIECES);
         progress.stage("sort", chunks as u64);
@@ -176,7 +176,7 @@ impl<'a> StagedCurves<'a> {
             return;
         }
         let radius = f64::from(a.radius.max(b.radius)) * section::reach(self.section(a));
-        let reach = MOST_REACH * radius * self.scale / self.region_side;
+        let reach = MAX_REACH * radius * self.scale / self.region_side;
         let at = |k: &Knot| (self.to_grid.transform_point3(k.at) + shift) / self.region_side;
         let (start, end) = (at(a), at(b));
         // Parts no longer than a region is wide, so that few regions are looked at.

@@ -10,7 +10,7 @@
 
 use crate::geom::polygon::Polygon;
 use crate::geom::{DMat3, DVec3};
-use crate::source::loops::{EDGES, Loops, facets, plane_of};
+use crate::source::loops::{EDGES, LoopTable, facets, plane_of};
 
 /// A field in a grid of cells.
 pub trait Cells {
@@ -22,19 +22,21 @@ pub trait Cells {
     fn may_cross(&self, lo: [i64; 3], hi: [i64; 3]) -> bool;
 }
 
-/// Boxes of at most so many cells per edge are looked at corner by corner.
-const LEAF: i64 = 2;
-/// Steps of a search along an edge, and how near to the crossing it ends, in edges.
-const STEPS: usize = 12;
-const NEAR: f64 = 1e-5;
-/// Weight with which a vertex is held to the mean of its cell's crossings, and passes that take this back.
-const HOLD: f64 = 0.05;
-const PASSES: usize = 4;
-/// Where normals in a cell are farther apart than the angle of this cosine, there is a crease or a tip; below, the surface may
-/// as well be bent as tightly as a ball two cells across.
-const CREASE: f64 = 0.7;
-/// Least distance of a vertex from the plane of its cell's points, in cells, to be kept.
-const OFF: f64 = 0.005;
+/// Number of cells per edge of boxes that are not subdivided any further.
+const LEAF_CELLS: i64 = 2;
+/// Largest number of steps by which the crossing of an edge is found.
+const MAX_ROOT_STEPS: usize = 12;
+/// Error of a crossing, in edges, at which the search ends.
+const ROOT_TOLERANCE: f64 = 1e-5;
+/// Weight with which a vertex is pulled to the mean of its cell's crossings, which makes its equations regular.
+const REGULARIZATION: f64 = 0.05;
+/// Number of iterations that remove the error that the regularization makes.
+const REFINEMENTS: usize = 4;
+/// Cosine of the angle between two normals of a cell from which on there is a crease or a tip. For smaller angles the surface may be
+/// that of a ball two cells wide.
+const CREASE_COSINE: f64 = 0.7;
+/// Smallest distance of a vertex from the plane of its cell's crossings, in cells; nearer ones are left out.
+const MIN_VERTEX_OFFSET: f64 = 0.005;
 
 /// The facets in the cells `lo .. lo + size`; `size` cells beyond 0.
 pub fn contour(cells: &dyn Cells, lo: [i64; 3], size: i64, each: &mut dyn FnMut(&Polygon)) {
@@ -52,16 +54,16 @@ struct CellBlock<'a> {
     size: i64,
     /// At corners, x fastest; NaN until it is asked for.
     values: Vec<f64>,
-    /// Place in `passed` of each cell that the surface passes, counted from 1.
+    /// Place in `surface_cells` of each cell that the surface passes, counted from 1.
     places: Vec<u32>,
-    passed: Vec<Passed>,
+    surface_cells: Vec<SurfaceCell>,
     /// Place in `crossings` of the edges from each corner along x, y and z, counted from 1.
     edges: Vec<[u32; 3]>,
     crossings: Vec<Crossing>,
 }
 
 /// A cell that the surface passes.
-struct Passed {
+struct SurfaceCell {
     cell: [i64; 3],
     /// Corners that are within.
     within: u8,
@@ -85,7 +87,7 @@ impl<'a> CellBlock<'a> {
             size,
             values: vec![f64::NAN; corners],
             places: vec![0; corners],
-            passed: Vec::new(),
+            surface_cells: Vec::new(),
             edges: vec![[0; 3]; corners],
             crossings: Vec::new(),
         }
@@ -103,7 +105,7 @@ impl<'a> CellBlock<'a> {
         if !self.cells.may_cross(self.absolute(lo), self.absolute(hi)) {
             return;
         }
-        if (0..3).all(|a| hi[a] - lo[a] <= LEAF) {
+        if (0..3).all(|a| hi[a] - lo[a] <= LEAF_CELLS) {
             for z in lo[2]..hi[2] {
                 for y in lo[1]..hi[1] {
                     for x in lo[0]..hi[0] {
@@ -148,11 +150,11 @@ impl<'a> CellBlock<'a> {
                 self.crossing(from, axis);
             }
         }
-        let mut loops = Loops::known().of(within);
+        let mut loops = LoopTable::get().of(within);
         let vertex = loops.next().filter(|_| loops.next().is_none()).and_then(|l| self.vertex(p, l));
-        self.passed.push(Passed { cell: p, within, vertex });
+        self.surface_cells.push(SurfaceCell { cell: p, within, vertex });
         let at = self.index(p);
-        self.places[at] = self.passed.len() as u32;
+        self.places[at] = self.surface_cells.len() as u32;
     }
 
     /// The vertex of the cell `p`, whose loop is `edges`, if it needs one.
@@ -167,11 +169,12 @@ impl<'a> CellBlock<'a> {
             point[axis] = crossing.t;
             *normal = crossing.normal;
         }
-        if normals.iter().enumerate().all(|(i, n)| normals[..i].iter().all(|m| m.dot(*n) > CREASE)) {
+        if normals.iter().enumerate().all(|(i, n)| normals[..i].iter().all(|m| m.dot(*n) > CREASE_COSINE)) {
             return None;
         }
         let vertex = meeting(points, normals);
-        let smooth = plane_of(points).is_some_and(|(middle, normal)| normal.dot(vertex - middle).abs() < OFF);
+        let smooth =
+            plane_of(points).is_some_and(|(middle, normal)| normal.dot(vertex - middle).abs() < MIN_VERTEX_OFFSET);
         (!smooth).then(|| DVec3::from(self.absolute(p).map(|v| v as f64)) + vertex)
     }
 
@@ -196,7 +199,7 @@ impl<'a> CellBlock<'a> {
             at
         };
         // Within the cell: what is on its upper face belongs to the one above.
-        let t = root(|t| self.cells.value(cell, along(t)), v0, v1).min(1.0 - NEAR);
+        let t = root(|t| self.cells.value(cell, along(t)), v0, v1).min(1.0 - ROOT_TOLERANCE);
         let mut up = along(1.0);
         if v1 < v0 {
             up = -up;
@@ -209,10 +212,10 @@ impl<'a> CellBlock<'a> {
     /// Find the cells of the margin into which a crease may go on.
     fn look_beyond(&mut self) {
         let mut beside = Vec::new();
-        for passed in self.passed.iter().filter(|passed| passed.vertex.is_some()) {
-            for edges in Loops::known().of(passed.within) {
+        for cell in self.surface_cells.iter().filter(|cell| cell.vertex.is_some()) {
+            for edges in LoopTable::get().of(cell.within) {
                 for (i, &edge) in edges.iter().enumerate() {
-                    if let Some((.., cell)) = beside_of(passed.cell, edge, edges[(i + 1) % edges.len()])
+                    if let Some((.., cell)) = beside_of(cell.cell, edge, edges[(i + 1) % edges.len()])
                         && self.is_margin(cell)
                     {
                         beside.push(cell);
@@ -234,24 +237,24 @@ impl<'a> CellBlock<'a> {
     /// The facets of all cells but those of the margin.
     fn facets(&self, each: &mut dyn FnMut(&Polygon)) {
         let mut points = [DVec3::ZERO; 12];
-        for passed in &self.passed {
-            if self.is_margin(passed.cell) {
+        for cell in &self.surface_cells {
+            if self.is_margin(cell.cell) {
                 continue;
             }
-            for edges in Loops::known().of(passed.within) {
+            for edges in LoopTable::get().of(cell.within) {
                 for (point, &edge) in points.iter_mut().zip(edges) {
-                    let (from, axis) = start(passed.cell, edge.into());
+                    let (from, axis) = start(cell.cell, edge.into());
                     *point = DVec3::from(self.absolute(from).map(|v| v as f64));
                     point[axis] += self.crossed(from, axis).map_or(0.5, |c| c.t);
                 }
                 let points = &points[..edges.len().min(points.len())];
-                let Some(vertex) = passed.vertex else {
+                let Some(vertex) = cell.vertex else {
                     facets(points, each);
                     continue;
                 };
                 for (i, &edge) in edges.iter().enumerate() {
                     let j = (i + 1) % edges.len();
-                    match self.beyond(passed.cell, edge, edges[j]) {
+                    match self.beyond(cell.cell, edge, edges[j]) {
                         Some((axis, upper, other)) => {
                             // From the lower end always, so that both cells find one point.
                             let (low, high) = if upper { (vertex, other) } else { (other, vertex) };
@@ -274,7 +277,7 @@ impl<'a> CellBlock<'a> {
     fn beyond(&self, p: [i64; 3], edge: u8, next: u8) -> Option<(usize, bool, DVec3)> {
         let (axis, upper, cell) = beside_of(p, edge, next)?;
         let place = self.places[self.index(cell)] as usize;
-        Some((axis, upper, self.passed.get(place.wrapping_sub(1))?.vertex?))
+        Some((axis, upper, self.surface_cells.get(place.wrapping_sub(1))?.vertex?))
     }
 }
 
@@ -303,10 +306,10 @@ fn root(value: impl Fn(f64) -> f64, v0: f64, v1: f64) -> f64 {
     let (mut t0, mut t1, mut v0, mut v1) = (0.0, 1.0, v0, v1);
     let mut last = 0;
     let mut t = 0.5;
-    for _ in 0..STEPS {
+    for _ in 0..MAX_ROOT_STEPS {
         let share = v0 / (v0 - v1);
         let next = if share.is_finite() { t0 + share * (t1 - t0) } else { 0.5 * (t0 + t1) };
-        if (next - t).abs() < NEAR {
+        if (next - t).abs() < ROOT_TOLERANCE {
             return next;
         }
         t = next;
@@ -334,15 +337,15 @@ fn root(value: impl Fn(f64) -> f64, v0: f64, v1: f64) -> f64 {
 /// The point of the unit cell that is nearest to all planes, and near the mean of their points where that leaves a choice.
 fn meeting(points: &[DVec3], normals: &[DVec3]) -> DVec3 {
     let mean = points.iter().sum::<DVec3>() / points.len() as f64;
-    let mut m = DMat3::from_diagonal(DVec3::splat(HOLD * points.len() as f64));
+    let mut m = DMat3::from_diagonal(DVec3::splat(REGULARIZATION * points.len() as f64));
     for n in normals {
         m += DMat3::from_cols(*n * n.x, *n * n.y, *n * n.z);
     }
     let inverse = m.inverse();
     let mut p = mean;
-    for _ in 0..PASSES {
+    for _ in 0..REFINEMENTS {
         let pull: DVec3 = points.iter().zip(normals).map(|(q, n)| *n * n.dot(*q - p)).sum();
         p += inverse * pull;
     }
-    if p.is_finite() { p.clamp(DVec3::splat(NEAR), DVec3::splat(1.0 - NEAR)) } else { mean }
+    if p.is_finite() { p.clamp(DVec3::splat(ROOT_TOLERANCE), DVec3::splat(1.0 - ROOT_TOLERANCE)) } else { mean }
 }

@@ -16,7 +16,7 @@ pub use csg::{Coloured, Csg, Grown, Operation, Placed};
 pub use shapes::{Capsule, Cone, Ellipsoid, HalfSpace, Plane, RoundedBox, Sphere, Torus, Triangle};
 pub use skeleton::{Bone, Element, Kernel, Skeleton};
 pub use source::FieldSource;
-pub(super) use source::{Laid, Met};
+pub(super) use source::{FieldSample, GridField};
 pub use spec::{Change, Colour, ElementSpec, FieldSpec, KernelSpec, Scale, Shape, build};
 
 #[cfg(test)]

@@ -9,7 +9,7 @@ use super::shapes::{nearest_of_segment, nearest_of_triangle};
 use super::{Field, grown};
 use crate::geom::{Aabb, DVec3};
 
-/// The segment or arc that a potential falls off from.
+/// Point, segment or triangle that a potential falls off from.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Bone {
     /// A point, source units.

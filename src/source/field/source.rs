@@ -1,4 +1,5 @@
-//! A field as a source: its surface as facets, its inside opaque, found by descending to where it may be.
+//! A field as a source: facets of its surface and an opaque inside. The regions that the surface passes are found by descending an octree
+//! with bounds of the field.
 //!
 //! Based on: F. Neyret, *Synthesizing Verdant Landscapes using Volumetric Textures*, INRIA RR-2846, 1996, section 3.1 (the
 //! recursion that stops outside and inside and goes on at the frontier).
@@ -26,7 +27,7 @@ pub struct FieldSource {
 }
 
 /// Most cells of a voxel's edge, as log2.
-const MOST_FINE: u32 = 3;
+const MAX_FINE: u32 = 3;
 
 impl FieldSource {
     /// `window`: where the field is looked at, in its own space; what reaches beyond is cut off by a plane. Without one, the
@@ -55,7 +56,7 @@ impl FieldSource {
 
     /// Cut every voxel into `2^fine` cells per edge where the surface is looked for, for details smaller than a voxel.
     pub fn with_cells(mut self, fine: u32) -> FieldSource {
-        self.fine = fine.min(MOST_FINE);
+        self.fine = fine.min(MAX_FINE);
         self
     }
 
@@ -98,19 +99,19 @@ impl Source for FieldSource {
         &self.warnings
     }
 
-    fn exact_inside(&self) -> bool {
+    fn is_inside_exact(&self) -> bool {
         true
     }
 
     fn stage<'a>(&'a self, place: &Placement, progress: &dyn Progress) -> Result<Box<dyn Staged + 'a>> {
-        let laid = Laid::new(&*self.field, self.window, self.repeats, place, self.fine)?;
+        let laid = GridField::new(&*self.field, self.window, self.repeats, place, self.fine)?;
         let regions = laid.regions(place, 0.0, progress);
         Ok(Box::new(StagedField { laid, regions, cells: (1 << place.region_log2()) << self.fine }))
     }
 }
 
-/// A field in a grid of cells.
-pub struct Laid<'a> {
+/// A field in a grid of cells, of which a voxel has one or several per edge.
+pub struct GridField<'a> {
     field: &'a dyn Field,
     /// Cells → source space.
     to_source: DAffine3,
@@ -124,18 +125,18 @@ pub struct Laid<'a> {
     shifts: Vec<DVec3>,
 }
 
-/// A field at a point of the grid.
-pub struct Met {
+/// Value and gradient of a field at a point of the grid.
+pub struct FieldSample {
     /// The point in source space.
     pub at: DVec3,
-    /// The field's own value, and the one that the window leaves of it.
+    /// The field's own value, and the value of its intersection with the window.
     pub own: f64,
     pub value: f64,
     /// Along the grid's axes.
     pub gradient: DVec3,
 }
 
-impl<'a> Laid<'a> {
+impl<'a> GridField<'a> {
     /// # Errors
     /// [`Error::Options`] where `place` flattens the source.
     pub fn new(
@@ -144,7 +145,7 @@ impl<'a> Laid<'a> {
         repeats: [bool; 3],
         place: &Placement,
         fine: u32,
-    ) -> Result<Laid<'a>> {
+    ) -> Result<GridField<'a>> {
         let cells = f64::from(1u32 << fine);
         // The grid is an affine image of the source: its columns from four points.
         let origin = place.to_grid(DVec3::ZERO);
@@ -157,7 +158,7 @@ impl<'a> Laid<'a> {
         if !(to_source.matrix3.is_finite() && to_source.translation.is_finite()) {
             return Err(Error::Options("a shape cannot be placed by a transform that flattens it".into()));
         }
-        let mut laid = Laid {
+        let mut laid = GridField {
             field,
             to_source,
             cells,
@@ -229,7 +230,7 @@ impl<'a> Laid<'a> {
     }
 
     /// The field at `p`, in cells.
-    pub fn meet(&self, p: DVec3) -> Met {
+    pub fn sample(&self, p: DVec3) -> FieldSample {
         let at = self.source_of(p);
         let (value, mut g) = self.field.value_and_gradient(at);
         let beyond = self.beyond(at);
@@ -239,12 +240,12 @@ impl<'a> Laid<'a> {
             let face = |a: usize| f64::from(u8::from(high[a] == beyond)) - f64::from(u8::from(low[a] == beyond));
             g = DVec3::new(face(0), face(1), face(2));
         }
-        Met { at, own: value, value: value.max(beyond), gradient: self.to_source.matrix3.transpose() * g }
+        FieldSample { at, own: value, value: value.max(beyond), gradient: self.to_source.matrix3.transpose() * g }
     }
 
     /// The gradient at `p` along the grid's axes.
     pub fn gradient_at(&self, p: DVec3) -> DVec3 {
-        self.meet(p).gradient
+        self.sample(p).gradient
     }
 
     /// Bounds of the value over the box `lo .. hi` of cells, which crosses no border of a cyclic axis.
@@ -288,7 +289,7 @@ impl<'a> Laid<'a> {
     }
 }
 
-impl Cells for Laid<'_> {
+impl Cells for GridField<'_> {
     fn value(&self, cell: [i64; 3], at: DVec3) -> f64 {
         self.value_at(self.place(cell, at))
     }
@@ -319,7 +320,7 @@ fn corners(b: Aabb) -> [DVec3; 8] {
 }
 
 struct StagedField<'a> {
-    laid: Laid<'a>,
+    laid: GridField<'a>,
     regions: Vec<u64>,
     /// Cells along a region's edge.
     cells: i64,
@@ -361,14 +362,14 @@ impl Staged for StagedField<'_> {
     }
 
     fn inside(&self, at: DVec3) -> bool {
-        self.level(at) < 0.0
+        self.implicit_value(at) < 0.0
     }
 
-    fn level(&self, at: DVec3) -> f64 {
+    fn implicit_value(&self, at: DVec3) -> f64 {
         self.laid.value_at(at * self.laid.cells)
     }
 
-    fn side(&self, b: &Aabb) -> Option<bool> {
+    fn is_box_inside(&self, b: &Aabb) -> Option<bool> {
         let (least, most) = self.laid.range(b.min * self.laid.cells, b.max * self.laid.cells);
         if most < 0.0 { Some(true) } else { (least > 0.0).then_some(false) }
     }

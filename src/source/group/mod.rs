@@ -150,8 +150,8 @@ impl Source for GroupSource {
         &self.warnings
     }
 
-    fn exact_inside(&self) -> bool {
-        self.sources.iter().all(|s| s.exact_inside())
+    fn is_inside_exact(&self) -> bool {
+        self.sources.iter().all(|s| s.is_inside_exact())
     }
 
     fn stage<'a>(&'a self, place: &Placement, progress: &dyn Progress) -> Result<Box<dyn Staged + 'a>> {
@@ -163,12 +163,12 @@ impl Source for GroupSource {
             entries: Vec::new(),
             kept: Kept::new(kept::BYTES),
             kept_bytes: 0,
-            levels: place.region_log2(),
+            region_log2: place.region_log2(),
             last: f64::from((place.side() >> place.region_log2()) - 1),
         };
         let mut entries = Vec::new();
         for ((source, places), ids) in self.sources.iter().zip(&self.places).zip(&self.ids) {
-            let few = FEW[usize::from(source.exact_inside())];
+            let few = FEW[usize::from(source.is_inside_exact())];
             let left = Placement { memory: place.memory.saturating_sub(staged.bytes() + bytes_of(&entries)), ..*place };
             let often =
                 if places.len() > few { StagedCopies::often(&**source, places, &left, progress)? } else { None };
@@ -209,12 +209,12 @@ struct StagedCopies<'a> {
     /// None where it is in the group's grid itself.
     copies: Vec<PlacedCopy>,
     /// log2 of the voxels a region of its own grid is wide.
-    levels: usize,
+    region_log2: usize,
 }
 
 impl<'a> StagedCopies<'a> {
     fn once(staged: Box<dyn Staged + 'a>) -> StagedCopies<'a> {
-        StagedCopies { facets: staged.facets(), staged, first: 0, ids: &[], copies: Vec::new(), levels: 0 }
+        StagedCopies { facets: staged.facets(), staged, first: 0, ids: &[], copies: Vec::new(), region_log2: 0 }
     }
 
     /// `None` for what has no matter, and for media: voxels are not carried from grid to grid.
@@ -235,7 +235,7 @@ impl<'a> StagedCopies<'a> {
         let extent = bounds.size().max_element().max(1.0 / largest);
         let pad = extent / f64::from(1 << 20);
         let (least, extent) = (bounds.min - pad, extent + 2.0 * pad);
-        let scale = largest * if source.exact_inside() { 1.0 } else { FINER };
+        let scale = largest * if source.is_inside_exact() { 1.0 } else { FINER };
         let want = libm::log2((extent * scale).max(1.0)).ceil();
         let depth = (want as usize).min(kept::MAX_DEPTH).min(place.depth + 1);
         let side = f64::from(1u32 << depth);
@@ -258,8 +258,8 @@ impl<'a> StagedCopies<'a> {
                 return Ok(None);
             }
         }
-        let levels = own.region_log2();
-        let extent = staged.regions().iter().fold(Aabb::EMPTY, |b, &code| b.union(cube(code, levels)));
+        let region_log2 = own.region_log2();
+        let extent = staged.regions().iter().fold(Aabb::EMPTY, |b, &code| b.union(cube(code, region_log2)));
         let mut copies = Vec::with_capacity(maps.len());
         for map in maps.iter().map(|m| *m * back) {
             let bounds = extent.transformed(map);
@@ -275,7 +275,7 @@ impl<'a> StagedCopies<'a> {
                 });
             }
         }
-        Ok(Some(StagedCopies { facets: staged.facets(), staged, first: 0, ids: &[], copies, levels }))
+        Ok(Some(StagedCopies { facets: staged.facets(), staged, first: 0, ids: &[], copies, region_log2 }))
     }
 
     /// The copy of a facet, and its number in the piece.
@@ -290,7 +290,7 @@ impl<'a> StagedCopies<'a> {
     /// Give what lies in the region `own` of its own grid: a facet in several regions is to be given once, so each gives its
     /// part.
     fn emit(&self, own: usize, each: &mut dyn FnMut(&Polygon)) {
-        let bounds = cube(self.staged.regions()[own], self.levels);
+        let bounds = cube(self.staged.regions()[own], self.region_log2);
         self.staged.emit(own, &mut |p| {
             let mut room = None;
             p.clip(bounds.min, bounds.max, &mut room).into_iter().for_each(&mut *each);
@@ -299,7 +299,7 @@ impl<'a> StagedCopies<'a> {
 
     /// Regions of its own grid that may reach into the box `box_` of that grid.
     fn reaching(&self, box_: Aabb, each: &mut dyn FnMut(usize)) {
-        let width = f64::from(1u32 << self.levels);
+        let width = f64::from(1u32 << self.region_log2);
         let regions = self.staged.regions();
         let Some(&last) = regions.last() else { return };
         // Codes grow with every coordinate, but the last code need not have the largest.
@@ -329,9 +329,9 @@ impl<'a> StagedCopies<'a> {
 }
 
 /// The box of a region.
-fn cube(code: u64, levels: usize) -> Aabb {
-    let corner = DVec3::from(morton::decode(code).map(|v| f64::from(v << levels)));
-    Aabb::new(corner, corner + f64::from(1u32 << levels))
+fn cube(code: u64, region_log2: usize) -> Aabb {
+    let corner = DVec3::from(morton::decode(code).map(|v| f64::from(v << region_log2)));
+    Aabb::new(corner, corner + f64::from(1u32 << region_log2))
 }
 
 /// Bytes of memory of a list.
@@ -353,7 +353,7 @@ struct StagedGroup<'a> {
     kept: Kept,
     /// Bytes of the pieces.
     kept_bytes: u64,
-    levels: usize,
+    region_log2: usize,
     /// Highest coordinate of a region.
     last: f64,
 }
@@ -376,13 +376,13 @@ impl<'a> StagedGroup<'a> {
         if work > MAX_ENTRIES {
             return limit("the number of copies times the regions of one", work, MAX_ENTRIES);
         }
-        let width = f64::from(1u32 << self.levels);
+        let width = f64::from(1u32 << self.region_log2);
         let clamped = |v: DVec3| (v / width).floor().clamp(DVec3::ZERO, DVec3::splat(self.last)).as_uvec3();
         let grid = Aabb::new(DVec3::ZERO, DVec3::splat((self.last + 1.0) * width));
         for (n, copy) in piece.copies.iter().enumerate() {
             let before = entries.len();
             for &code in piece.staged.regions() {
-                let reach = cube(code, piece.levels).transformed(copy.map);
+                let reach = cube(code, piece.region_log2).transformed(copy.map);
                 if !reach.overlaps(grid) {
                     continue;
                 }
@@ -424,7 +424,7 @@ impl<'a> StagedGroup<'a> {
 
     /// The copies that may reach `at`, each with that place in its own space.
     fn around(&self, at: DVec3) -> impl Iterator<Item = (&(dyn Staged + 'a), DVec3)> {
-        let width = f64::from(1u32 << self.levels);
+        let width = f64::from(1u32 << self.region_log2);
         let region = (at / width).floor().clamp(DVec3::ZERO, DVec3::splat(self.last)).as_uvec3();
         let found = self.regions.binary_search(&morton::encode(region.to_array()));
         let entries = found.map_or(&[][..], |region| self.entries(region));
@@ -463,7 +463,7 @@ impl Staged for StagedGroup<'_> {
     }
 
     fn emit(&self, region: usize, each: &mut dyn FnMut(&Polygon)) {
-        let target = cube(self.regions[region], self.levels);
+        let target = cube(self.regions[region], self.region_log2);
         for &(index, at) in self.entries(region) {
             let piece = &self.pieces[index as usize];
             let Some(copy) = piece.copies.get(at as usize) else {
@@ -567,16 +567,16 @@ impl Staged for StagedGroup<'_> {
         self.around(at).any(|(staged, at)| staged.inside(at))
     }
 
-    fn level(&self, at: DVec3) -> f64 {
-        self.around(at).map(|(staged, at)| staged.level(at)).fold(1.0, f64::min)
+    fn implicit_value(&self, at: DVec3) -> f64 {
+        self.around(at).map(|(staged, at)| staged.implicit_value(at)).fold(1.0, f64::min)
     }
 
-    fn side(&self, b: &Aabb) -> Option<bool> {
+    fn is_box_inside(&self, b: &Aabb) -> Option<bool> {
         let mut outside = true;
         for piece in &self.pieces {
-            let alone = piece.copies.is_empty().then(|| piece.staged.side(b));
+            let alone = piece.copies.is_empty().then(|| piece.staged.is_box_inside(b));
             let copies = piece.copies.iter().filter(|c| c.bounds.overlaps(*b));
-            let sides = alone.into_iter().chain(copies.map(|c| piece.staged.side(&b.transformed(c.back))));
+            let sides = alone.into_iter().chain(copies.map(|c| piece.staged.is_box_inside(&b.transformed(c.back))));
             for side in sides {
                 match side {
                     Some(true) => return Some(true),

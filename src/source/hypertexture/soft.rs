@@ -4,10 +4,10 @@ use super::Hypertexture;
 use crate::geom::polygon::Polygon;
 use crate::geom::{Aabb, DVec3};
 use crate::progress::Progress;
-use crate::source::field::{Field, Laid, Met};
+use crate::source::field::{Field, FieldSample, GridField};
 use crate::source::placement::Placement;
 use crate::source::traits::{Source, Staged, Surface};
-use crate::source::{Medium, least_extinction};
+use crate::source::{Medium, min_extinction};
 use crate::{Error, Result, Warnings, morton};
 
 /// A hypertexture without a hard surface.
@@ -67,19 +67,19 @@ impl Source for HypertextureSource {
     }
 
     fn stage<'a>(&'a self, place: &Placement, progress: &dyn Progress) -> Result<Box<dyn Staged + 'a>> {
-        let laid = Laid::new(&self.texture, self.window, self.repeats, place, 0)?;
+        let laid = GridField::new(&self.texture, self.window, self.repeats, place, 0)?;
         let (level, width) = (0.5 * self.texture.set.softness, 1 << place.region_log2());
         let regions = laid.regions(place, level, progress);
         // Hits in a voxel's edge where it is densest.
         let density = self.texture.set.density * laid.voxel_edge();
-        let least = least_extinction(place.side());
+        let least = min_extinction(place.side());
         Ok(Box::new(Soft { texture: &self.texture, laid, regions, width, density, least }))
     }
 }
 
 struct Soft<'a> {
     texture: &'a Hypertexture,
-    laid: Laid<'a>,
+    laid: GridField<'a>,
     regions: Vec<u64>,
     /// Voxels along a region's edge.
     width: u32,
@@ -89,11 +89,11 @@ struct Soft<'a> {
 }
 
 impl Soft<'_> {
-    /// The matter in the cube of `2^levels` voxels at `at`.
-    fn cube(&self, at: [u32; 3], levels: u32, each: &mut dyn FnMut(&Medium)) {
-        let edge = f64::from(1u32 << levels);
+    /// The matter in the cube of `2^edge_log2` voxels at `at`.
+    fn cube(&self, at: [u32; 3], edge_log2: u32, each: &mut dyn FnMut(&Medium)) {
+        let edge = f64::from(1u32 << edge_log2);
         let lo = DVec3::from(at.map(f64::from));
-        if levels > 0 {
+        if edge_log2 > 0 {
             let (near, far) = self.laid.range(lo, lo + edge);
             let most = self.density * self.texture.share(near);
             if most < self.least {
@@ -102,33 +102,40 @@ impl Soft<'_> {
             let least = self.density * self.texture.share(far);
             // Beyond an optical depth of some 12 nothing is seen of what is within.
             if (most - least) * edge < EVEN || least * edge > 12.0 {
-                let met = self.laid.meet(lo + 0.5 * edge);
-                return self.give(at, levels, self.density * self.texture.share(met.value), Some(met), each);
+                let met = self.laid.sample(lo + 0.5 * edge);
+                return self.give(at, edge_log2, self.density * self.texture.share(met.value), Some(met), each);
             }
         }
-        if levels <= LOOKED_AT {
+        if edge_log2 <= LOOKED_AT {
             let found = PLACES.map(|p| self.density * self.texture.share(self.laid.value_at(lo + p * edge)));
             let (least, most) = found.iter().fold((f64::INFINITY, 0.0f64), |(l, m), &v| (l.min(v), m.max(v)));
-            if levels == 0 || (most - least) * edge < 0.5 * EVEN {
-                return self.give(at, levels, found.iter().sum::<f64>() / found.len() as f64, None, each);
+            if edge_log2 == 0 || (most - least) * edge < 0.5 * EVEN {
+                return self.give(at, edge_log2, found.iter().sum::<f64>() / found.len() as f64, None, each);
             }
         }
-        let half = 1 << (levels - 1);
+        let half = 1 << (edge_log2 - 1);
         for j in 0..8 {
             let child = std::array::from_fn(|a| at[a] + (j >> a & 1) * half);
-            self.cube(child, levels - 1, each);
+            self.cube(child, edge_log2 - 1, each);
         }
     }
 
     /// One cube, with what is met in its middle where that is known.
-    fn give(&self, at: [u32; 3], levels: u32, extinction: f64, met: Option<Met>, each: &mut dyn FnMut(&Medium)) {
+    fn give(
+        &self,
+        at: [u32; 3],
+        edge_log2: u32,
+        extinction: f64,
+        met: Option<FieldSample>,
+        each: &mut dyn FnMut(&Medium),
+    ) {
         if extinction < self.least {
             return;
         }
-        let centre = DVec3::from(at.map(f64::from)) + 0.5 * f64::from(1u32 << levels);
-        let met = met.unwrap_or_else(|| self.laid.meet(centre));
+        let centre = DVec3::from(at.map(f64::from)) + 0.5 * f64::from(1u32 << edge_log2);
+        let met = met.unwrap_or_else(|| self.laid.sample(centre));
         let colour = self.texture.colour_by(met.at, || met.own).unwrap_or([1.0; 3]).map(|v| v.clamp(0.0, 1.0));
-        let mut medium = Medium::even(at, levels, extinction, colour);
+        let mut medium = Medium::even(at, edge_log2, extinction, colour);
         if let Some(normal) = met.gradient.try_normalize() {
             // How much of the density comes or goes within the way that light gets through it.
             let t = (0.5 - met.value / self.texture.set.softness).clamp(0.0, 1.0);

@@ -5,7 +5,7 @@ use proptest::prelude::*;
 use super::*;
 use crate::bake::{Options, plan};
 use crate::progress::Quiet;
-use crate::source::field::{Cells, Laid};
+use crate::source::field::{Cells, GridField};
 
 const PRESETS: [&str; 6] = ["noise", "fur", "fire", "marble", "melt", "eroded"];
 
@@ -56,7 +56,7 @@ fn opposite_faces_match_bit_for_bit() {
         let options = Options { resolution: 32, cyclic: [true, true, false], ..Options::default() };
         let window = texture.set.window.unwrap();
         let place = plan(window, &options).unwrap();
-        let laid = Laid::new(&texture, window, texture.set.cyclic, &place, 0).unwrap();
+        let laid = GridField::new(&texture, window, texture.set.cyclic, &place, 0).unwrap();
         let mut both = 0;
         for i in 0..32 * 32 {
             let (j, k) = (i % 32, i / 32);
@@ -94,7 +94,7 @@ fn soft_matter_has_the_mass_of_its_shape() {
             let staged = source.stage(&place, &Quiet).unwrap();
             let mut mass = 0.0;
             for region in 0..staged.regions().len() {
-                staged.medium(region, &mut |m| mass += m.extinction * f64::from(8u32.pow(m.levels)));
+                staged.medium(region, &mut |m| mass += m.extinction * f64::from(8u32.pow(m.edge_log2)));
             }
             let mass = mass / place.scale.powi(2);
             let want = 1.5;

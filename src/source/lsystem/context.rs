@@ -1,4 +1,4 @@
-//! A whole string of symbols, and what stands to the left and right of a symbol in the tree that its brackets describe.
+//! A string of symbols in memory, and matching of left and right contexts in the tree that its brackets describe.
 //!
 //! Based on: P. Prusinkiewicz, A. Lindenmayer, *The Algorithmic Beauty of Plants*, 1990, sections 1.8 and 1.10.
 
@@ -6,18 +6,18 @@ use super::budget::Budget;
 use super::grammar::{Considered, Pattern};
 use crate::Result;
 
-/// Symbols with their parameters.
+/// String of symbols with their parameters.
 #[derive(Debug, Default)]
-pub struct Text {
+pub struct ModuleString {
     symbols: Vec<char>,
     /// End of each symbol's parameters in `values`.
     ends: Vec<usize>,
     values: Vec<f64>,
-    /// Index of the other bracket of a pair; of an open bracket that is never closed, the text's length.
+    /// Index of the other bracket of a pair; of an open bracket that is never closed, the string's length.
     partners: Vec<usize>,
 }
 
-impl Text {
+impl ModuleString {
     pub fn push(&mut self, symbol: char, arguments: &[f64]) {
         self.symbols.push(symbol);
         self.values.extend(arguments);
@@ -56,7 +56,7 @@ impl Text {
         }
     }
 
-    /// The `]` that ends the branch that symbol `at` is on, or the text's length.
+    /// Index of the `]` that ends the branch that symbol `at` is on, or the string's length.
     pub fn end_of_branch(&self, at: usize) -> usize {
         let mut i = at;
         while i < self.len() && self.symbols[i] != ']' {

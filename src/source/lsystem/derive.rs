@@ -1,22 +1,22 @@
-//! Derivation: the symbols of the last string, one after another. Where no production looks at neighbours, symbols are
-//! rewritten depth first and no string is kept; else strings follow each other in memory.
+//! Derivation of the last string, whose symbols are handed over one after another. Where no production has a context, symbols are
+//! rewritten depth first, so that no string is ever stored. Else whole strings are rewritten in memory, step by step.
 //!
 //! Based on: P. Prusinkiewicz, A. Lindenmayer, *The Algorithmic Beauty of Plants*, 1990, ch. 1; A. Smith, *Plants, Fractals,
 //! and Formal Languages*, SIGGRAPH 1984.
 
 use super::alphabet::Action;
 use super::budget::Budget;
-use super::context::Text;
+use super::context::ModuleString;
 use super::expr::Environment;
 use super::grammar::{Grammar, Module, Production, Recursion, Rules};
 use super::program::run;
 use crate::Result;
 
-/// Takes a symbol of the last string and its parameters.
+/// Callback that receives a symbol of the last string, and its parameters.
 pub type Each<'a> = dyn FnMut(char, &[f64], &mut Budget) -> Result<()> + 'a;
 
 /// Symbols of one successor that are still to be rewritten.
-struct Frame<'g> {
+struct Expansion<'g> {
     modules: &'g [Module],
     at: usize,
     /// Start of the parameters that its expressions use; they reach to those of the next frame.
@@ -35,29 +35,37 @@ enum Stage {
     Homomorphism { from: usize, depth: u64 },
 }
 
-/// A whole string, and the index of a symbol in it.
-type Place<'t> = Option<(&'t Text, usize)>;
+/// Place of a symbol: the string and its index in it; `None` where strings are not stored.
+type Place<'t> = Option<(&'t ModuleString, usize)>;
 
-/// Chooses productions.
+/// A symbol that may be rewritten.
+struct Occurrence<'t> {
+    symbol: char,
+    /// Values of its parameters.
+    arguments: &'t [f64],
+    place: Place<'t>,
+}
+
+/// Selection of the production to apply to a symbol.
 struct Chooser<'g> {
     grammar: &'g Grammar,
     env: Environment,
-    /// Those that match, their weights, and what their statements made of their variables.
+    /// Productions that match: index, weight, and parameters and variables after the statements before the condition were run.
     matching: Vec<(usize, f64, Vec<f64>)>,
 }
 
 impl<'g> Chooser<'g> {
-    /// The production for a symbol, from number `from` on, with its parameters and variables in `bound`; its statements have
-    /// been run. `place`: where the symbol is.
+    /// Choose the production that is applied to a symbol, among those from number `from` on, and run its statements. Its parameters and
+    /// variables are in `bound` then. `None` where none matches.
     fn choose<'r>(
         &mut self,
         rules: &'r Rules,
         from: usize,
-        (symbol, arguments): (char, &[f64]),
-        place: Place,
+        occurrence: &Occurrence,
         budget: &mut Budget,
         bound: &mut Vec<f64>,
     ) -> Result<Option<&'r Production>> {
+        let &Occurrence { symbol, arguments, place } = occurrence;
         let list = rules.of(symbol);
         self.matching.clear();
         let mut chosen = None;
@@ -102,7 +110,7 @@ impl<'g> Chooser<'g> {
         Ok(chosen)
     }
 
-    /// One of those that match, by lot.
+    /// Index of one of the matching productions, drawn at random in proportion to their weights.
     fn draw(&mut self) -> Option<usize> {
         let total: f64 = self.matching.iter().map(|m| m.1).sum();
         if total <= 0.0 {
@@ -173,11 +181,11 @@ pub fn derive(grammar: &Grammar, iterations: u64, seed: u64, budget: &mut Budget
         Deriver { grammar, chooser, frames: Vec::new(), parameters: Vec::new(), bound: Vec::new(), one_step: false };
     if !grammar.by_strings() {
         let stage = Stage::Steps(iterations);
-        deriver.frames.push(Frame { modules: &grammar.axiom, at: 0, parameters: 0, stage });
+        deriver.frames.push(Expansion { modules: &grammar.axiom, at: 0, parameters: 0, stage });
         return deriver.run(None, budget, each);
     }
     run(&grammar.blocks.start, &mut [], &mut deriver.chooser.env, budget)?;
-    let mut text = Text::default();
+    let mut text = ModuleString::default();
     let mut arguments = Vec::new();
     for module in &grammar.axiom {
         arguments.clear();
@@ -206,7 +214,7 @@ pub fn derive(grammar: &Grammar, iterations: u64, seed: u64, budget: &mut Budget
 struct Deriver<'g> {
     grammar: &'g Grammar,
     chooser: Chooser<'g>,
-    frames: Vec<Frame<'g>>,
+    frames: Vec<Expansion<'g>>,
     /// Parameters of all frames, one after another.
     parameters: Vec<f64>,
     bound: Vec<f64>,
@@ -216,8 +224,8 @@ struct Deriver<'g> {
 
 impl<'g> Deriver<'g> {
     /// One step of a whole string. What follows a cut to the end of its branch is left out.
-    fn rewrite(&mut self, text: &Text, budget: &mut Budget) -> Result<Text> {
-        let mut next = Text::default();
+    fn rewrite(&mut self, text: &ModuleString, budget: &mut Budget) -> Result<ModuleString> {
+        let mut next = ModuleString::default();
         let grammar = self.grammar;
         self.one_step = true;
         let mut at = 0;
@@ -233,7 +241,8 @@ impl<'g> Deriver<'g> {
                 next.push(symbol, arguments);
                 budget.holds(text.bytes() + next.bytes())
             };
-            match self.chooser.choose(&grammar.rules, 0, found, place, budget, &mut self.bound)? {
+            let occurrence = Occurrence { symbol: found.0, arguments: found.1, place };
+            match self.chooser.choose(&grammar.rules, 0, &occurrence, budget, &mut self.bound)? {
                 Some(production) => self.open(production, self.after_step(0), budget)?,
                 None => self.advance(found, self.after_step(0), place, budget, &mut each)?,
             }
@@ -283,7 +292,8 @@ impl<'g> Deriver<'g> {
                     _ => (&grammar.homomorphism, from, Stage::Homomorphism { from, depth: depth + 1 }),
                 },
             };
-            if let Some(production) = self.chooser.choose(rules, from, found, place, budget, &mut self.bound)? {
+            let occurrence = Occurrence { symbol: found.0, arguments: found.1, place };
+            if let Some(production) = self.chooser.choose(rules, from, &occurrence, budget, &mut self.bound)? {
                 let next = match (next, grammar.recursion) {
                     (Stage::Homomorphism { depth, .. }, Recursion::Below) => {
                         Stage::Homomorphism { from: production.number + 1, depth }
@@ -311,8 +321,8 @@ impl<'g> Deriver<'g> {
     fn open(&mut self, production: &'g Production, stage: Stage, budget: &mut Budget) -> Result<()> {
         let start = self.parameters.len();
         self.parameters.extend(&self.bound);
-        self.frames.push(Frame { modules: &production.successor, at: 0, parameters: start, stage });
-        budget.holds(self.frames.len() * size_of::<Frame>() + 8 * self.parameters.len())
+        self.frames.push(Expansion { modules: &production.successor, at: 0, parameters: start, stage });
+        budget.holds(self.frames.len() * size_of::<Expansion>() + 8 * self.parameters.len())
     }
 
     /// Rewrite depth first what the frames hold.

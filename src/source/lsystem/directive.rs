@@ -3,7 +3,7 @@
 use super::alphabet::Action;
 use super::expr::Environment;
 use super::expr_parser::{self, Names, Syntax};
-use super::grammar::{Considered, Giver, Grammar, Surface};
+use super::grammar::{Considered, Grammar, MaterialTarget, Surface};
 use super::lexer::{Char, Cursor, Parsed, symbols};
 use crate::error::short;
 use crate::geom::DVec3;
@@ -13,7 +13,7 @@ use crate::scene::texture::srgb_to_linear;
 const KNOWN: &str = "#axiom, #define, #iterations, #seed, #angle, #step, #width, #tropism, #unit, #colour, #surface, #material, #draw, \
                      #ignore, #consider, #homomorphism";
 /// Corners of a surface that a grammar draws.
-const MOST_CORNERS: usize = 1 << 16;
+const MAX_CORNERS: usize = 1 << 16;
 
 /// Read the directive `word`, that begins at `hash`; the cursor is after the word.
 pub fn read(word: &str, hash: Char, cursor: &mut Cursor, grammar: &mut Grammar) -> Parsed<()> {
@@ -165,8 +165,8 @@ fn surface(cursor: &mut Cursor, grammar: &mut Grammar) -> Parsed<()> {
                 return Err(cursor.unexpected("',' or '}'"));
             }
         }
-        if !(3..=MOST_CORNERS).contains(&corners.len()) {
-            return Err(place.fault(format!("a surface has 3 to {MOST_CORNERS} corners, not {}", corners.len())));
+        if !(3..=MAX_CORNERS).contains(&corners.len()) {
+            return Err(place.fault(format!("a surface has 3 to {MAX_CORNERS} corners, not {}", corners.len())));
         }
         let colour = if cursor.at_end() { None } else { Some(colour(cursor, grammar)?) };
         Surface::Polygon { corners, colour }
@@ -190,7 +190,7 @@ fn material(cursor: &mut Cursor, grammar: &mut Grammar) -> Parsed<()> {
     while !cursor.at_end() {
         let place = cursor.place();
         let giver = if cursor.take('~') {
-            Giver::Surface(
+            MaterialTarget::Surface(
                 cursor
                     .next()
                     .map(|c| c.c)
@@ -201,10 +201,10 @@ fn material(cursor: &mut Cursor, grammar: &mut Grammar) -> Parsed<()> {
             let sign = if cursor.take('-') { "-" } else { "" };
             let digits = cursor.word(|c| c.is_ascii_digit());
             let index = format!("{sign}{digits}").parse().ok().filter(|i: &i64| i.abs() <= 1_000_000_000);
-            Giver::Colour(index.ok_or_else(|| place.fault("the index of a colour is a whole number"))?)
+            MaterialTarget::Colour(index.ok_or_else(|| place.fault("the index of a colour is a whole number"))?)
         } else {
             match cursor.next() {
-                Some(c) if c.c.is_alphabetic() => Giver::Symbol(c.c),
+                Some(c) if c.c.is_alphabetic() => MaterialTarget::Symbol(c.c),
                 _ => {
                     return Err(
                         place.fault("a material is given to an index of a colour, to ~ with a surface, or to a symbol")
@@ -212,7 +212,7 @@ fn material(cursor: &mut Cursor, grammar: &mut Grammar) -> Parsed<()> {
                 }
             }
         };
-        grammar.materials.give(&name, giver);
+        grammar.materials.assign(&name, giver);
         cursor.take(',');
         cursor.skip_space();
     }

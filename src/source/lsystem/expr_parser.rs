@@ -131,10 +131,10 @@ const PYTHON_LEVELS: Levels = &[
 const COMPARISONS: usize = 2;
 
 /// Largest number of operators, calls and parentheses per expression: it bounds the recursion of parsing and evaluation.
-const MOST_TERMS: usize = 256;
+const MAX_TERMS: usize = 256;
 
 /// Largest number of terms between two comparisons of a chain: they are evaluated twice, and so are chains within chains.
-const MOST_CHAINED: usize = 8;
+const MAX_CHAINED: usize = 8;
 
 /// An array of a grammar.
 #[derive(Debug, Clone, PartialEq)]
@@ -186,8 +186,8 @@ struct Parser<'c, 'a, 'n> {
 impl Parser<'_, '_, '_> {
     fn count(&mut self) -> Result<(), Fault> {
         self.terms += 1;
-        if self.terms > MOST_TERMS {
-            return Err(self.cursor.place().fault(format!("the expression has more than {MOST_TERMS} terms")));
+        if self.terms > MAX_TERMS {
+            return Err(self.cursor.place().fault(format!("the expression has more than {MAX_TERMS} terms")));
         }
         Ok(())
     }
@@ -237,7 +237,7 @@ impl Parser<'_, '_, '_> {
             self.count()?;
             let place = self.cursor.place();
             let right = self.level(level + 1)?;
-            let small = python && right.size() <= MOST_CHAINED;
+            let small = python && right.size() <= MAX_CHAINED;
             let next = small.then(|| right.clone());
             left = match middle.take() {
                 Some(middle) => {

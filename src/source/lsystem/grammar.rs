@@ -143,9 +143,9 @@ pub struct Materials {
     surfaces: BTreeMap<char, u16>,
 }
 
-/// Target that a material is assigned to.
+/// Geometry that a material is assigned to.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Giver {
+pub enum MaterialTarget {
     /// Colours from this index to the next that is given one.
     Colour(i64),
     /// Geometry that this symbol draws.
@@ -155,17 +155,17 @@ pub enum Giver {
 }
 
 impl Materials {
-    /// Call `name` what is drawn so.
-    pub fn give(&mut self, name: &str, to: Giver) {
+    /// Assign the material `name` to the geometry `to`.
+    pub fn assign(&mut self, name: &str, to: MaterialTarget) {
         let known = self.names.iter().position(|n| n == name).unwrap_or_else(|| {
             self.names.push(name.to_owned());
             self.names.len() - 1
         });
         let id = (known + 1).min(u16::MAX.into()) as u16;
         match to {
-            Giver::Colour(index) => self.colours.insert(index, id),
-            Giver::Symbol(symbol) => self.symbols.insert(symbol, id),
-            Giver::Surface(symbol) => self.surfaces.insert(symbol, id),
+            MaterialTarget::Colour(index) => self.colours.insert(index, id),
+            MaterialTarget::Symbol(symbol) => self.symbols.insert(symbol, id),
+            MaterialTarget::Surface(symbol) => self.surfaces.insert(symbol, id),
         };
     }
 
@@ -270,7 +270,7 @@ pub struct Grammar {
     pub axes: DMat3,
     /// Index of the colour at the start.
     pub first_colour: f64,
-    /// What was passed over as it was read.
+    /// Warnings about what was ignored while it was read.
     pub warnings: Warnings,
     /// Metres in a unit; 0 where unknown.
     pub metres_per_unit: f64,

@@ -48,13 +48,13 @@ pub use plant::Counts;
 pub struct LSystemOptions {
     /// Derivation steps, instead of the grammar's.
     pub iterations: Option<u64>,
-    /// Instead of the grammar's.
+    /// Seed of the random choices, instead of the grammar's.
     pub seed: Option<u64>,
     /// Degrees that the turtle turns by where a symbol does not say, instead of the grammar's.
     pub angle: Option<f64>,
     /// A derived string to draw, instead of the grammar's.
     pub string: Option<String>,
-    /// Symbols that may be rewritten or looked at before it is given up.
+    /// Largest number of symbols that are rewritten or examined; a grammar that takes more is an error.
     pub max_symbols: u64,
     /// Values of `#define`s, instead of the grammar's.
     pub define: BTreeMap<String, f64>,
@@ -97,7 +97,7 @@ pub fn open(
         Some(path) => read_grammar(path, read.max_bytes, options)?,
         None => (Grammar::default(), Dialect::Book),
     };
-    let read_as = (dialect != Dialect::Book).then(|| format!("read as {}", dialect.called()));
+    let read_as = (dialect != Dialect::Book).then(|| format!("read as {}", dialect.description()));
     let (plant, _) = draw(path, grammar.clone(), options, read.max_bytes)?;
     let Plant { mut limbs, polygons, meshes, warnings, .. } = plant;
     let names = limb_materials(&mut limbs, &grammar.materials);
@@ -168,7 +168,7 @@ pub fn count(path: &Path, options: &LSystemOptions, max_bytes: u64) -> Result<(C
 
 /// The files that are read with the grammar `text`, as they are found beside `path`: those that its notation has, and those
 /// that its surfaces name.
-pub fn beside(path: &Path, text: &str) -> Vec<PathBuf> {
+pub fn companion_files(path: &Path, text: &str) -> Vec<PathBuf> {
     let read = |dialect| parse(path, text, &LSystemOptions { dialect, ..LSystemOptions::default() });
     // Houdini's rules are known by the option alone.
     let read = read(None).or_else(|_| read(Some(Dialect::Houdini)));
@@ -177,7 +177,7 @@ pub fn beside(path: &Path, text: &str) -> Vec<PathBuf> {
         Surface::Mesh { file, .. } => find(path, file),
         Surface::Polygon { .. } | Surface::Patches { .. } => None,
     };
-    dialect::beside(dialect, path).into_iter().chain(grammar.surfaces.values().filter_map(mesh)).collect()
+    dialect::companion_files(dialect, path).into_iter().chain(grammar.surfaces.values().filter_map(mesh)).collect()
 }
 
 fn find(path: &Path, file: &str) -> Option<PathBuf> {
@@ -190,7 +190,7 @@ fn read_grammar(path: &Path, max_bytes: u64, options: &LSystemOptions) -> Result
         true => Error::Options(format!("{}: {}", path.display(), f.what)),
         false => Error::input(path, place(&f), f.what),
     })?;
-    dialect::read_beside(dialect, path, &mut grammar)?;
+    dialect::read_companions(dialect, path, &mut grammar)?;
     if let Some(name) = options.define.keys().find(|name| !grammar.constants.contains_key(*name)) {
         let known: Vec<&str> = grammar.constants.keys().map(String::as_str).collect();
         let known = if known.is_empty() { "none".into() } else { known.join(", ") };
@@ -200,7 +200,7 @@ fn read_grammar(path: &Path, max_bytes: u64, options: &LSystemOptions) -> Result
 }
 
 fn parse(path: &Path, text: &str, options: &LSystemOptions) -> Result<(Grammar, Dialect), Fault> {
-    let dialect = options.dialect.or_else(|| dialect::of(path, text)).ok_or_else(dialect::unclear)?;
+    let dialect = options.dialect.or_else(|| dialect::detect(path, text)).ok_or_else(dialect::unknown)?;
     let choice = dialect::Choice { define: &options.define, name: options.name.as_deref() };
     Ok((dialect::read(dialect, text, &choice)?, dialect))
 }

@@ -10,7 +10,7 @@ use super::lexer::{Char, Cursor, Parsed, characters, is_symbol, shown};
 use super::predecessor;
 
 /// Brackets within brackets in a right context.
-const MOST_NESTED: usize = 64;
+const MAX_NESTED: usize = 64;
 
 /// Kind of a statement.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -323,8 +323,8 @@ fn patterns(cursor: &mut Cursor, parameters: &mut Vec<String>, grammar: &Grammar
             ']' if open.pop().is_none() => return Err(place.fault("']' closes nothing")),
             _ => {}
         }
-        if open.len() > MOST_NESTED {
-            return Err(place.fault(format!("more than {MOST_NESTED} brackets within each other")));
+        if open.len() > MAX_NESTED {
+            return Err(place.fault(format!("more than {MAX_NESTED} brackets within each other")));
         }
         let mut count = 0;
         if cursor.take('(') {

@@ -9,8 +9,8 @@ use crate::scene::triangulate::Triangulator;
 use crate::source::curve::Strand;
 use crate::{Error, Result, Warnings};
 
-/// Corners of one polygon: beyond, cutting it takes too long.
-const MOST_CORNERS: usize = 1 << 16;
+/// Largest number of corners of a polygon. Triangulating larger ones takes too long.
+const MAX_CORNERS: usize = 1 << 16;
 
 /// Bytes per segment: its end in the limb, in the source that is made of the limb (a list that grows by doubling), and in a
 /// path. 126 bytes each were measured for two million segments in a row.
@@ -47,33 +47,33 @@ pub struct Counts {
     pub meshes: u64,
 }
 
-/// A chain of segments that may go on.
+/// A chain of segments to which more may be added.
 #[derive(Debug, Clone, Default)]
 pub struct Limb {
     pub points: Vec<DVec3>,
     pub radii: Vec<f32>,
     pub colour: [f32; 3],
     pub material: u16,
-    /// True where the last width was given with the segment, and not by a symbol after it.
+    /// Whether the last radius was given as the end width of its segment, so that only a segment of exactly that width continues it.
     pub fixed: bool,
 }
 
-/// Style of what is drawn.
+/// Colour and material in which primitives are drawn.
 #[derive(Debug, Clone, Copy)]
-pub struct Ink {
+pub struct DrawStyle {
     pub colour: [f32; 3],
     pub material: u16,
 }
 
 impl Plant {
-    /// Draw a segment; it goes on with `limb` where it may, and else begins another. `width` at its start, `end` at its end
-    /// if that is given.
-    pub fn segment(&mut self, limb: &mut Limb, [from, to]: [DVec3; 2], width: f64, end: Option<f64>, ink: Ink) {
+    /// Draw a segment of the width `width` at its start and `end`, if given, at its end. It continues `limb` where width, colour and
+    /// material allow that, and else begins another limb.
+    pub fn segment(&mut self, limb: &mut Limb, [from, to]: [DVec3; 2], width: f64, end: Option<f64>, style: DrawStyle) {
         self.counts.segments += 1;
         let radius = (0.5 * width) as f32;
         // A limb thins as its segments do; where it gets wider, or another colour, another begins.
-        let goes_on = limb.colour == ink.colour
-            && limb.material == ink.material
+        let goes_on = limb.colour == style.colour
+            && limb.material == style.material
             && limb.radii.last().is_some_and(|r| if limb.fixed { *r == radius } else { *r >= radius });
         if !goes_on {
             self.end_limb(limb);
@@ -81,7 +81,7 @@ impl Plant {
         match limb.radii.last_mut() {
             Some(last) => *last = radius,
             None => {
-                (limb.colour, limb.material) = (ink.colour, ink.material);
+                (limb.colour, limb.material) = (style.colour, style.material);
                 limb.points.push(from);
                 limb.radii.push(radius);
             }
@@ -95,35 +95,35 @@ impl Plant {
     pub fn end_limb(&mut self, limb: &mut Limb) {
         let limb = std::mem::take(limb);
         if limb.points.len() > 1 {
-            self.strand(limb.points, limb.radii, Ink { colour: limb.colour, material: limb.material });
+            self.strand(limb.points, limb.radii, DrawStyle { colour: limb.colour, material: limb.material });
         }
     }
 
-    fn strand(&mut self, points: Vec<DVec3>, radii: Vec<f32>, ink: Ink) {
-        let [r, g, b] = ink.colour;
+    fn strand(&mut self, points: Vec<DVec3>, radii: Vec<f32>, style: DrawStyle) {
+        let [r, g, b] = style.colour;
         let colours = vec![[r, g, b, 1.0]];
-        self.limbs.push(Strand { points, radii, colours, material: ink.material, ..Strand::default() });
+        self.limbs.push(Strand { points, radii, colours, material: style.material, ..Strand::default() });
         self.bytes += 2 * size_of::<Strand>() + size_of::<[f32; 4]>();
     }
 
     /// Draw a ball around `centre`, as cones along `axis`.
-    pub fn ball(&mut self, centre: DVec3, axis: DVec3, radius: f64, ink: Ink) {
+    pub fn ball(&mut self, centre: DVec3, axis: DVec3, radius: f64, style: DrawStyle) {
         let ring = |i: usize| super::expr::sin_cos(180.0 * i as f64 / BALL_CONES as f64);
         let points = (0..=BALL_CONES).map(|i| centre - ring(i).1 * radius * axis).collect();
         let radii = (0..=BALL_CONES).map(|i| (ring(i).0 * radius) as f32).collect();
-        self.strand(points, radii, ink);
+        self.strand(points, radii, style);
         self.counts.segments += 1;
         self.bytes += SEGMENT_BYTES * BALL_CONES;
     }
 
     /// Draw a disc around `centre` in the plane of two axes.
-    pub fn disc(&mut self, triangulator: &mut Triangulator, centre: DVec3, [a, b]: [DVec3; 2], radius: f64, ink: Ink) {
+    pub fn disc(&mut self, triangulator: &mut Triangulator, centre: DVec3, [a, b]: [DVec3; 2], radius: f64, style: DrawStyle) {
         let corner = |i: usize| {
             let (sin, cos) = super::expr::sin_cos(360.0 * i as f64 / DISC_CORNERS as f64);
             centre + radius * (cos * a + sin * b)
         };
         let corners: Vec<DVec3> = (0..DISC_CORNERS).map(corner).collect();
-        self.fill(triangulator, &corners, ink);
+        self.fill(triangulator, &corners, style);
     }
 
     /// Add a corner to the innermost of the polygons that are open.
@@ -140,18 +140,18 @@ impl Plant {
             polygon.push(position);
             self.bytes += size_of::<DVec3>();
         }
-        if polygon.len() > MOST_CORNERS {
+        if polygon.len() > MAX_CORNERS {
             return Err(Error::Limit {
                 what: "a polygon of the L-system, in corners,".into(),
                 needed: polygon.len() as u64,
-                allowed: MOST_CORNERS as u64,
+                allowed: MAX_CORNERS as u64,
             });
         }
         Ok(())
     }
 
     /// Fill a polygon as its corners were given.
-    pub fn polygon(&mut self, triangulator: &mut Triangulator, mut polygon: Vec<DVec3>, ink: Ink) {
+    pub fn polygon(&mut self, triangulator: &mut Triangulator, mut polygon: Vec<DVec3>, style: DrawStyle) {
         let Some(&first) = polygon.first() else {
             self.warnings.add("polygons of fewer than three corners are left out");
             return;
@@ -165,43 +165,43 @@ impl Plant {
             self.warnings.add("polygons of fewer than three corners are left out");
             return;
         }
-        self.fill(triangulator, &polygon, ink);
+        self.fill(triangulator, &polygon, style);
     }
 
-    fn fill(&mut self, triangulator: &mut Triangulator, polygon: &[DVec3], ink: Ink) {
-        let [r, g, b] = ink.colour;
-        let part = self.polygons.entry(ink.material).or_default();
+    fn fill(&mut self, triangulator: &mut Triangulator, polygon: &[DVec3], style: DrawStyle) {
+        let [r, g, b] = style.colour;
+        let part = self.polygons.entry(style.material).or_default();
         let first = part.positions.len() as u32;
         part.positions.extend(polygon.iter().map(|p| p.as_vec3().to_array()));
         part.colors.get_or_insert_default().resize(part.positions.len(), [r, g, b, 1.0]);
         let before = part.triangles.len();
-        triangulator.triangulate(polygon, |t| part.triangles.push(t.map(|i| first + i as u32)));
+        triangulator.cut(polygon, |t| part.triangles.push(t.map(|i| first + i as u32)));
         self.counts.polygons += 1;
         self.bytes += polygon_bytes(polygon.len(), part.triangles.len() - before);
     }
 
     /// Draw `surface`, which `symbol` names, in the turtle's `frame` at `position`, scaled to its right, ahead and up. The
-    /// material of `ink` is the surface's.
+    /// material of `style` is the surface's.
     pub fn place(
         &mut self,
         triangulator: &mut Triangulator,
         (symbol, surface): (char, &Surface),
         (position, frame): (DVec3, DMat3),
         [x, y, z]: [f64; 3],
-        ink: Ink,
+        style: DrawStyle,
     ) {
         let axes = DMat3::from_cols(-x * frame.y_axis, y * frame.x_axis, z * frame.z_axis);
         let to_world = DAffine3::from_mat3_translation(axes, position);
         match surface {
             Surface::Polygon { corners, colour } => {
                 let corners: Vec<DVec3> = corners.iter().map(|c| to_world.transform_point3(*c)).collect();
-                self.fill(triangulator, &corners, Ink { colour: colour.unwrap_or(ink.colour), ..ink });
+                self.fill(triangulator, &corners, DrawStyle { colour: colour.unwrap_or(style.colour), ..style });
             }
             Surface::Patches { positions, colours, triangles, .. } => {
-                let part = self.polygons.entry(ink.material).or_default();
+                let part = self.polygons.entry(style.material).or_default();
                 let first = part.positions.len() as u32;
                 part.positions.extend(positions.iter().map(|p| to_world.transform_point3(*p).as_vec3().to_array()));
-                let colours = colours.iter().map(|c| c.unwrap_or(ink.colour)).map(|[r, g, b]| [r, g, b, 1.0]);
+                let colours = colours.iter().map(|c| c.unwrap_or(style.colour)).map(|[r, g, b]| [r, g, b, 1.0]);
                 part.colors.get_or_insert_default().extend(colours);
                 part.triangles.extend(triangles.iter().map(|t| t.map(|i| first + i)));
                 self.counts.polygons += 1;

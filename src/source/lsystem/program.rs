@@ -17,9 +17,9 @@ pub enum Variable {
 #[derive(Debug, Clone, PartialEq)]
 pub enum Statement {
     Assign(Variable, Expr),
-    /// The first list where the condition holds, else the second.
+    /// Run the first list where the condition holds, else the second.
     If(Expr, Vec<Statement>, Vec<Statement>),
-    /// The list as long as the condition holds; `true`: once at least.
+    /// Run the list while the condition holds; with `true` it is run before the first test.
     While(Expr, Vec<Statement>, bool),
     /// The production does not match where the condition does not hold.
     Require(Expr),

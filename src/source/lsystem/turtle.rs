@@ -10,7 +10,7 @@ use super::budget::Budget;
 use super::directive::linear;
 use super::expr::sin_cos;
 use super::grammar::{Grammar, Surface};
-use super::plant::{Ink, Limb, Plant};
+use super::plant::{DrawStyle, Limb, Plant};
 use crate::geom::{DMat3, DVec3};
 use crate::scene::triangulate::Triangulator;
 use crate::{Error, Result};
@@ -128,8 +128,8 @@ impl<'g> Turtle<'g> {
             Action::Corner => self.plant.corner(&mut self.open, self.state.position)?,
             Action::EndPolygon => match self.open.pop() {
                 Some(polygon) => {
-                    let ink = self.ink();
-                    self.plant.polygon(&mut self.triangulator, polygon, ink);
+                    let style = self.style();
+                    self.plant.polygon(&mut self.triangulator, polygon, style);
                 }
                 None => self.plant.warnings.add("a } that closes nothing is left out"),
             },
@@ -145,13 +145,13 @@ impl<'g> Turtle<'g> {
             Action::Head => self.head(arguments),
             Action::Ball(factor) => {
                 let radius = self.radius(factor, arguments);
-                let ink = self.ink();
-                self.plant.ball(self.state.position, self.state.frame.x_axis, radius, ink);
+                let style = self.style();
+                self.plant.ball(self.state.position, self.state.frame.x_axis, radius, style);
             }
             Action::Disc(factor) => {
                 let radius = self.radius(factor, arguments);
-                let (ink, f) = (self.ink(), self.state.frame);
-                self.plant.disc(&mut self.triangulator, self.state.position, [f.x_axis, f.y_axis], radius, ink);
+                let (style, f) = (self.style(), self.state.frame);
+                self.plant.disc(&mut self.triangulator, self.state.position, [f.x_axis, f.y_axis], radius, style);
             }
             Action::Surface => self.surface = true,
             Action::ScaledSurface => self.place(symbol, arguments)?,
@@ -191,8 +191,8 @@ impl<'g> Turtle<'g> {
     }
 
     /// Colour, and the material that belongs to it.
-    fn ink(&self) -> Ink {
-        Ink { colour: self.state.colour, material: self.grammar.materials.coloured(self.state.index) }
+    fn style(&self) -> DrawStyle {
+        DrawStyle { colour: self.state.colour, material: self.grammar.materials.coloured(self.state.index) }
     }
 
     fn radius(&mut self, factor: f64, arguments: &[f64]) -> f64 {
@@ -287,9 +287,9 @@ impl<'g> Turtle<'g> {
                 }
             };
             let material = self.grammar.materials.drawn(symbol, self.state.index);
-            let ink = Ink { colour: self.state.colour, material };
+            let style = DrawStyle { colour: self.state.colour, material };
             let s = &mut self.state;
-            self.plant.segment(&mut s.limb, [from, to], s.width, end, ink);
+            self.plant.segment(&mut s.limb, [from, to], s.width, end, style);
             s.width = end.unwrap_or(s.width);
             if forward.bends {
                 self.bend(1.0);
@@ -355,9 +355,9 @@ impl<'g> Turtle<'g> {
         let x = self.argument(arguments, 0, 1.0);
         let size = [x, self.argument(arguments, 1, x), self.argument(arguments, 2, x)].map(|v| v * self.state.scale);
         let s = &self.state;
-        let material = self.grammar.materials.surface(symbol).unwrap_or_else(|| self.ink().material);
-        let ink = Ink { colour: s.colour, material };
-        self.plant.place(&mut self.triangulator, (symbol, surface), (s.position, s.frame), size, ink);
+        let material = self.grammar.materials.surface(symbol).unwrap_or_else(|| self.style().material);
+        let style = DrawStyle { colour: s.colour, material };
+        self.plant.place(&mut self.triangulator, (symbol, surface), (s.position, s.frame), size, style);
         let Surface::Patches { end, .. } = surface else { return Ok(()) };
         let end = size[0] * s.frame * DVec3::new(end.y, -end.x, end.z);
         self.plant.end_limb(&mut self.state.limb);

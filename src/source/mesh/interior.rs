@@ -3,7 +3,7 @@
 //! Based on: E. Haines, *Point in Polygon Strategies*, Graphics Gems IV, 1994 (half-open crossing rules), a dimension up.
 
 use crate::geom::DVec3;
-use crate::source::ledger::Ledger;
+use crate::source::memory_budget::MemoryBudget;
 use crate::{Result, par};
 
 /// Crossings of vertical lines with closed surfaces.
@@ -31,7 +31,7 @@ impl Interior {
         memory: u64,
         triangle: impl Fn(usize) -> Option<[DVec3; 3]> + Sync,
     ) -> Result<Interior> {
-        let ledger = Ledger::new(memory);
+        let ledger = MemoryBudget::new(memory);
         let lines = side as usize * side as usize + 1;
         ledger.take(lines, size_of::<u32>() as u64);
         let lists = par::map(count.div_ceil(CHUNK), |chunk| {

@@ -8,7 +8,7 @@ use std::collections::BTreeSet;
 
 use self::interior::Interior;
 use self::patch::Face;
-use super::ledger::Ledger;
+use super::memory_budget::MemoryBudget;
 use super::placement::Placement;
 use super::traits::{AlphaSampler, FACET_MEMORY, Source, Staged, Surface};
 use crate::geom::polygon::Polygon;
@@ -342,7 +342,7 @@ impl StagedMesh<'_> {
         progress.stage("sort", chunks as u64);
         let side = f64::from(1u32 << place.region_log2());
         let last = f64::from((place.side() >> place.region_log2()) - 1);
-        let ledger = Ledger::new(place.memory);
+        let ledger = MemoryBudget::new(place.memory);
         let lists = par::map(chunks, |chunk| {
             let (mut out, mut counted) = (Vec::<(u64, u32)>::new(), 0);
             for facet in chunk * CHUNK..count.min((chunk + 1) * CHUNK) {

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use super::model::{
     Albedo, Blade, Box3, Either, Line, LineSection, Mode, Node, Plane, Recipe, Shape, SourceFile, Widths,
 };
-use super::{Opener, laid, model, place, scatter};
+use super::{Opener, model, paint_options, place, scatter};
 use crate::geom::{Aabb, DAffine3, DVec3};
 use crate::scene::model::{Instance, Material, Model};
 use crate::source::curve::{CurveOptions, CurveSource, Interpolation, Section, Strand};
@@ -324,7 +324,7 @@ impl<'a> Compiler<'a> {
 
     fn colour(&self, albedo: &Albedo) -> Result<(Option<paint::Colouring>, bool)> {
         let find = |name: &str| self.find(name);
-        laid::colour(albedo, &find, &|what| self.error("albedo", what), &self.options.read)
+        paint_options::colour(albedo, &find, &|what| self.error("albedo", what), &self.options.read)
     }
 }
 
@@ -395,7 +395,7 @@ fn csg(count: usize, mode: layers::Mode) -> Vec<layers::Mode> {
 }
 
 fn bump(b: &model::Bump) -> paint::Varying<DVec3> {
-    let (noise, height) = (laid::noise(&b.noise), b.height.0);
+    let (noise, height) = (paint_options::noise(&b.noise), b.height.0);
     Arc::new(move |p| height * noise.at(p).1)
 }
 

@@ -11,7 +11,7 @@ use crate::source::curve::{CurveOptions, Interpolation};
 use crate::source::emitter::SectionKind;
 use crate::source::lsystem::{Dialect, LSystemOptions};
 use crate::source::mesh::{Fill, MeshOptions};
-use crate::source::options::{OpenOptions, unread};
+use crate::source::options::{OpenOptions, unused_by};
 use crate::source::stack::{StackOptions, TransferSpec};
 
 /// Degrees between the sheets of a V, as on the command line.
@@ -219,7 +219,7 @@ impl SourceTable {
         ];
         let lines = self.line_width.is_some() || base.trajectory.width.is_some();
         let wrong = |(key, said): (&'static str, bool)| {
-            let of = unread(key, path, lines).filter(|_| said)?;
+            let of = unused_by(key, path, lines).filter(|_| said)?;
             Some((key, format!("{key} says how {of} are read; '{}' is none of them", self.file)))
         };
         said.into_iter().find_map(wrong).map_or(Ok(()), Err)

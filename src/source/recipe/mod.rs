@@ -7,8 +7,8 @@ mod checked;
 mod checks;
 mod compile;
 mod file;
-mod laid;
 mod model;
+mod paint_options;
 mod scatter;
 mod values;
 
@@ -22,8 +22,8 @@ use super::options::OpenOptions;
 use super::traits::Source;
 use crate::scene::{files, text};
 use crate::{Error, Result};
-pub use laid::{Laid, files as laid_files, lay};
 use model::{Either, Node, Recipe, Shape};
+pub use paint_options::{PaintOptions, apply_paint, files as paint_files};
 
 /// The published JSON Schema of recipes.
 pub const SCHEMA: &str = include_str!("../../../docs/recipe.schema.json");

@@ -77,7 +77,7 @@ fn sums(text: &str, resolution: u32) -> Sums {
     let side = place.side();
     for code in 0..u64::from(side).pow(3) {
         let at = DVec3::from(morton::decode(code).map(f64::from)) + 0.5;
-        s.within += f64::from(u8::from(staged.level(at) < 0.0));
+        s.within += f64::from(u8::from(staged.implicit_value(at) < 0.0));
     }
     let unit = 1.0 / place.scale;
     for area in [&mut s.area, &mut s.red, &mut s.there, &mut s.shown] {

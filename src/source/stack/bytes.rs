@@ -1,4 +1,4 @@
-//! Bytes of samples: a file that is mapped into memory, or what was decoded, in memory or in a file without a name.
+//! Storage of samples: a mapped file, or decoded bytes in memory or in an unnamed temporary file.
 
 use std::io::Write;
 use std::path::Path;
@@ -35,7 +35,7 @@ pub fn map_file(path: &Path) -> Result<Bytes> {
     Ok(Bytes::Mapped(system::map(&file).map_err(io)?))
 }
 
-/// Takes decoded bytes one after the other; beyond `in_memory` bytes they go to a file without a name.
+/// Collector of decoded bytes. If they are more than `in_memory`, all of them go to an unnamed temporary file.
 pub struct Spool {
     memory: Vec<u8>,
     file: Option<std::io::BufWriter<std::fs::File>>,

@@ -1,4 +1,5 @@
-//! One channel and one frame of a file that holds several: which is taken, and a list of all where nobody chose.
+//! Selection of a channel and a frame in files that hold several. Where the options select none, the first is used, with a warning that
+//! lists all.
 
 use std::path::Path;
 
@@ -103,8 +104,8 @@ impl<'a> Choice<'a> {
     }
 }
 
-/// Which of a file's volumes is taken, where axes beyond space are stored one volume after the other.
-pub struct Outer {
+/// Axes of a file beyond the three of space: its volumes are stored one after the other.
+pub struct OuterAxes {
     /// Number of samples along each outer axis, the first fastest, and whether it counts channels.
     pub axes: Vec<(usize, bool)>,
 }
@@ -120,7 +121,7 @@ impl StoredVolume {
     pub const ONLY: StoredVolume = StoredVolume { index: 0, count: 1 };
 }
 
-impl Outer {
+impl OuterAxes {
     fn count(&self, channels: bool) -> usize {
         self.axes.iter().filter(|a| a.1 == channels).fold(1, |n, a| n.saturating_mul(a.0))
     }
@@ -173,7 +174,7 @@ mod tests {
     #[test]
     fn volumes_are_counted_with_the_first_axis_fastest() {
         // Three frames, two channels, and four frames more.
-        let outer = Outer { axes: vec![(3, false), (2, true), (4, false)] };
+        let outer = OuterAxes { axes: vec![(3, false), (2, true), (4, false)] };
         let mut options = StackOptions { frame: Some(8), channel: Some("2".into()), ..StackOptions::default() };
         let mut warnings = Warnings::default();
         // Frame 8 is the second of the third row: 1 + 3 · 1 + 6 · 2.

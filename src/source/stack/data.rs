@@ -1,4 +1,4 @@
-//! Samples where a header says that they are: in one file or several, raw, packed, or as words.
+//! Loading of samples from where a header says that they are: from one or several files, raw, compressed, or as text.
 
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -13,9 +13,9 @@ use crate::{Error, Result};
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Packing {
     Raw,
-    /// gzip or zlib: what the first bytes say.
+    /// gzip or zlib, told apart by the first bytes.
     Deflate,
-    /// Numbers in words.
+    /// Numbers as text.
     Text,
 }
 
@@ -23,11 +23,11 @@ pub enum Packing {
 pub struct Data<'a> {
     /// The header, for messages about sizes.
     pub header: &'a Path,
-    /// One after the other they hold the samples.
+    /// Files that hold the samples, one after the other.
     pub files: Vec<PathBuf>,
-    /// Bytes of each file before the (packed) samples; `None`: they are the last of it.
+    /// Number of bytes of each file before the (compressed) samples; `None` where they are at its end.
     pub skip: Option<u64>,
-    /// Bytes to leave out once the samples are unpacked.
+    /// Number of bytes to skip after decompression.
     pub skip_unpacked: u64,
     pub packing: Packing,
     pub coding: Coding,
@@ -46,7 +46,7 @@ pub fn inflate<'a>(packed: &'a [u8]) -> Box<dyn Read + 'a> {
 }
 
 impl Data<'_> {
-    /// Bring the samples in reach; what is decoded stays in memory up to `in_memory` bytes.
+    /// Load the samples. Up to `in_memory` decoded bytes stay in memory.
     ///
     /// # Errors
     /// [`Error::Io`] where a file cannot be read, [`Error::Input`] where it does not hold what the header says.
@@ -74,7 +74,7 @@ impl Data<'_> {
         let before = needed.saturating_mul(self.volume.index);
         let stored = self.files.iter().filter_map(|f| std::fs::metadata(f).ok()).map(|m| m.len()).sum();
         check_ratio(self.header, needed.saturating_add(before), stored)?;
-        let mut out = Taken { before, left: needed, spool: Spool::new(in_memory) };
+        let mut out = SelectedBytes { before, left: needed, spool: Spool::new(in_memory) };
         let share = needed.saturating_mul(self.volume.count) / self.files.len().max(1) as u64;
         for file in &self.files {
             if out.left == 0 {
@@ -99,8 +99,8 @@ impl Data<'_> {
     }
 }
 
-/// The part of a stream of samples that is taken.
-struct Taken {
+/// Sink for a stream of samples that keeps one consecutive part of it: the volume that was selected.
+struct SelectedBytes {
     /// Number of bytes that come before it.
     before: u64,
     /// Number of its bytes that are still to come.
@@ -108,7 +108,7 @@ struct Taken {
     spool: Spool,
 }
 
-impl Taken {
+impl SelectedBytes {
     fn push(&mut self, bytes: &[u8]) -> Result<()> {
         let skipped = bytes.len().min(usize::try_from(self.before).unwrap_or(usize::MAX));
         self.before -= skipped as u64;
@@ -119,8 +119,8 @@ impl Taken {
     }
 }
 
-/// Unpack `from`, without its first `skip` bytes, until `out` has all that it takes.
-fn unpack(path: &Path, mut from: impl Read, skip: u64, out: &mut Taken) -> Result<()> {
+/// Decompress `from`, without its first `skip` bytes, until `out` is complete.
+fn unpack(path: &Path, mut from: impl Read, skip: u64, out: &mut SelectedBytes) -> Result<()> {
     let broken = |e: std::io::Error| Error::input(path, "", format!("its packed samples are broken: {e}"));
     std::io::copy(&mut from.by_ref().take(skip), &mut std::io::sink()).map_err(broken)?;
     let mut buffer = vec![0; 1 << 16];
@@ -135,8 +135,8 @@ fn unpack(path: &Path, mut from: impl Read, skip: u64, out: &mut Taken) -> Resul
     Ok(())
 }
 
-/// Read numbers that are written as words, as f64.
-fn words(path: &Path, text: &[u8], out: &mut Taken) -> Result<()> {
+/// Read numbers that are written as text, as f64.
+fn words(path: &Path, text: &[u8], out: &mut SelectedBytes) -> Result<()> {
     for (row, line) in text.split(|&c| c == b'\n').enumerate() {
         let apart = |c: &u8| c.is_ascii_whitespace() || *c == b',';
         for word in line.split(apart).filter(|w| !w.is_empty()) {

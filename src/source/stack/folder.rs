@@ -8,7 +8,7 @@ use super::choice::Choice;
 use super::coding::byte_count;
 use super::natural::natural;
 use super::samples::Samples;
-use super::slice::{self, About, Sink, Slice, is_image};
+use super::slice::{self, ImageInfo, Sink, Slice, is_image};
 use super::split::{by_names, oddities};
 use super::{Channels, Stack};
 use crate::geom::{DAffine3, DVec3};
@@ -117,7 +117,7 @@ pub fn subfolders(dir: &Path) -> Vec<PathBuf> {
 
 /// Read slices, one per file, or the pages of one file.
 pub fn read(choice: &Choice, files: &[PathBuf], warnings: Warnings, in_memory: u64) -> Result<Stack> {
-    let mut pile = Pile {
+    let mut stacker = SliceStacker {
         path: choice.path,
         about: None,
         first: None,
@@ -128,37 +128,37 @@ pub fn read(choice: &Choice, files: &[PathBuf], warnings: Warnings, in_memory: u
     };
     if let [file] = files {
         // Page by page, never all at once.
-        pile.file.clone_from(file);
-        slice::read(choice, file, &mut pile)?;
-        return pile.finish(warnings);
+        stacker.file.clone_from(file);
+        slice::read(choice, file, &mut stacker)?;
+        return stacker.finish(warnings);
     }
     let mut left = files;
     while !left.is_empty() {
-        let (group, after) = left.split_at(pile.ahead(in_memory).min(left.len()));
+        let (group, after) = left.split_at(stacker.ahead(in_memory).min(left.len()));
         left = after;
         let decoded = par::map(group.len(), |i| {
-            let mut one = One { file: &group[i], about: About::default(), slice: None };
+            let mut one = SingleSlice { file: &group[i], about: ImageInfo::default(), slice: None };
             slice::read(choice, &group[i], &mut one).map(|()| (one.about, one.slice))
         });
         for (file, decoded) in group.iter().zip(decoded) {
             let (about, slice) = decoded?;
-            pile.file.clone_from(file);
-            pile.about(about)?;
-            slice.into_iter().try_for_each(|slice| pile.slice(slice))?;
+            stacker.file.clone_from(file);
+            stacker.about(about)?;
+            slice.into_iter().try_for_each(|slice| stacker.slice(slice))?;
         }
     }
-    pile.finish(warnings)
+    stacker.finish(warnings)
 }
 
 /// The slice of a file among others.
-struct One<'a> {
+struct SingleSlice<'a> {
     file: &'a Path,
-    about: About,
+    about: ImageInfo,
     slice: Option<Slice>,
 }
 
-impl Sink for One<'_> {
-    fn about(&mut self, about: About) -> Result<()> {
+impl Sink for SingleSlice<'_> {
+    fn about(&mut self, about: ImageInfo) -> Result<()> {
         self.about = about;
         Ok(())
     }
@@ -174,10 +174,10 @@ impl Sink for One<'_> {
 }
 
 /// Slices of the same size, one on the other.
-struct Pile<'a> {
+struct SliceStacker<'a> {
     path: &'a Path,
     /// Description by the first file.
-    about: Option<About>,
+    about: Option<ImageInfo>,
     /// Description that the others have to match, and its file.
     first: Option<(Slice, PathBuf)>,
     spool: Spool,
@@ -187,8 +187,8 @@ struct Pile<'a> {
     file: PathBuf,
 }
 
-impl Sink for Pile<'_> {
-    fn about(&mut self, about: About) -> Result<()> {
+impl Sink for SliceStacker<'_> {
+    fn about(&mut self, about: ImageInfo) -> Result<()> {
         self.about.get_or_insert(about);
         Ok(())
     }
@@ -212,7 +212,7 @@ impl Sink for Pile<'_> {
     }
 }
 
-impl Pile<'_> {
+impl SliceStacker<'_> {
     /// Number of slices that are decoded at the same time: the first by itself, then as many as memory has room for.
     fn ahead(&self, memory: u64) -> usize {
         let Some((first, _)) = &self.first else { return 1 };

@@ -8,7 +8,7 @@ use byteorder::{BigEndian, ByteOrder};
 
 use super::Stack;
 use super::bytes::map_file;
-use super::choice::{Choice, Outer};
+use super::choice::{Choice, OuterAxes};
 use super::coding::{Coding, Kind};
 use super::data::{Data, Packing, inflate};
 
@@ -45,7 +45,7 @@ pub fn read(choice: &Choice, in_memory: u64) -> Result<Stack> {
         other => return Err(Error::unsupported(path, format!("a FreeSurfer volume of data type {other}"))),
     };
     let mut warnings = Warnings::default();
-    let outer = Outer { axes: vec![(usize::try_from(int(16)).unwrap_or(1).max(1), false)] };
+    let outer = OuterAxes { axes: vec![(usize::try_from(int(16)).unwrap_or(1).max(1), false)] };
     let volume = outer.choose(choice, &mut warnings)?;
     let samples = Data {
         header: path,

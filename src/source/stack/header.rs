@@ -1,4 +1,4 @@
-//! Parts that headers in words share: numbers, sizes, and lists of files.
+//! Parsing that text headers have in common: numbers, sizes, units and lists of files.
 
 use std::path::{Path, PathBuf};
 

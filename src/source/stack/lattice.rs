@@ -1,47 +1,51 @@
-//! The filtered field of a stack on a lattice that is at least as fine as the voxels: values at nodes, a block at a time.
+//! The filtered values of a stack at the nodes of a lattice that is at least as fine as the voxels, a block of nodes at a time.
 //!
 //! Based on: S. Marschner, R. Lobb, *An Evaluation of Reconstruction Filters for Volume Rendering*, VIS 1994.
 //!
-//! Beyond its outermost samples a stack goes on for half a distance with the value it has there; then there is nothing.
+//! Beyond its outermost samples a stack continues with their values for half the distance of samples. There it ends.
 
 use super::ranges::BRICK;
 use super::samples::Samples;
 use crate::geom::DAffine3;
 use crate::simd::multiversioned;
 
-/// Standard deviation from which on a Gaussian is a smooth interpolation by itself.
-const SMOOTH: f64 = 0.5;
+/// Smallest standard deviation, in distances of samples, at which a Gaussian filter alone interpolates smoothly. Narrower ones are
+/// combined with linear interpolation.
+const MIN_SMOOTH_SIGMA: f64 = 0.5;
 /// Radius at which a Gaussian ends, in standard deviations.
-const REACH: f64 = 3.0;
+const FILTER_RADIUS: f64 = 3.0;
 
-/// Nodes along one axis, and how a node's value comes from samples.
+/// Nodes along one axis, and the filters by which their values are computed from the samples.
 pub struct Axis {
-    /// Index-space positions, ascending. The first and the last are beside the second and the last but one: outside.
+    /// Positions in index space, ascending. The first and the last node are outside of the stack, at the same positions as the second
+    /// and the last but one.
     pub nodes: Vec<f64>,
-    /// First (virtual) sample of each node's filter; samples outside are those at the border.
+    /// Index of the first sample of each node's filter. Indices outside of the stack stand for the samples at the border.
     first: Vec<i64>,
-    /// `width` of them a node.
+    /// Weights of the filters, `width` per node.
     weights: Vec<f32>,
     width: usize,
     samples: usize,
-    /// The cell at which each brick begins, and the end.
+    /// First cell of each brick, and one past the last cell.
     bricks: Vec<usize>,
 }
 
-/// Nodes are at least so far apart.
-const APART: f64 = 1e-6;
-/// No cell is wider, in distances of samples.
-const WIDEST: f64 = 1.25;
+/// Smallest distance of two nodes, in distances of samples.
+const MIN_NODE_DISTANCE: f64 = 1e-6;
+/// Largest width of a cell, in distances of samples.
+const MAX_CELL_WIDTH: f64 = 1.25;
+/// Largest number of nodes along an axis of a lattice that is aligned with the voxels.
 const MAX_NODES_ALONG: f64 = 1e6;
 
-/// Samples around a brick that have a say in its values: those of the filter, of a cell that begins in it, and of the next.
+/// Number of samples around a brick on which its values depend: those of the filter, of a cell that begins in the brick, and of the
+/// next cell.
 pub fn margin(sigma: f64) -> usize {
     reach(sigma) + 2
 }
 
-/// Samples that a filter of `sigma` reaches each way.
+/// Radius of a filter of standard deviation `sigma`, in samples.
 pub fn reach(sigma: f64) -> usize {
-    (REACH * sigma).ceil() as usize
+    (FILTER_RADIUS * sigma).ceil() as usize
 }
 
 /// Weights of the samples from `first` on for the value at `x`, which sum to 1; `first` is floor(x) − reach.
@@ -52,7 +56,7 @@ fn weights(x: f64, sigma: f64, out: &mut [f32]) {
         |d: f64| if sigma > 0.0 { libm::exp(-0.5 * (d / sigma) * (d / sigma)) } else { f64::from(u8::from(d == 0.0)) };
     let mut raw = [0.0f64; 64];
     let raw = &mut raw[..out.len().min(64)];
-    if sigma >= SMOOTH {
+    if sigma >= MIN_SMOOTH_SIGMA {
         raw.iter_mut().enumerate().for_each(|(n, w)| *w = gauss(n as f64 - r - t));
     } else {
         // Filtered samples, linearly between.
@@ -72,12 +76,12 @@ fn weights(x: f64, sigma: f64, out: &mut [f32]) {
 pub const MAX_SIGMA: f64 = 10.0;
 
 impl Axis {
-    /// For `samples` along the axis, with nodes at `inner`, which ascends; others are left out.
+    /// Axis with this number of `samples` and nodes at the positions `inner`, which ascend. Positions outside of the stack are left out.
     pub fn new(samples: usize, inner: impl IntoIterator<Item = f64>, sigma: f64) -> Axis {
         let last = (samples - 1) as f64;
         let end = last + 0.5;
         let mut nodes = vec![-0.5, -0.5];
-        nodes.extend(inner.into_iter().filter(|x| (APART - 0.5..end - APART).contains(x)));
+        nodes.extend(inner.into_iter().filter(|x| (MIN_NODE_DISTANCE - 0.5..end - MIN_NODE_DISTANCE).contains(x)));
         nodes.extend([end, end]);
         // A cell belongs to the brick in which it begins.
         let begin = |u: usize| if u == 0 { 0 } else { nodes.partition_point(|&x| x < (u * BRICK) as f64) };
@@ -103,11 +107,11 @@ impl Axis {
         start + ends.partition_point(|&x| x < from)..start + begins.partition_point(|&x| x <= to)
     }
 
-    /// Units whose cells overlap `from .. to`.
+    /// Bricks whose cells overlap `from .. to`, index space.
     pub fn bricks(&self, from: f64, to: f64) -> std::ops::RangeInclusive<usize> {
         let last = self.bricks.len() - 2;
         let brick = |x: f64| ((x / BRICK as f64).max(0.0) as usize).min(last);
-        brick(from - WIDEST)..=brick(to)
+        brick(from - MAX_CELL_WIDTH)..=brick(to)
     }
 
     fn clamp(&self, virtual_index: i64) -> usize {
@@ -115,31 +119,31 @@ impl Axis {
     }
 }
 
-/// The whole lattice.
+/// Lattice of nodes over the whole stack.
 pub struct Lattice {
     pub axes: [Axis; 3],
     sigma: f64,
 }
 
-/// Room for a block's values while it is filtered.
+/// Buffers for the values of a block of nodes while it is filtered.
 #[derive(Default)]
 pub struct Scratch {
     raw: Vec<f32>,
     along_x: Vec<f32>,
     along_y: Vec<f32>,
-    /// At nodes, x fastest.
+    /// Values at the nodes, x fastest.
     pub values: Vec<f32>,
 }
 
 impl Lattice {
-    /// With `parts` cells between two samples.
+    /// Lattice with `parts` cells between neighbouring samples along each axis.
     pub fn new(dims: [usize; 3], parts: [usize; 3], sigma: f64) -> Lattice {
         let inner = |a: usize| (0..=(dims[a] - 1) * parts[a]).map(move |i| i as f64 / parts[a] as f64);
         Lattice { axes: std::array::from_fn(|a| Axis::new(dims[a], inner(a), sigma)), sigma }
     }
 
-    /// With nodes where the voxels' planes are, for a stack that `to_grid` turns by quarter turns at most and whose samples are
-    /// no closer than voxels: then no facet is cut. `None` for others.
+    /// Lattice whose nodes are where the planes between voxels cross the stack, so that no facet has to be cut. `None` where there is no
+    /// such lattice: where `to_grid` turns the stack by other than quarter turns, or its samples are closer than voxels.
     pub fn aligned(dims: [usize; 3], to_grid: &DAffine3, sigma: f64) -> Option<Lattice> {
         let axis = |a: usize| {
             let column = to_grid.matrix3.col(a);
@@ -147,7 +151,7 @@ impl Lattice {
             let (step, origin) = (column[along], to_grid.translation[along]);
             let ends = [-0.5, dims[a] as f64 - 0.5].map(|x| origin + step * x);
             let (lo, hi) = (ends[0].min(ends[1]).ceil(), ends[0].max(ends[1]).floor());
-            if step.abs() < 1.0 / WIDEST || hi - lo > MAX_NODES_ALONG {
+            if step.abs() < 1.0 / MAX_CELL_WIDTH || hi - lo > MAX_NODES_ALONG {
                 return None;
             }
             let count = (hi - lo + 1.0).max(0.0) as usize;
@@ -157,7 +161,7 @@ impl Lattice {
         Some(Lattice { axes: [axis(0)?, axis(1)?, axis(2)?], sigma })
     }
 
-    /// Values at the nodes `from .. from + size`, outer ones included; those outside are `outside`.
+    /// Compute the values at the nodes `from .. from + size` into `scratch.values`. Nodes outside of the stack get the value `outside`.
     pub fn fill(&self, samples: &Samples, from: [usize; 3], size: [usize; 3], outside: f32, scratch: &mut Scratch) {
         let [ax, ay, az] = &self.axes;
         let span =
@@ -215,7 +219,7 @@ impl Lattice {
         self.close(from, size, outside, values);
     }
 
-    /// Nothing is outside.
+    /// Set the values of the outermost nodes of the lattice to `outside`.
     fn close(&self, from: [usize; 3], size: [usize; 3], outside: f32, values: &mut [f32]) {
         let outer = |a: usize, n: usize| from[a] + n == 0 || from[a] + n + 1 == self.axes[a].nodes.len();
         if (0..3).all(|a| from[a] > 0 && from[a] + size[a] < self.axes[a].nodes.len()) {

@@ -2,7 +2,7 @@
 
 use super::lattice::{Lattice, Scratch};
 use crate::geom::DVec3;
-use crate::source::loops::{EDGES, Loops};
+use crate::source::loops::{EDGES, LoopTable};
 
 /// A block of nodes whose values are in a [`Scratch`].
 pub struct LatticeBlock<'a> {
@@ -16,7 +16,7 @@ pub struct LatticeBlock<'a> {
 impl LatticeBlock<'_> {
     /// Give the corners of every loop, index space, counter-clockwise from outside as long as index space is right-handed.
     pub fn loops(&self, scratch: &Scratch, each: &mut dyn FnMut(&[DVec3])) {
-        let (values, loops) = (&scratch.values, Loops::known());
+        let (values, loops) = (&scratch.values, LoopTable::get());
         let [nx, ny, nz] = self.size;
         let strides = [1, nx, nx * ny];
         let offset = |c: u8| (c & 1) as usize + (c >> 1 & 1) as usize * nx + (c >> 2) as usize * nx * ny;

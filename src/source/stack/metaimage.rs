@@ -5,7 +5,7 @@
 use std::path::{Path, PathBuf};
 
 use super::bytes::map_file;
-use super::choice::{Choice, Outer};
+use super::choice::{Choice, OuterAxes};
 use super::coding::{Coding, Kind};
 use super::data::{Data, Packing};
 use super::header::{file_list, is_utf16, numbers, size};
@@ -122,7 +122,7 @@ pub fn read(choice: &Choice, in_memory: u64) -> Result<Stack> {
     let rank = sizes.len();
     let side = |n: usize| sizes.get(n).copied().unwrap_or(1);
     let dims = [side(0), side(1), side(2)];
-    let outer = Outer { axes: sizes.iter().skip(3).map(|&size| (size, false)).collect() };
+    let outer = OuterAxes { axes: sizes.iter().skip(3).map(|&size| (size, false)).collect() };
     let volume = outer.choose(choice, &mut warnings)?;
     let Some((name, at)) = fields.get(&["ElementType"]) else {
         return fields.wrong(String::new(), "its header has no ElementType");

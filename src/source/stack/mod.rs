@@ -1,8 +1,8 @@
 //! Image stacks (CT, MR, microscopy) as a source: samples on a lattice, placed as their header says.
 //!
-//! Raw files are mapped, packed ones decoded slice by slice, to a file without a name where they are larger than memory. Bricks
-//! of least and greatest values say where matter may be; there, and nowhere else, values are filtered, and facets or soft
-//! matter made of them, a region at a time.
+//! Raw files are mapped into memory. Compressed ones are decoded slice by slice, to an unnamed temporary file where they are larger
+//! than memory. The minimum and maximum of every brick of 8³ cells tell where there may be matter. Only there values are filtered,
+//! and turned into facets or soft matter, a region at a time.
 
 mod bytes;
 mod choice;
@@ -40,7 +40,7 @@ use crate::{Error, Result, Warnings};
 use choice::Choice;
 use samples::Samples;
 
-/// Samples and where they lie. A sample is at the centre of its cell, which is as wide as samples are apart.
+/// Samples and their position in space. Each sample is at the centre of a cell, which is as wide as the distance of samples.
 pub struct Stack {
     path: PathBuf,
     samples: Samples,
@@ -56,9 +56,9 @@ pub struct Stack {
 enum Channels {
     /// One value, grey and opacity, or colour.
     Pixel,
-    /// Values apart, with their names, of which one is taken.
+    /// Separate values with these names, of which one is used.
     Values(Vec<String>),
-    /// One was taken already.
+    /// One of the values was selected already.
     Chosen,
 }
 
@@ -75,7 +75,7 @@ impl Stack {
         Ok(Stack { path: path.to_path_buf(), samples, affine, metres_per_unit, channels, warnings })
     }
 
-    /// Take one channel of each sample, where there are several that are no colour, or where one is asked for.
+    /// Select one channel of each sample, where there are several that are no colours, or where the options name one.
     fn choose_channel(&mut self, choice: &Choice) -> Result<()> {
         let names: Vec<String> = match (&self.channels, self.samples.channels()) {
             (Channels::Chosen, _) => return Ok(()),
@@ -91,7 +91,7 @@ impl Stack {
     }
 }
 
-/// Distances of samples: along an axis with one sample and no distance, as far as along the others.
+/// `affine` with a thickness for axes with one sample and no distance: the geometric mean of the distances along the other axes.
 fn with_thickness(affine: DAffine3, dims: [usize; 3]) -> DAffine3 {
     let mut out = affine;
     for (n, &samples) in dims.iter().enumerate() {
@@ -132,7 +132,10 @@ fn kind(path: &Path) -> Kind {
     }
 }
 
-/// Read the stack `path`; decoded samples stay in memory up to `in_memory` bytes, and go to a file without a name beyond.
+/// Read the stack `path`. Up to `in_memory` bytes of decoded samples stay in memory, larger stacks go to an unnamed temporary file.
+///
+/// # Errors
+/// [`Error::Io`], [`Error::Input`] where the files are broken or contradict the options, and [`Error::Limit`].
 pub fn read(path: &Path, options: &StackOptions, in_memory: u64) -> Result<Stack> {
     let choice = Choice::new(path, options, in_memory);
     if choice.series.is_some() && !is_dicom(path) {

@@ -1,4 +1,4 @@
-//! Order of names with numbers in them.
+//! Natural order of file names: numbers in them are compared by value.
 
 use std::cmp::Ordering;
 

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use byteorder::{BigEndian, ByteOrder, LittleEndian};
 
 use super::bytes::map_file;
-use super::choice::{Choice, Outer};
+use super::choice::{Choice, OuterAxes};
 use super::coding::{Coding, Kind};
 use super::data::{Data, Packing, inflate};
 use super::{Channels, Stack};
@@ -184,7 +184,7 @@ pub fn read(choice: &Choice, in_memory: u64) -> Result<Stack> {
     let dims = [1, 2, 3].map(|n| usize::try_from(dim(n)).unwrap_or(0));
     // The fourth axis is time, the fifth the components of a vector; what is beyond counts as time.
     let axis = |n: usize| (usize::try_from(dim(n)).unwrap_or(1).max(1), n == 5);
-    let outer = Outer { axes: (4..=7).map(axis).collect() };
+    let outer = OuterAxes { axes: (4..=7).map(axis).collect() };
     let volume = outer.choose(choice, &mut warnings)?;
     let (kind, channels) =
         kind(i32::from(h.i16(if two { 12 } else { 70 }))).map_err(|what| Error::unsupported(&header_path, what))?;

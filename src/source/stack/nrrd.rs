@@ -5,7 +5,7 @@
 use std::path::{Path, PathBuf};
 
 use super::bytes::map_file;
-use super::choice::{Choice, Outer, StoredVolume};
+use super::choice::{Choice, OuterAxes, StoredVolume};
 use super::coding::{Coding, Kind};
 use super::data::{Data, Packing};
 use super::header::{file_list, is_utf16, metres, numbers, size};
@@ -154,7 +154,7 @@ impl<'a> Axes<'a> {
     fn choose(&self, choice: &Choice, warnings: &mut Warnings) -> Result<(usize, StoredVolume)> {
         let inner = if self.interleaves_frames() { 0..self.first } else { 0..0 };
         let axes = inner.clone().chain(self.first + self.space..self.sizes.len());
-        let outer = Outer { axes: axes.map(|n| (self.sizes[n], self.roles[n] == Role::Channel)).collect() };
+        let outer = OuterAxes { axes: axes.map(|n| (self.sizes[n], self.roles[n] == Role::Channel)).collect() };
         let chosen = outer.choose(choice, warnings)?;
         let channels = self.sizes[inner].iter().fold(1u64, |n, &d| n.saturating_mul(d as u64));
         let volume = StoredVolume { index: chosen.index / channels, count: chosen.count / channels };

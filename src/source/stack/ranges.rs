@@ -1,4 +1,4 @@
-//! The least and the greatest value of every small cube of samples, and the histogram of all.
+//! Minimum and maximum of every small cube of samples, for pruning, and Otsu's threshold from a histogram.
 //!
 //! Based on: J. Wilhelms, A. Van Gelder, *Octrees for Faster Isosurface Generation*, TOG 1992; N. Otsu, *A Threshold Selection
 //! Method from Gray-Level Histograms*, 1979.
@@ -6,16 +6,16 @@
 use super::samples::Samples;
 use crate::par;
 
-/// Number of samples along the edge of a block, whose least and greatest value are kept.
+/// Number of samples along the edge of a block, whose minimum and maximum are stored.
 const BLOCK: usize = 4;
 /// Number of cells along the edge of a brick, which is pruned as a whole.
 pub const BRICK: usize = 8;
-/// Number of classes of the histogram.
+/// Number of bins of the histogram.
 const BINS: usize = 4096;
-/// Number of samples that the histogram counts, about.
-const LOOKED_AT: usize = 1 << 23;
+/// Approximate number of samples that the histogram counts.
+const HISTOGRAM_SAMPLES: usize = 1 << 23;
 
-/// The least and the greatest value; `hi < lo` where there is none.
+/// Minimum and maximum of values; `hi < lo` where there are none.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Range {
     pub lo: f32,
@@ -33,7 +33,7 @@ impl Range {
 
 /// Ranges of values, by one pass over all samples.
 pub struct Scan {
-    /// Finite values.
+    /// Range of all finite values.
     pub whole: Range,
     /// Number of samples without a value: NaN, infinite, or padding.
     pub missing: u64,
@@ -120,8 +120,8 @@ impl Scan {
         (layers.concat(), size)
     }
 
-    /// The value that parts the samples into two classes that differ most, samples without a value left out; `None` where all
-    /// are the same.
+    /// Otsu's threshold: the value that separates the samples into the two classes with the largest variance between them. Samples
+    /// without a value are left out. `None` where all values are the same.
     pub fn otsu(&self, samples: &Samples) -> Option<f32> {
         let (lo, hi) = (f64::from(self.whole.lo), f64::from(self.whole.hi));
         if !(lo < hi && (hi - lo).is_finite()) {
@@ -129,7 +129,7 @@ impl Scan {
         }
         let dims = samples.dims();
         let rows = dims[1] * dims[2];
-        let step = (rows * dims[0] / LOOKED_AT).max(1);
+        let step = (rows * dims[0] / HISTOGRAM_SAMPLES).max(1);
         let scale = BINS as f64 / (hi - lo);
         let mut counts = vec![0u64; BINS];
         let mut row = vec![0.0; dims[0]];
@@ -142,7 +142,7 @@ impl Scan {
         let total: u64 = counts.iter().sum();
         let weighted: f64 = counts.iter().enumerate().map(|(i, &n)| i as f64 * n as f64).sum();
         let (mut below, mut sum_below) = (0u64, 0.0);
-        // The first and the last threshold of the best separation: in between nothing lies.
+        // First and last threshold of the best separation: no value lies between them.
         let (mut best, mut first, mut last) = (-1.0, 0, 0);
         for (i, &n) in counts[..BINS - 1].iter().enumerate() {
             below += n;

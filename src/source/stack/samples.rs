@@ -1,4 +1,4 @@
-//! Samples on a lattice as they are stored; nothing is converted before it is asked for.
+//! Samples on a lattice as they are stored in a file. Numbers are converted only when they are read.
 
 use super::bytes::Bytes;
 use super::coding::{Coding, MAX_CHANNELS, Value, byte_count};

@@ -1,4 +1,4 @@
-//! Semi-transparent matter of a stack: of every voxel, what its values take away, and which way they fall off.
+//! Semi-transparent matter of a stack: the extinction of every voxel, and the direction in which it falls off.
 
 use super::lattice::{Lattice, Scratch};
 use super::samples::Samples;
@@ -6,24 +6,24 @@ use super::transfer::{OPAQUE, TransferSpec};
 use crate::geom::{Aabb, DAffine3, DVec3};
 use crate::source::Medium;
 
-/// Nodes of a block that is filtered at once; voxels that hold more are looked at point by point.
+/// Largest number of nodes of a block that is filtered at once. For larger blocks each point is filtered by itself.
 const MAX_NODES: usize = 1 << 21;
-/// Points along a voxel's edge at most.
+/// Largest number of points per voxel edge at which values are looked up.
 const MAX_POINTS: usize = 8;
-/// Opacity that has to be gained within a distance of samples for matter to be seen as a face.
-const FACE: f64 = 0.25;
+/// Change of the opacity per distance of samples from which on matter counts as fully one-sided, like a surface.
+const FACE_SLOPE: f64 = 0.25;
 
-/// Values at the nodes of a block, linear in between; or straight from the samples.
+/// Filtered values of the stack: interpolated linearly between the nodes of a block, or filtered from the samples for each point.
 pub struct Field<'a> {
     lattice: &'a Lattice,
     samples: &'a Samples,
-    /// Lowest node, and nodes along each axis; `None`: nothing is filtered ahead.
+    /// Lowest node of the block and its number of nodes per axis; `None` where each point is filtered by itself.
     block: Option<([usize; 3], [usize; 3])>,
     scratch: &'a Scratch,
 }
 
 impl<'a> Field<'a> {
-    /// For points in `window` (index space) and half a distance around.
+    /// Values for points in `window` (index space) and up to half a distance of samples around it.
     pub fn new(lattice: &'a Lattice, samples: &'a Samples, window: Aabb, scratch: &'a mut Scratch) -> Field<'a> {
         let mut from = [0; 3];
         let mut size = [0; 3];
@@ -84,12 +84,12 @@ impl<'a> Field<'a> {
 /// Soft matter of the voxels of one image of the stack.
 pub struct MediumSampler<'a> {
     pub transfer: &'a TransferSpec,
-    /// Values from here on are solid, and not soft.
+    /// Smallest value that is solid, and not soft.
     pub solid_from: f64,
     pub to_index: DAffine3,
     /// Distance of samples in voxels, the geometric mean of the three.
     pub distance: f64,
-    /// Hits per voxel edge below which there is nothing.
+    /// Smallest extinction that is kept, in hits per voxel edge.
     pub least: f64,
     /// Box of the stack, index space.
     pub index_bounds: Aabb,
@@ -98,7 +98,7 @@ pub struct MediumSampler<'a> {
 }
 
 impl MediumSampler<'_> {
-    /// Points along a voxel's edge that are looked at: one for every sample.
+    /// Number of points per voxel edge at which values are looked up: one for every sample.
     pub fn points(&self) -> usize {
         let m = self.to_index.matrix3;
         let most = [m.x_axis, m.y_axis, m.z_axis].iter().map(|c| c.length()).fold(0.0, f64::max);
@@ -109,7 +109,7 @@ impl MediumSampler<'_> {
     pub fn voxel(&self, field: &Field, at: [u32; 3], own: &dyn Fn(DVec3) -> Option<[f32; 3]>) -> Option<Medium> {
         let corner = DVec3::from(at.map(f64::from));
         let centre = self.to_index.transform_point3(corner + 0.5);
-        // At the border, finer: only a part may be there.
+        // More points at the border of the stack, where a voxel may lie partly outside.
         let reach = 0.5 * (self.to_index.matrix3.abs() * DVec3::ONE);
         let inside =
             (centre - reach).cmpge(self.index_bounds.min).all() && (centre + reach).cmple(self.index_bounds.max).all();
@@ -153,11 +153,11 @@ impl MediumSampler<'_> {
         if extinction < self.least {
             return None;
         }
-        // A slope turns what is seen, and not how much: opacity is the same from every side, as a transfer function means it.
+        // The slope gives the normal for shading alone: opacity is the same in all directions, as transfer functions define it.
         let slope = slope / sum;
         Some(Medium {
             normal: slope.normalize_or_zero(),
-            facing: (slope.length() / FACE).min(1.0),
+            facing: (slope.length() / FACE_SLOPE).min(1.0),
             ..Medium::even(at, 0, extinction, (colour / sum).as_vec3().to_array())
         })
     }

@@ -1,4 +1,4 @@
-//! A stack as a source: facets of its iso-surface made a region at a time, opaque matter where values are above.
+//! A stack as a source: its iso-surface is extracted a region at a time, and matter with values above the threshold is opaque.
 
 use super::lattice::{Lattice, MAX_SIGMA, Scratch, margin};
 use super::march::LatticeBlock;
@@ -13,41 +13,70 @@ use crate::progress::Progress;
 use crate::source::loops::facets;
 use crate::source::placement::Placement;
 use crate::source::traits::{Source, Staged, Surface};
-use crate::source::{Medium, least_extinction};
+use crate::source::{Medium, min_extinction};
 use crate::{Error, Result, Warnings, morton, par};
 
-/// A stack and what is matter in it.
+/// A stack, and the transfer function that says which of its values are matter.
 pub struct StackSource {
     stack: Stack,
     transfer: TransferSpec,
-    /// Values from here on are solid; infinite where none are.
+    /// Smallest value that is solid; infinite where none is.
     iso: f32,
     sigma: f64,
     bricks: Vec<Range>,
-    /// Units along each axis.
+    /// Number of bricks along each axis.
     size: [usize; 3],
-    /// Stands for what is outside the stack.
+    /// Value that stands for the outside of the stack.
     outside: f32,
-    /// Whether soft matter has to leave out samples without a value, since no value stands for nothing.
+    /// Whether samples without a value have to be skipped one by one, because every value may be soft matter and so none can stand for
+    /// empty space.
     masked: bool,
     bounds: Aabb,
     notes: Vec<String>,
 }
 
-/// Cells between two samples, for the bounds alone: as many as make this many along the longest axis.
+/// Number of cells along the longest axis of the lattice by which the bounds are found.
 const BOUNDS_CELLS: usize = 256;
 
 const NO_VALUE: &str = "samples without a value (NaN, infinite or padding) count as nothing";
 
-/// A value that is clearly less.
+/// A value that is clearly smaller.
 fn below(value: f32) -> f32 {
     value - value.abs().max(1.0)
 }
 
+/// Transfer function of the options and their table. Where neither has any opacity, it is Otsu's threshold, and `notes` gets a line that
+/// says so.
+fn transfer_function(
+    options: &StackOptions,
+    stack: &Stack,
+    scan: &Scan,
+    notes: &mut Vec<String>,
+) -> Result<TransferSpec> {
+    let mut transfer = options.transfer.clone();
+    if let Some(path) = &options.table {
+        let table = TransferSpec::read(path)?;
+        transfer = TransferSpec { iso: transfer.iso.or(table.iso), ..table };
+    }
+    transfer.check()?;
+    if transfer.is_empty() {
+        let otsu = scan.otsu(&stack.samples).ok_or_else(|| {
+            let what = "all its values are the same: there is nothing to tell apart; give option `iso`";
+            Error::input(&stack.path, "", what)
+        })?;
+        let [at, lo, hi] = [otsu, scan.whole.lo, scan.whole.hi].map(|v| short(v.into()));
+        notes.push(format!("option `iso` = {at}: Otsu's threshold of values from {lo} to {hi}"));
+        transfer.iso = Some(f64::from(otsu));
+    }
+    Ok(transfer)
+}
+
 impl StackSource {
+    /// Source of the matter that the options' transfer function makes of a stack.
+    ///
     /// # Errors
-    /// [`Error::Options`] where an option is out of range, [`Error::Input`] where all values are the same and none was given to
-    /// part them.
+    /// [`Error::Options`] where an option is out of range, [`Error::Input`] where no sample has a value, or all values are the same and
+    /// the options have no threshold.
     pub fn new(mut stack: Stack, options: &StackOptions) -> Result<StackSource> {
         if !(0.0..=MAX_SIGMA).contains(&options.sigma) {
             return Err(Error::Options(format!(
@@ -72,27 +101,13 @@ impl StackSource {
         }
         stack.warnings.add_many(NO_VALUE, scan.missing);
         let mut notes = Vec::new();
-        let mut transfer = options.transfer.clone();
-        if let Some(path) = &options.table {
-            let table = TransferSpec::read(path)?;
-            transfer = TransferSpec { iso: transfer.iso.or(table.iso), ..table };
-        }
-        transfer.check()?;
-        if transfer.is_empty() {
-            let otsu = scan.otsu(&stack.samples).ok_or_else(|| {
-                let what = "all its values are the same: there is nothing to tell apart; give option `iso`";
-                Error::input(&stack.path, "", what)
-            })?;
-            let [at, lo, hi] = [otsu, scan.whole.lo, scan.whole.hi].map(|v| short(v.into()));
-            notes.push(format!("option `iso` = {at}: Otsu's threshold of values from {lo} to {hi}"));
-            transfer.iso = Some(f64::from(otsu));
-        }
+        let transfer = transfer_function(options, &stack, &scan, &mut notes)?;
         let dims = stack.samples.dims();
         let (iso, least) = (transfer.solid_from() as f32, transfer.matter_from() as f32);
-        // Nothing, whatever the threshold.
+        // A value that is no matter, whatever the threshold.
         let outside = if least > scan.whole.lo { scan.whole.lo } else { below(least) };
         stack.samples.missing = match () {
-            // What programs that know no NaN write in its place.
+            // The value that programs without NaN write in its place.
             () if least > 0.0 => 0.0,
             () if least > f32::NEG_INFINITY => outside,
             // Any value may be soft matter: voxels leave these samples out one by one.
@@ -121,14 +136,14 @@ impl StackSource {
         self.bricks[(at[2] * self.size[1] + at[1]) * self.size[0] + at[0]]
     }
 
-    /// Whether there may be surface in a brick: it is on both sides of the threshold, or within and at the border.
+    /// Whether the iso-surface may pass through a brick: its values are on both sides of the threshold, or above it at the stack's border.
     fn may_cross(&self, at: [usize; 3], iso: f32) -> bool {
         let range = self.brick(at);
         let border = (0..3).any(|a| at[a] == 0 || at[a] + 1 == self.size[a]);
         range.hi >= iso && (range.lo < iso || border)
     }
 
-    /// Whether there may be matter in a brick that lets light through.
+    /// Whether there may be semi-transparent matter in a brick.
     fn may_be_soft(&self, at: [usize; 3]) -> bool {
         let range = self.brick(at);
         let (lo, hi) = (f64::from(range.lo), f64::from(range.hi));
@@ -158,7 +173,7 @@ impl StackSource {
         }
     }
 
-    /// The box around all values from `least` on.
+    /// Box around all matter, whose values are at least `least`.
     fn find_bounds(&self, least: f32) -> Aabb {
         let dims = self.stack.samples.dims();
         if least == f32::NEG_INFINITY {
@@ -254,7 +269,7 @@ impl Source for StackSource {
 /// Largest number of cells between two samples.
 const MAX_PARTS: f64 = 8192.0;
 /// Voxels along the edge of a block whose soft matter is found together.
-const BLOCK: u32 = 8;
+const MEDIUM_BLOCK: u32 = 8;
 /// Number of facets that a brick is counted as.
 const BRICK_WEIGHT: u64 = 64;
 
@@ -263,15 +278,15 @@ fn index_bounds(dims: [usize; 3]) -> Aabb {
     Aabb::new(DVec3::splat(-0.5), DVec3::from(dims.map(|d| d as f64 - 0.5)))
 }
 
-/// What is a rounding error away from a voxel's plane lies in it, so that no sliver is cut off.
+/// Move coordinates that are within rounding errors of a plane between voxels onto it, so that clipping leaves no slivers.
 fn snapped(p: DVec3) -> DVec3 {
-    // To the nearest whole number, without a call, as all bits behind the point are pushed out.
-    const PUSH: f64 = 1.5 * (1u64 << 52) as f64;
-    let plane = (p + PUSH) - PUSH;
+    // Adding and subtracting this constant rounds to the nearest whole number, since at its magnitude the last bit is worth 1.
+    const ROUND: f64 = 1.5 * (1u64 << 52) as f64;
+    let plane = (p + ROUND) - ROUND;
     DVec3::select((p - plane).abs().cmplt(DVec3::splat(1e-7)), plane, p)
 }
 
-/// One image of the stack, which repeats where the grid is cyclic.
+/// One of the periodic images of the stack, which repeats along cyclic axes of the grid.
 struct PeriodicImage {
     shift: DVec3,
     to_grid: DAffine3,
@@ -293,13 +308,13 @@ struct StagedStack<'a> {
 }
 
 impl StagedStack<'_> {
-    /// The box of the region `code`, in the index space of an image; a little larger, so that rounding loses nothing.
+    /// Box of the region `code` in the index space of an image, enlarged by a rounding error.
     fn region(&self, code: u64, image: &PeriodicImage) -> Aabb {
         let lo = DVec3::from(morton::decode(code).map(f64::from)) * self.width;
         Aabb::new(lo, lo + self.width).transformed(image.to_index).rounded_out()
     }
 
-    /// Units that overlap an index-space box.
+    /// Call `each` for the bricks that overlap a box in index space.
     fn bricks(&self, window: Aabb, each: &mut dyn FnMut([usize; 3])) {
         let beyond = |a: usize| {
             let last = *self.lattice.axes[a].nodes.last().unwrap_or(&0.0);
@@ -361,7 +376,7 @@ impl StagedStack<'_> {
         let samples = &source.stack.samples;
         let lo = DVec3::from(corner.map(f64::from));
         let own = |p: DVec3| (samples.has_colour() && !source.transfer.has_colour()).then(|| source.colour(p));
-        // Voxels that have theirs from an earlier image.
+        // Whether each voxel got its medium from an earlier image.
         let mut taken = vec![false; (width * width * width) as usize];
         for image in &self.images {
             let block = Aabb::new(lo, lo + f64::from(width)).transformed(image.to_index);
@@ -376,7 +391,7 @@ impl StagedStack<'_> {
                 solid_from: f64::from(source.iso),
                 to_index: image.to_index,
                 distance: self.distance,
-                least: least_extinction(self.place.side()),
+                least: min_extinction(self.place.side()),
                 index_bounds: index_bounds(samples.dims()),
                 masked: source.masked,
             };
@@ -392,7 +407,7 @@ impl StagedStack<'_> {
         }
     }
 
-    /// Index-space place in the image that is there at a grid point, and that image's value.
+    /// Position in index space, and value, of the first image that contains the grid point `at`.
     fn value(&self, at: DVec3) -> Option<(DVec3, f32)> {
         self.images.iter().find_map(|image| {
             let index = image.to_index.transform_point3(at);
@@ -467,7 +482,7 @@ impl Staged for StagedStack<'_> {
             return;
         }
         let corner = morton::decode(self.regions[region]).map(|v| v * self.width as u32);
-        let block = BLOCK.min(self.width as u32);
+        let block = MEDIUM_BLOCK.min(self.width as u32);
         let mut scratch = Scratch::default();
         for n in 0..u64::from(self.width as u32 / block).pow(3) {
             let step = morton::decode(n);

@@ -1,4 +1,4 @@
-//! Slices of several channels or frames in one folder, told apart by their names.
+//! Splitting of a folder of slices by channel or frame, according to the files' names.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::{Error, Result};
 
-/// Opacity that counts as opaque: matter is solid from there on.
+/// Smallest opacity that counts as opaque, so that matter is solid.
 pub const OPAQUE: f64 = 0.996;
 
 /// Bytes of a table.
@@ -19,13 +19,13 @@ const MAX_TABLE: u64 = 1 << 24;
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields, default)]
 pub struct TransferSpec {
-    /// Values from here on are opaque, with a hard surface.
+    /// Smallest value that is opaque, with a hard surface.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub iso: Option<f64>,
-    /// By ascending value, linear in between; beyond the ends as at the ends.
+    /// Points with ascending values. Opacity and colour are interpolated linearly between them, and constant beyond the ends.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub points: Vec<TransferPoint>,
-    /// Factors of the opacity by how much the value changes from one sample to the next, ascending.
+    /// Factors of the opacity by the change of the value per distance of samples, with ascending changes.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub gradient: Vec<GradientPoint>,
 }
@@ -56,7 +56,7 @@ pub struct GradientPoint {
     pub opacity: f64,
 }
 
-/// `f` at `x` of points by ascending `at`, linear in between.
+/// Piecewise linear interpolation of `f` at `x`, between points with ascending positions `at`; 1 where there are no points.
 fn between<P: Copy>(points: &[P], at: impl Fn(P) -> f64, x: f64, f: impl Fn(P) -> f64) -> f64 {
     let n = points.partition_point(|p| at(*p) <= x);
     match (n.checked_sub(1).and_then(|i| points.get(i)), points.get(n)) {
@@ -67,7 +67,7 @@ fn between<P: Copy>(points: &[P], at: impl Fn(P) -> f64, x: f64, f: impl Fn(P) -
 }
 
 impl TransferSpec {
-    /// Values from `iso` on are opaque.
+    /// Transfer function of a hard surface: values of at least `iso` are opaque.
     pub fn hard(iso: f64) -> TransferSpec {
         TransferSpec { iso: Some(iso), ..TransferSpec::default() }
     }
@@ -85,7 +85,7 @@ impl TransferSpec {
         })
     }
 
-    /// Opacity rises from 0 at `lo` to 1 at `hi`.
+    /// Transfer function whose opacity rises from 0 at `lo` to 1 at `hi`.
     pub fn window(lo: f64, hi: f64) -> TransferSpec {
         let point = |value, opacity| TransferPoint { value, opacity, colour: None };
         TransferSpec { points: vec![point(lo, 0.0), point(hi, 1.0)], ..TransferSpec::default() }
@@ -129,7 +129,7 @@ impl TransferSpec {
         !self.points.is_empty()
     }
 
-    /// The value from which on matter is solid, whatever the gradient; infinite where there is none.
+    /// Smallest value from which on all matter is solid, whatever the gradient; infinite where there is none.
     pub fn solid_from(&self) -> f64 {
         let mut from = f64::INFINITY;
         if self.gradient.is_empty() {
@@ -146,7 +146,7 @@ impl TransferSpec {
         from.min(self.iso.unwrap_or(f64::INFINITY))
     }
 
-    /// The value below which there is nothing; −infinite where there may be something everywhere.
+    /// Value below which there is no matter; −infinite where every value may be matter.
     pub fn matter_from(&self) -> f64 {
         let first = match self.points.iter().position(|p| p.opacity > 0.0) {
             None => f64::INFINITY,
@@ -156,18 +156,18 @@ impl TransferSpec {
         first.min(self.iso.unwrap_or(f64::INFINITY))
     }
 
-    /// The greatest opacity of values in `lo ..= hi`.
+    /// Largest opacity of the values in `lo ..= hi`.
     pub fn most(&self, lo: f64, hi: f64) -> f64 {
         let inner = self.points.iter().filter(|p| (lo..=hi).contains(&p.value)).map(|p| p.opacity);
         inner.fold(self.by_value(lo).max(self.by_value(hi)), f64::max)
     }
 
-    /// Opacity by the value alone.
+    /// Opacity of `value`, without the factor of the gradient; 0 where there are no points.
     pub fn by_value(&self, value: f64) -> f64 {
         if self.points.is_empty() { 0.0 } else { between(&self.points, |p| p.value, value, |p| p.opacity) }
     }
 
-    /// Factor of the opacity by the change of the value.
+    /// Factor of the opacity where the value changes by `magnitude` per distance of samples.
     pub fn by_gradient(&self, magnitude: f64) -> f64 {
         between(&self.gradient, |p| p.magnitude, magnitude, |p| p.opacity)
     }

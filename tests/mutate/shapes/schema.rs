@@ -31,7 +31,7 @@ const TEXTS: [&str; 14] = [
     "0",
 ];
 /// Objects within one another.
-const MOST_DEPTH: usize = 7;
+const MAX_DEPTH: usize = 7;
 
 /// A schema, and keys of which an object has exactly one.
 struct Schema {
@@ -68,7 +68,7 @@ impl Schema {
         let chosen = ["anyOf", "oneOf"].iter().find_map(|key| schema[key].as_array());
         let chosen = match chosen {
             // What is null is mostly left out.
-            Some(list) if list.iter().any(|s| s["type"] == "null") && depth < MOST_DEPTH && !one_in(u, 32)? => {
+            Some(list) if list.iter().any(|s| s["type"] == "null") && depth < MAX_DEPTH && !one_in(u, 32)? => {
                 list.iter().find(|s| s["type"] != "null")
             }
             Some(list) => Some(u.choose(list)?),
@@ -88,7 +88,7 @@ impl Schema {
             "array" => {
                 let least = bound("minItems", 0.0) as usize;
                 let most = (bound("maxItems", 3.0) as usize).min(least + 3);
-                let count = if depth > MOST_DEPTH { least } else { u.int_in_range(least..=most)? };
+                let count = if depth > MAX_DEPTH { least } else { u.int_in_range(least..=most)? };
                 (0..count).map(|_| self.value(u, &schema["items"], depth + 1)).collect::<Result<_>>()?
             }
             "boolean" => u.arbitrary::<bool>()?.into(),
@@ -130,13 +130,13 @@ impl Schema {
         let shape = match shapes.is_empty() {
             true => None,
             // At the end of the bytes, or of what may lie within one another, the first is taken: one that holds no other.
-            false if depth > MOST_DEPTH => Some(shapes[0]),
+            false if depth > MAX_DEPTH => Some(shapes[0]),
             false => Some(*u.choose(&shapes)?),
         };
         for (key, inner) in own.iter().chain(more) {
             let is_shape = shapes.contains(&key);
             let wanted = required.contains(key) || shape == Some(key);
-            if wanted && !one_in(u, 128)? || !is_shape && depth <= MOST_DEPTH && one_in(u, 4)? {
+            if wanted && !one_in(u, 128)? || !is_shape && depth <= MAX_DEPTH && one_in(u, 4)? {
                 out.insert(key.clone(), self.value(u, inner, depth + 1)?);
             }
         }

@@ -16,7 +16,7 @@ use super::{number, one_in};
 use crate::targets::MEMORY;
 
 /// Nodes of a depth.
-const MOST_NODES: usize = 300;
+const MAX_NODES: usize = 300;
 
 /// A voxel of any codes; most have an axis whose diagonal element is 1, as all that are baked do.
 fn voxel(u: &mut Unstructured) -> Result<Voxel> {
@@ -92,7 +92,7 @@ fn volume(u: &mut Unstructured) -> Result<Volume> {
             if kinds > 1 {
                 depth.mixes.push(mix(u, kinds)?);
             }
-            let mask: u8 = if d + 1 == count || below > MOST_NODES { 0 } else { u.arbitrary()? };
+            let mask: u8 = if d + 1 == count || below > MAX_NODES { 0 } else { u.arbitrary()? };
             below += mask.count_ones() as usize;
             depth.masks.push(mask);
         }

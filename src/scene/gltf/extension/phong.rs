@@ -11,8 +11,8 @@ use crate::geom::DVec3;
 use crate::noise::Noise;
 use crate::scene::phong::{NoiseSpace, Phong, PhongNoise, Variation};
 use crate::scene::texture::TextureRef;
-use crate::volume::finish::MOST_SHININESS;
-use crate::volume::material::MOST_MATERIALS;
+use crate::volume::finish::MAX_SHININESS;
+use crate::volume::material::MAX_MATERIALS;
 use crate::volume::{Finish, Palette, Style};
 use crate::{Result, Warnings};
 
@@ -36,11 +36,11 @@ pub fn styles(
     warnings: &mut Warnings,
 ) -> Result<(Palette, Phong)> {
     let (phong, keep) = phong(json, images, warnings)?;
-    let rest = if keep { Style::OWN } else { Style::BLANK };
+    let rest = if keep { Style::UNCHANGED } else { Style::WHITE };
     let mut styles = BTreeMap::new();
     if let Some(palette) = json.object("palette")? {
-        if palette.json.len() > MOST_MATERIALS {
-            return Err(json.error("palette", &format!("has more than {MOST_MATERIALS} materials")));
+        if palette.json.len() > MAX_MATERIALS {
+            return Err(json.error("palette", &format!("has more than {MAX_MATERIALS} materials")));
         }
         for name in palette.json.keys() {
             styles.insert(name.clone(), style(&palette, name, &phong.finish, warnings)?);
@@ -51,7 +51,7 @@ pub fn styles(
 
 /// The style of a material in a palette; absent parameters of its highlights are taken from `outer`.
 fn style(palette: &Object, name: &str, outer: &Finish, warnings: &mut Warnings) -> Result<Style> {
-    let Some(json) = palette.object(name)? else { return Ok(Style::OWN) };
+    let Some(json) = palette.object(name)? else { return Ok(Style::UNCHANGED) };
     if let Some(key) = VARIATIONS.iter().find(|key| json.json.contains_key(**key)) {
         return Err(json.error(key, "stands in a palette, which has constants alone: put it into the layer's phong"));
     }
@@ -61,7 +61,7 @@ fn style(palette: &Object, name: &str, outer: &Finish, warnings: &mut Warnings) 
         finish.specular = finish.specular.or(outer.specular);
         finish.shininess = finish.shininess.or(outer.shininess);
     }
-    Ok(Style { factor, keep, finish })
+    Ok(Style { factor, keeps_albedo: keep, finish })
 }
 
 /// The `phong` object of `json`, and whether the texel's own albedo is used; without such an object nothing is changed.
@@ -98,7 +98,7 @@ fn constants(json: &Object) -> Result<([f64; 3], Finish, bool)> {
     let finish = Finish {
         ambient: json.vec3("ambientFactor", 0.0..=1.0)?.unwrap_or([1.0; 3]),
         specular: json.vec3("specularFactor", 0.0..=1.0)?,
-        shininess: json.number("shininess", 0.0..=MOST_SHININESS)?,
+        shininess: json.number("shininess", 0.0..=MAX_SHININESS)?,
     };
     Ok((json.vec3("diffuseFactor", 0.0..=f64::MAX)?.unwrap_or([1.0; 3]), finish, keep))
 }

@@ -20,7 +20,7 @@ fn layers_in_other_colours_share_what_is_alike() {
     let layers = &s.model.materials[0].shell.as_ref().unwrap().layers;
     assert_eq!(layers.iter().map(|l| l.texel).collect::<Vec<_>>(), [2, 2, 3, 0, 0, 4]);
     assert_eq!((layers[4].phong.diffuse, layers[5].phong.diffuse), ([0.5; 3], [0.2, 0.1, 0.0]));
-    assert_eq!(s.texels[4].palette.style("any"), Style::BLANK);
+    assert_eq!(s.texels[4].palette.style("any"), Style::WHITE);
     let variants = &layers[5].discrete.as_ref().unwrap().variants;
     assert_eq!(variants.iter().map(|v| (v.texel, v.phong.diffuse[0])).collect::<Vec<_>>(), [(4, 2.0), (4, 1.0)]);
     for (palette, what) in [

@@ -14,7 +14,7 @@ const STRETCHED: f64 = 1.25;
 /// Largest distance of an edge from a border of cells on which it counts as lying, in cells.
 const ON_BORDER: f64 = 0.01;
 /// Meshes of more triangles are not checked, but taken to have a border somewhere.
-const MOST_TRIANGLES: usize = 1 << 20;
+const MAX_TRIANGLES: usize = 1 << 20;
 
 /// Warn of cut and stretched copies on the faces of the material `name`.
 pub fn warn(
@@ -47,7 +47,7 @@ type Edge = [[u32; 3]; 2];
 /// Whether some copy is cut. That is so at an edge that only one face has, or at which texture coordinates are discontinuous, unless the edge
 /// lies on a border of cells and copies are not displaced over it.
 fn cuts(options: &MapOptions, plan: &Plan, members: &[(&Surface, &SurfacePlan)]) -> bool {
-    if members.iter().map(|(s, _)| s.geometry.triangles.len()).sum::<usize>() > MOST_TRIANGLES {
+    if members.iter().map(|(s, _)| s.geometry.triangles.len()).sum::<usize>() > MAX_TRIANGLES {
         return true;
     }
     let displaced = options.displace[..2].iter().any(|d| *d > 0.0);

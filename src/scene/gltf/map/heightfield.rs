@@ -12,7 +12,7 @@ use crate::scene::raster::Raster;
 use crate::{Error, Result};
 
 /// Most pixels of a height map.
-const MOST_VERTICES: u64 = 1 << 24;
+const MAX_VERTICES: u64 = 1 << 24;
 
 /// Whether the file name is that of a height map.
 pub fn is_picture(path: &Path) -> bool {
@@ -36,9 +36,9 @@ pub fn make(path: &Path, scales: Scales, notes: &mut Vec<String>) -> Result<Temp
     let raster = Raster::open(path)?;
     let (columns, rows) = (raster.width, raster.height);
     let needed = columns as u64 * rows as u64;
-    if needed > MOST_VERTICES {
+    if needed > MAX_VERTICES {
         let what = format!("{}: the pixels of a ground (resample it to fewer)", path.display());
-        return Err(Error::Limit { what, needed, allowed: MOST_VERTICES });
+        return Err(Error::Limit { what, needed, allowed: MAX_VERTICES });
     }
     if columns < 2 || rows < 2 {
         return Err(Error::input(path, "", "a ground needs two pixels each way at the least"));

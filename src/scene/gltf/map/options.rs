@@ -290,7 +290,7 @@ pub fn check(options: &MapOptions, rigid: bool) -> Result<()> {
     }
     let known = |name: &String| options.texels.iter().any(|(_, info)| info.materials.iter().any(|m| m.name == *name));
     if let Some((name, style)) = options.palette.iter().find(|(name, _)| !known(name)) {
-        let restyles = *style != Style { finish: style.finish, ..Style::OWN };
+        let restyles = *style != Style { finish: style.finish, ..Style::UNCHANGED };
         let option = if restyles { "palette" } else { "gloss" };
         let all = options.texels.iter().flat_map(|(_, info)| &info.materials).map(|m| m.name.as_str());
         let names: Vec<&str> = all.collect::<BTreeSet<_>>().into_iter().collect();

@@ -22,11 +22,11 @@ use crate::{Error, Result, Warnings};
 
 /// Least distance between copies, in mean spacings. Dart throwing fills the plane at .83, and independent random points have no least
 /// distance; at this value copies look naturally grown, neither planted in rows nor strewn.
-const LEAST_SPACING: f64 = 0.7;
+const MIN_SPACING: f64 = 0.7;
 /// Slope (tangent) from which on copies are not sunk any deeper.
 const MAX_SINK_SLOPE: f64 = 2.0;
 /// Most copies of one mapping.
-const MOST_COPIES: f64 = (1u64 << 24) as f64;
+const MAX_COPIES: f64 = (1u64 << 24) as f64;
 /// Distance outside of the unit square at which texture coordinates still count as inside.
 const SQUARE: f64 = 0.01;
 
@@ -102,8 +102,8 @@ pub fn place(
 
 /// Check that a number of copies is within the limit.
 fn check_count(wanted: f64) -> Result<()> {
-    if wanted.is_nan() || wanted > MOST_COPIES {
-        let (needed, allowed) = (wanted as u64, MOST_COPIES as u64);
+    if wanted.is_nan() || wanted > MAX_COPIES {
+        let (needed, allowed) = (wanted as u64, MAX_COPIES as u64);
         return Err(Error::Limit { what: "placing copies (option `density`, option `sizes`)".into(), needed, allowed });
     }
     Ok(())
@@ -175,7 +175,7 @@ fn mean_square_width(models: &[CopyModel]) -> f64 {
 fn radius(model: &CopyModel, models: &[CopyModel], density: f64) -> f64 {
     let mean = mean_square_width(models);
     let share = if mean > 0.0 { model.width() / mean.sqrt() } else { 1.0 };
-    0.5 * LEAST_SPACING * share / density.sqrt()
+    0.5 * MIN_SPACING * share / density.sqrt()
 }
 
 /// The site of one copy. A row of a table replaces random choices.

@@ -41,7 +41,7 @@ pub struct PlacedPoint {
 }
 
 /// Most rows of a table.
-const MOST_POINTS: usize = 1 << 24;
+const MAX_POINTS: usize = 1 << 24;
 
 /// Meaning of a column; the first six hold numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -92,9 +92,9 @@ pub fn read(path: &Path, up: PointsUp, texels: &[String], warnings: &mut Warning
     let mut points = Vec::new();
     for (line, text) in lines {
         points.push(table.row(line, &text)?);
-        if points.len() > MOST_POINTS {
+        if points.len() > MAX_POINTS {
             let what = format!("{}: placing copies", path.display());
-            return Err(Error::Limit { what, needed: points.len() as u64, allowed: MOST_POINTS as u64 });
+            return Err(Error::Limit { what, needed: points.len() as u64, allowed: MAX_POINTS as u64 });
         }
     }
     if points.is_empty() {

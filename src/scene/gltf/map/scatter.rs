@@ -208,12 +208,12 @@ pub struct GroundLookup<'a> {
 }
 
 /// Most cells along an axis; otherwise there is about one cell per triangle.
-const MOST_COLUMNS: f64 = 2048.0;
+const MAX_COLUMNS: f64 = 2048.0;
 
 impl<'a> GroundLookup<'a> {
     pub fn new(target: &'a SampledTriangles) -> GroundLookup<'a> {
         let bounds = target.bounds();
-        let side = (target.triangles.len() as f64).sqrt().ceil().clamp(1.0, MOST_COLUMNS) as usize;
+        let side = (target.triangles.len() as f64).sqrt().ceil().clamp(1.0, MAX_COLUMNS) as usize;
         let mut lookup = GroundLookup { target, bounds, size: [side; 2], cells: vec![Vec::new(); side * side] };
         for (i, t) in target.triangles.iter().enumerate() {
             let own = Aabb::around(t.corners);
@@ -270,7 +270,7 @@ fn flattened(v: DVec3, up: DVec3) -> DVec3 {
 }
 
 /// Most cells along an axis into which a piece of an edge is entered; longer edges are divided into pieces first.
-const MOST_CELLS: f64 = 4.0;
+const MAX_CELLS: f64 = 4.0;
 
 impl Border {
     /// `reach` is the largest distance that will be tested, metres. `up` is the unit direction in which copies grow, if it is the same
@@ -279,7 +279,7 @@ impl Border {
         let mut border = Border { cell: reach.max(f64::MIN_POSITIVE), cells: HashMap::new(), up };
         for edge in edges {
             let [a, b] = edge.map(|p| up.map_or(p, |up| flattened(p, up)));
-            let pieces = ((b - a).abs().max_element() / (MOST_CELLS * border.cell)).ceil().clamp(1.0, 1e6);
+            let pieces = ((b - a).abs().max_element() / (MAX_CELLS * border.cell)).ceil().clamp(1.0, 1e6);
             for k in 0..pieces as u64 {
                 let at = |k: f64| a.lerp(b, k / pieces);
                 border.insert([at(k as f64), at(k as f64 + 1.0)]);

@@ -145,7 +145,7 @@ fn continuous(c: &Continuous) -> Value {
 
 /// Write the `phong` and `palette` objects of a layer or of copies, if the options restyle anything.
 pub fn restyle(options: &MapOptions, layer: &mut Map<String, Value>) {
-    let mut all = phong(&Style { finish: options.finish, ..Style::OWN });
+    let mut all = phong(&Style { finish: options.finish, ..Style::UNCHANGED });
     if let (Some(ramp), Some(metres)) = (options.tint, options.tint_patches) {
         all.insert(
             "noise".into(),
@@ -166,7 +166,7 @@ pub fn restyle(options: &MapOptions, layer: &mut Map<String, Value>) {
 /// A `phong` object.
 fn phong(style: &Style) -> Map<String, Value> {
     let mut phong = Map::new();
-    let Style { factor, keep, finish } = style;
+    let Style { factor, keeps_albedo: keep, finish } = style;
     if *factor != [1.0; 3] || !keep {
         phong.insert("diffuseFactor".into(), json!(factor));
     }

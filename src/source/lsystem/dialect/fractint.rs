@@ -17,14 +17,14 @@ use crate::source::lsystem::parser::START_OF_FILE;
 /// Letters that a number follows.
 const NUMBERED: &str = "\\/@c<>";
 /// Largest number of parts of a turn. Fractint has 50; others that read its files have more.
-const MOST_PARTS: f64 = 36_000.0;
+const MAX_PARTS: f64 = 36_000.0;
 /// The sixteen colours of the EGA, which begin Fractint's own palette. It draws in the last.
 const COLOURS: [u32; 16] = [
     0x000000, 0x0000aa, 0x00aa00, 0x00aaaa, 0xaa0000, 0xaa00aa, 0xaa5500, 0xaaaaaa, 0x555555, 0x5555ff, 0x55ff55,
     0x55ffff, 0xff5555, 0xff55ff, 0xffff55, 0xffffff,
 ];
 /// Names of systems that a message lists.
-const MOST_NAMED: usize = 12;
+const MAX_NAMED: usize = 12;
 
 /// A system of a file: its name, and its characters between the braces.
 type Entry<'a> = (String, Char, &'a [Char]);
@@ -42,13 +42,13 @@ pub fn grammar(text: &str, name: Option<&str>) -> Parsed<Grammar> {
         (_, []) => return Err(START_OF_FILE.fault("there is no system; one is written Name { Angle 8 Axiom F F=FF }")),
         (None, [entry]) => entry,
         (None, _) => {
-            let what = format!("there are {} systems; give option `name`: {}", entries.len(), names(MOST_NAMED));
+            let what = format!("there are {} systems; give option `name`: {}", entries.len(), names(MAX_NAMED));
             return Err(START_OF_FILE.of_options(what));
         }
         (Some(name), _) => match entries.iter().find(|e| e.0.eq_ignore_ascii_case(name)) {
             Some(entry) => entry,
             None => {
-                let what = format!("option `name`: there is no system {name}; there are: {}", names(MOST_NAMED));
+                let what = format!("option `name`: there is no system {name}; there are: {}", names(MAX_NAMED));
                 return Err(START_OF_FILE.of_options(what));
             }
         },
@@ -128,8 +128,8 @@ fn angle(cursor: &mut Cursor) -> Parsed<f64> {
     let place = cursor.place();
     let digits = cursor.word(|c| c.is_ascii_digit());
     match digits.parse::<f64>() {
-        Ok(n) if (3.0..=MOST_PARTS).contains(&n) => Ok(n),
-        _ => Err(place.fault(format!("an angle is a whole number from 3 to {MOST_PARTS}: parts of a turn"))),
+        Ok(n) if (3.0..=MAX_PARTS).contains(&n) => Ok(n),
+        _ => Err(place.fault(format!("an angle is a whole number from 3 to {MAX_PARTS}: parts of a turn"))),
     }
 }
 

@@ -42,7 +42,7 @@ pub enum Dialect {
 }
 
 impl Dialect {
-    /// All of them, and what a person calls them.
+    /// All dialects, with descriptions for messages.
     pub const ALL: [(Dialect, &'static str); 7] = [
         (Dialect::Book, "the notation of The Algorithmic Beauty of Plants"),
         (Dialect::Fractint, "a Fractint file"),
@@ -53,8 +53,8 @@ impl Dialect {
         (Dialect::Rubberplant, "a RubberPlant file"),
     ];
 
-    /// What a person calls it.
-    pub fn called(self) -> &'static str {
+    /// Description for messages.
+    pub fn description(self) -> &'static str {
         Dialect::ALL.into_iter().find(|(d, _)| *d == self).map_or("", |(_, called)| called)
     }
 }
@@ -68,8 +68,8 @@ pub struct Choice<'a> {
     pub name: Option<&'a str>,
 }
 
-/// The notation of a file, where its name or its text make it certain.
-pub fn of(path: &Path, text: &str) -> Option<Dialect> {
+/// Dialect of a file, where its name or its text make it certain.
+pub fn detect(path: &Path, text: &str) -> Option<Dialect> {
     // Our own files may hold anything that looks like another's.
     if files::extension(path) == "lsys" {
         return Some(Dialect::Book);
@@ -111,8 +111,8 @@ pub fn read(dialect: Dialect, text: &str, choice: &Choice) -> Parsed<Grammar> {
     }
 }
 
-/// The files beside `path` that are read with it.
-pub fn beside(dialect: Dialect, path: &Path) -> Vec<PathBuf> {
+/// Files beside `path` that belong to it and are read with it.
+pub fn companion_files(dialect: Dialect, path: &Path) -> Vec<PathBuf> {
     if dialect == Dialect::Cpfg { cpfg::view::files(path) } else { Vec::new() }
 }
 
@@ -120,12 +120,12 @@ pub fn beside(dialect: Dialect, path: &Path) -> Vec<PathBuf> {
 ///
 /// # Errors
 /// What reading them gives.
-pub fn read_beside(dialect: Dialect, path: &Path, grammar: &mut Grammar) -> Result<()> {
+pub fn read_companions(dialect: Dialect, path: &Path, grammar: &mut Grammar) -> Result<()> {
     if dialect == Dialect::Cpfg { cpfg::view::read(path, grammar) } else { Ok(()) }
 }
 
-/// That the notation of a file is not certain.
-pub fn unclear() -> Fault {
+/// Error for a file whose dialect is not certain.
+pub fn unknown() -> Fault {
     let names = Dialect::ALL.map(|(d, _)| format!("{d:?}").to_lowercase()).join(", ");
     Fault {
         line: 1,

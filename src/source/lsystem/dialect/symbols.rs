@@ -11,9 +11,9 @@ use crate::source::lsystem::predecessor::{self, Predecessor};
 /// First of the symbols that words stand for: the private use area that no text has a reason to use.
 const FIRST_WORD: u32 = 0xF_0000;
 /// Number of them.
-const MOST_WORDS: u32 = 0xFFFD;
+const MAX_WORDS: u32 = 0xFFFD;
 /// Brackets within brackets in a right context.
-const MOST_NESTED: usize = 64;
+const MAX_NESTED: usize = 64;
 
 /// Characters and words that are symbols.
 #[derive(Debug, Clone)]
@@ -31,7 +31,7 @@ impl Symbols {
 
     /// The symbol of a word.
     pub fn word(&mut self, word: &str) -> char {
-        let next = FIRST_WORD + (self.words.len() as u32).min(MOST_WORDS);
+        let next = FIRST_WORD + (self.words.len() as u32).min(MAX_WORDS);
         *self.words.entry(word.to_owned()).or_insert(char::from_u32(next).unwrap_or(char::REPLACEMENT_CHARACTER))
     }
 
@@ -118,8 +118,8 @@ pub fn patterns(cursor: &mut Cursor, symbols: &Symbols, parameters: &mut Vec<Str
             ']' if open.pop().is_none() => return Err(place.fault("']' closes nothing")),
             _ => {}
         }
-        if open.len() > MOST_NESTED {
-            return Err(place.fault(format!("more than {MOST_NESTED} brackets within each other")));
+        if open.len() > MAX_NESTED {
+            return Err(place.fault(format!("more than {MAX_NESTED} brackets within each other")));
         }
         let mut count = 0;
         if cursor.take('(') && !cursor.take(')') {

@@ -249,9 +249,9 @@ fn notations_are_told_where_they_are_certain() {
         ("a.l", "%{\n#include <x>\n%}\n%%", None),
         ("a.ls", "", None),
     ] {
-        assert_eq!(of(Path::new(name), text), want, "{name} {text:?}");
+        assert_eq!(detect(Path::new(name), text), want, "{name} {text:?}");
     }
-    assert!(unclear().of_options && unclear().what.contains("fractint"));
+    assert!(unknown().of_options && unknown().what.contains("fractint"));
 }
 
 proptest::proptest! {

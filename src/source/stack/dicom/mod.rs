@@ -96,8 +96,38 @@ pub fn read(choice: &Choice, files: &[PathBuf], in_memory: u64) -> Result<Stack>
     Stack::new(path, samples, affine, 1e-3, warnings)
 }
 
+/// Series that option `series` selects: its UID or number, and after a colon the number of a stack in it.
+struct SeriesChoice<'a> {
+    /// UID or number; empty for the only series.
+    series: &'a str,
+    /// Number of the stack, counted from 1; 0 where none is named. The error is a text that is no number.
+    stack: Result<usize, &'a str>,
+}
+
+impl<'a> SeriesChoice<'a> {
+    fn of(wanted: &'a str) -> SeriesChoice<'a> {
+        match wanted.rsplit_once(':') {
+            Some((series, stack)) => SeriesChoice { series, stack: stack.parse::<usize>().map_err(|_| stack) },
+            None => SeriesChoice { series: wanted, stack: Ok(0) },
+        }
+    }
+}
+
 /// The images of one series, at least one, and the slices of one stack in it.
 fn choose(choice: &Choice, files: &[PathBuf], warnings: &mut Warnings) -> Result<(Vec<Image>, Vec<Slice>)> {
+    let wanted = choice.series.map(SeriesChoice::of);
+    let images = images_of_series(choice, files, wanted.as_ref(), warnings)?;
+    let slices = slices_of_stack(choice, &images, wanted.as_ref(), warnings)?;
+    Ok((images, slices))
+}
+
+/// The images of the series that is `wanted`, or of the only one.
+fn images_of_series(
+    choice: &Choice,
+    files: &[PathBuf],
+    wanted: Option<&SeriesChoice>,
+    warnings: &mut Warnings,
+) -> Result<Vec<Image>> {
     let path = choice.path;
     let mut all: BTreeMap<String, Vec<Image>> = BTreeMap::new();
     let mut without = 0;
@@ -111,15 +141,11 @@ fn choose(choice: &Choice, files: &[PathBuf], warnings: &mut Warnings) -> Result
         let what = "none of its DICOM files holds pixels: they are in others, or it is a directory (DICOMDIR), a report or a plan";
         return Err(Error::input(path, "", what));
     }
-    let series = choice.series.map(|wanted| match wanted.rsplit_once(':') {
-        Some((series, stack)) => (series, stack.parse::<usize>().ok().ok_or(stack)),
-        None => (wanted, Ok(0)),
-    });
     let there = list(&all);
-    if let Some((wanted, _)) = series {
-        all.retain(|uid, images| wanted.is_empty() || uid == wanted || images[0].number == wanted);
+    if let Some(SeriesChoice { series, .. }) = wanted {
+        all.retain(|uid, images| series.is_empty() || uid == series || images[0].number == *series);
         if all.is_empty() {
-            return Err(Error::input(path, "", format!("option `series` = {wanted} is not there; there are: {there}")));
+            return Err(Error::input(path, "", format!("option `series` = {series} is not there; there are: {there}")));
         }
     }
     if all.len() > 1 {
@@ -131,13 +157,23 @@ fn choose(choice: &Choice, files: &[PathBuf], warnings: &mut Warnings) -> Result
         ));
     }
     warnings.add_many("DICOM files without pixels are left out", without);
-    let images = all.into_values().next().unwrap_or_default();
-    let mut groups = volumes::stacks(&images);
+    Ok(all.into_values().next().unwrap_or_default())
+}
+
+/// The slices of the stack that is `wanted` among those of a series, or of the largest one.
+fn slices_of_stack(
+    choice: &Choice,
+    images: &[Image],
+    wanted: Option<&SeriesChoice>,
+    warnings: &mut Warnings,
+) -> Result<Vec<Slice>> {
+    let path = choice.path;
+    let mut groups = volumes::stacks(images);
     let number = &images[0].number;
-    let taken = match series {
-        // Whatever tells its stacks apart, they are its frames, too.
-        None | Some((_, Ok(0))) if choice.names_frame() => choice.frame(groups.len(), warnings)?,
-        None | Some((_, Ok(0))) => {
+    let taken = match wanted.map_or(Ok(0), |w| w.stack) {
+        // Whatever distinguishes the stacks of a series, they count as its frames, too.
+        Ok(0) if choice.names_frame() => choice.frame(groups.len(), warnings)?,
+        Ok(0) => {
             let taken = volumes::largest(&groups);
             if groups.len() > 1 {
                 warnings.add(format!(
@@ -150,20 +186,20 @@ fn choose(choice: &Choice, files: &[PathBuf], warnings: &mut Warnings) -> Result
             }
             taken
         }
-        Some((_, Ok(n))) if n <= groups.len() => {
+        Ok(n) if n <= groups.len() => {
             choice.frame(1, warnings)?;
             n - 1
         }
-        Some((_, Ok(_) | Err(_))) => {
-            let wanted = choice.series.unwrap_or_default();
-            let what = format!("option `series` = {wanted} is not there; its stacks are: {}", volumes::listed(&groups));
+        Ok(_) | Err(_) => {
+            let asked = choice.series.unwrap_or_default();
+            let what = format!("option `series` = {asked} is not there; its stacks are: {}", volumes::listed(&groups));
             return Err(Error::input(path, "", what));
         }
     };
     if groups.is_empty() {
         return Err(Error::input(path, "", "holds no slices"));
     }
-    Ok((images, groups.swap_remove(taken).slices))
+    Ok(groups.swap_remove(taken).slices)
 }
 
 /// "5 (MR T2, 16 slices of 256×256, UID 1.2.3); 6 (…)".

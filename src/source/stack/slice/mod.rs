@@ -29,7 +29,7 @@ pub struct Slice {
 
 /// Description that a file gives of all its slices.
 #[derive(Default)]
-pub struct About {
+pub struct ImageInfo {
     pub spacing: Option<Spacing>,
     /// Names of the channels of a pixel, where they are values apart and no colour.
     pub values: Option<Vec<String>>,
@@ -50,7 +50,7 @@ pub struct Spacing {
 
 /// Receiver of each slice, and before the first of them of what the file says.
 pub trait Sink {
-    fn about(&mut self, about: About) -> Result<()>;
+    fn about(&mut self, about: ImageInfo) -> Result<()>;
     fn slice(&mut self, slice: Slice) -> Result<()>;
 }
 
@@ -104,7 +104,7 @@ pub fn read(choice: &Choice, path: &Path, sink: &mut dyn Sink) -> Result<()> {
         Some(b"II*\0" | b"MM\0*" | b"II+\0" | b"MM\0+") => pages::read(choice, path, &bytes, sink),
         Some([0x76, 0x2f, 0x31, 0x01]) => parts::read(choice, path, &bytes, sink),
         _ => {
-            let mut about = About::default();
+            let mut about = ImageInfo::default();
             choice.frame(1, &mut about.warnings)?;
             sink.about(about)?;
             sink.slice(other(choice, path, &bytes)?)

@@ -12,7 +12,7 @@ use tiff::{ColorType, TiffUnsupportedError};
 
 use super::description;
 use super::description::Description;
-use super::{About, Sink, Slice, check_memory, check_size};
+use super::{ImageInfo, Sink, Slice, check_memory, check_size};
 use crate::scene::tiff_file;
 use crate::source::stack::choice::Choice;
 use crate::source::stack::coding::{Coding, Kind, rgb_of_ycbcr};
@@ -72,7 +72,7 @@ fn decoder<'a>(path: &Path, bytes: &'a [u8], memory: u64) -> Result<Decoder<Curs
 /// Give the slices of a TIFF.
 pub fn read(choice: &Choice, path: &Path, bytes: &[u8], sink: &mut dyn Sink) -> Result<()> {
     let mut decoder = decoder(path, bytes, choice.memory)?;
-    let mut about = About::default();
+    let mut about = ImageInfo::default();
     // Before its pages are walked through: its tags are at hand.
     let described = describe(path, &mut decoder);
     let mut pages = Vec::new();
@@ -119,7 +119,7 @@ fn plan(
     path: &Path,
     described: Option<Description>,
     pages: usize,
-    about: &mut About,
+    about: &mut ImageInfo,
 ) -> Result<Option<Vec<usize>>> {
     let Some(mut described) = described else {
         choice.frame(1, &mut about.warnings)?;

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use exr::prelude::{ReadChannels, ReadLayers};
 
-use super::{About, MAX_PIXELS, Sink, Slice, check_memory, check_size};
+use super::{ImageInfo, MAX_PIXELS, Sink, Slice, check_memory, check_size};
 use crate::source::stack::choice::Choice;
 use crate::source::stack::coding::{Coding, Kind};
 use crate::source::stack::natural::natural;
@@ -45,7 +45,7 @@ pub fn read(choice: &Choice, path: &Path, bytes: &[u8], sink: &mut dyn Sink) -> 
         .all_attributes()
         .from_buffered(Cursor::new(bytes))
         .map_err(broken)?;
-    let mut about = About::default();
+    let mut about = ImageInfo::default();
     choice.frame(1, &mut about.warnings)?;
     let mut groups = alike(image.layer_data.into_iter().collect());
     let mut group = 0;

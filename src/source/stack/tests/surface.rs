@@ -165,7 +165,7 @@ fn opacity_follows_value_and_gradient() {
     for region in 0..staged.regions().len() {
         staged.medium(region, &mut |m| {
             let half = usize::from(m.at[0] >= 32);
-            halves[half] += m.extinction * f64::from(8u32.pow(m.levels));
+            halves[half] += m.extinction * f64::from(8u32.pow(m.edge_log2));
         });
     }
     // Optical depth along x, over 64² lines of voxels: -ln .9 a sample, 16 samples of it; the first is half flat.
@@ -213,7 +213,7 @@ fn a_ramp_takes_the_same_from_every_side() {
         let staged = source.stage(&place, &Quiet).unwrap();
         let mut sums = [0.0; 13];
         for region in 0..staged.regions().len() {
-            staged.medium(region, &mut |m| sums.iter_mut().zip(m.rates(m.levels)).for_each(|(sum, r)| *sum += r));
+            staged.medium(region, &mut |m| sums.iter_mut().zip(m.rates(m.edge_log2)).for_each(|(sum, r)| *sum += r));
         }
         // Optical depth along x, in the mean over 64² lines: that of a layer of opacity p is −ln(1 − p) for each ∛4 of its
         // thickness, and ∫ −ln(1 − .9 s) ds from 0 to 1 is (.1 ln .1 + .9) / .9. After the ramp, .9 to the end at 31.5.

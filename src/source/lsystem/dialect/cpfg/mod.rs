@@ -25,7 +25,7 @@ use crate::source::lsystem::parser::START_OF_FILE;
 use statements::{Scope, Statements, Variables};
 
 /// Depth of a homomorphism or decomposition: more is recursion without an end.
-const MOST_DEPTH: f64 = 1e6;
+const MAX_DEPTH: f64 = 1e6;
 /// Colours of a map.
 const COLOURS: u16 = 256;
 
@@ -238,7 +238,7 @@ impl Reader {
                 self.grammar.constants.insert("Z".into(), n as f64);
             }
             "maximum depth:" => {
-                let depth = self.whole(&mut cursor, MOST_DEPTH)?;
+                let depth = self.whole(&mut cursor, MAX_DEPTH)?;
                 match self.part {
                     Part::Decomposition => self.grammar.decomposition_depth = depth,
                     Part::Homomorphism => self.grammar.recursion = Recursion::Depth(depth),

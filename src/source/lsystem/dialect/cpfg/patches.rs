@@ -9,7 +9,7 @@ use crate::{Error, Result};
 /// Steps of a patch each way, where no file says them.
 const STEPS: usize = 5;
 /// Most steps each way, as cpfg takes them.
-const MOST_STEPS: usize = 10;
+const MAX_STEPS: usize = 10;
 /// Largest coordinate, in units.
 const FARTHEST: f64 = 1e12;
 /// Names of a patch's eight neighbours, in lines of them.
@@ -37,7 +37,7 @@ pub fn read(file: &Path, text: &str, size: f64, steps: [Option<usize>; 2], gramm
         words.labels("T:")?;
         own[1] = words.number()? as usize;
     }
-    let steps = [0, 1].map(|i| steps[i].unwrap_or(own[i]).clamp(1, MOST_STEPS));
+    let steps = [0, 1].map(|i| steps[i].unwrap_or(own[i]).clamp(1, MAX_STEPS));
     let contact = words.vector("CONTACT POINT")?;
     let end = words.vector("END POINT")?;
     let (heading, up) = (words.vector("HEADING")?, words.vector("UP")?);

@@ -7,9 +7,9 @@ use crate::source::lsystem::expr_parser::{self, Names, Syntax};
 use crate::source::lsystem::lexer::{Char, Cursor, Parsed};
 
 /// Characters that a file may become.
-const MOST_CHARACTERS: usize = 1 << 22;
+const MAX_CHARACTERS: usize = 1 << 22;
 /// Macros within macros.
-const MOST_NESTED: usize = 64;
+const MAX_NESTED: usize = 64;
 /// Directives that have nothing to say here.
 const IDLE: [&str; 3] = ["line", "pragma", "ident"];
 
@@ -220,8 +220,8 @@ impl Preprocessor<'_> {
                 };
                 match (used, arguments) {
                     (Some(used), Some(arguments)) => {
-                        if within.len() >= MOST_NESTED {
-                            return Err(place.fault(format!("more than {MOST_NESTED} macros within each other")));
+                        if within.len() >= MAX_NESTED {
+                            return Err(place.fault(format!("more than {MAX_NESTED} macros within each other")));
                         }
                         let body = substituted(&used, &arguments, place);
                         within.push(word);
@@ -231,8 +231,8 @@ impl Preprocessor<'_> {
                     _ => self.out.chars.extend(&start.rest()[..word.chars().count()]),
                 }
             }
-            if self.out.chars.len() > MOST_CHARACTERS {
-                return Err(place.fault(format!("macros make more than {MOST_CHARACTERS} characters of the file")));
+            if self.out.chars.len() > MAX_CHARACTERS {
+                return Err(place.fault(format!("macros make more than {MAX_CHARACTERS} characters of the file")));
             }
         }
         Ok(())

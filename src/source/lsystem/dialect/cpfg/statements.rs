@@ -7,9 +7,9 @@ use crate::source::lsystem::lexer::{Char, Cursor, Parsed};
 use crate::source::lsystem::program::{Statement, Variable};
 
 /// Blocks within blocks.
-const MOST_NESTED: usize = 64;
+const MAX_NESTED: usize = 64;
 /// Elements of the arrays of a file.
-const MOST_ELEMENTS: usize = 1 << 16;
+const MAX_ELEMENTS: usize = 1 << 16;
 /// Procedures that write or show something, and do nothing to the plant.
 const IDLE: [&str; 6] = ["printf", "fprintf", "fflush", "fclose", "Display", "play"];
 
@@ -59,8 +59,8 @@ impl Statements<'_> {
 
     /// `{ … }`.
     pub fn block(&mut self, cursor: &mut Cursor, depth: usize) -> Parsed<Vec<Statement>> {
-        if depth > MOST_NESTED {
-            return Err(cursor.place().fault(format!("more than {MOST_NESTED} blocks within each other")));
+        if depth > MAX_NESTED {
+            return Err(cursor.place().fault(format!("more than {MAX_NESTED} blocks within each other")));
         }
         if !cursor.take('{') {
             return Err(cursor.unexpected("'{'"));
@@ -191,9 +191,9 @@ impl Statements<'_> {
             let size = self.expression(cursor)?.constant().filter(|v| *v >= 1.0 && *v == v.floor());
             let size = size.map_or(0, |v| v as usize);
             count = count.saturating_mul(size);
-            if size == 0 || first.saturating_add(count) > MOST_ELEMENTS {
+            if size == 0 || first.saturating_add(count) > MAX_ELEMENTS {
                 return Err(
-                    at.fault(format!("a size is a whole number, and arrays have up to {MOST_ELEMENTS} elements"))
+                    at.fault(format!("a size is a whole number, and arrays have up to {MAX_ELEMENTS} elements"))
                 );
             }
             sizes.push(size);

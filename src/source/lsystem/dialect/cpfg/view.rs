@@ -13,12 +13,12 @@ use crate::{Error, Result};
 /// Bytes of a map: 256 colours.
 const MAP_BYTES: usize = 768;
 /// Largest view file, in bytes.
-const MOST_BYTES: u64 = 1 << 20;
+const MAX_BYTES: u64 = 1 << 20;
 
 /// The view file and the map of the same name that there are, and the surfaces that the view file names.
 pub fn files(path: &Path) -> Vec<PathBuf> {
     let mut files = tables(path);
-    let view = files.first().filter(|f| files::extension(f) == "v").and_then(|f| files::read(f, MOST_BYTES).ok());
+    let view = files.first().filter(|f| files::extension(f) == "v").and_then(|f| files::read(f, MAX_BYTES).ok());
     let text = view.map(|bytes| crate::scene::text::decode(&bytes).into_owned()).unwrap_or_default();
     let named = text.lines().filter_map(|line| line.split_once(':')).filter(|(label, _)| is_surface(label));
     files.extend(named.filter_map(|(_, value)| beside(path, value.split_whitespace().nth(1)?)));
@@ -45,7 +45,7 @@ fn beside(path: &Path, name: &str) -> Option<PathBuf> {
 pub fn read(path: &Path, grammar: &mut Grammar) -> Result<()> {
     let mut surfaces = Vec::new();
     for file in tables(path) {
-        let bytes = files::read(&file, MOST_BYTES)?;
+        let bytes = files::read(&file, MAX_BYTES)?;
         if files::extension(&file) == "map" {
             let Ok(map) = <[u8; MAP_BYTES]>::try_from(bytes) else {
                 return Err(Error::input(&file, "", "a map has 256 colours of three bytes each"));
@@ -64,7 +64,7 @@ pub fn read(path: &Path, grammar: &mut Grammar) -> Result<()> {
             grammar.warnings.add(format!("there is no file {file} of the view file beside the grammar"));
             continue;
         };
-        let text = files::read(&found, MOST_BYTES)?;
+        let text = files::read(&found, MAX_BYTES)?;
         let surface = patches::read(&found, &crate::scene::text::decode(&text), size, steps, grammar)?;
         grammar.surfaces.insert(symbol, surface);
     }

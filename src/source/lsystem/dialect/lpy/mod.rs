@@ -26,7 +26,7 @@ use crate::source::lsystem::predecessor::Predecessor;
 use python::Line;
 
 /// Depth of an interpretation or decomposition: more is recursion without an end.
-const MOST_DEPTH: f64 = 1e6;
+const MAX_DEPTH: f64 = 1e6;
 /// What ends a file's L-system for good: what follows was written by L-Py's window.
 const WINDOW: &str = "###### INITIALISATION ######";
 
@@ -260,7 +260,7 @@ impl Reader<'_> {
         if takes(&mut cursor, "derivation length") {
             self.grammar.iterations = Some(self.whole(&mut cursor, 1e15)?);
         } else if takes(&mut cursor, "maximum depth") {
-            let depth = self.whole(&mut cursor, MOST_DEPTH)?;
+            let depth = self.whole(&mut cursor, MAX_DEPTH)?;
             match self.part {
                 Part::Decomposition => self.grammar.decomposition_depth = depth,
                 Part::Interpretation => self.grammar.recursion = Recursion::Depth(depth),

@@ -9,11 +9,11 @@ use crate::source::lsystem::parser::START_OF_FILE;
 use crate::source::lsystem::program::{Statement, Variable};
 
 /// Ways through a rule on which something is produced, branches on one of them, and parts of all of them together.
-const MOST_PATHS: usize = 256;
-const MOST_BRANCHES: usize = 32;
-const MOST_VISITS: usize = 1 << 14;
+const MAX_PATHS: usize = 256;
+const MAX_BRANCHES: usize = 32;
+const MAX_VISITS: usize = 1 << 14;
 /// Blocks within blocks.
-const MOST_NESTED: usize = 32;
+const MAX_NESTED: usize = 32;
 /// Columns of a tab.
 const TAB: usize = 8;
 /// Words that begin Python that is not run.
@@ -155,8 +155,8 @@ fn block(lines: &[Line], depth: usize) -> Parsed<Vec<Node>> {
     let mut i = 0;
     while let Some(line) = lines.get(i) {
         let at = line.place();
-        if depth > MOST_NESTED {
-            return Err(at.fault(format!("more than {MOST_NESTED} blocks within each other")));
+        if depth > MAX_NESTED {
+            return Err(at.fault(format!("more than {MAX_NESTED} blocks within each other")));
         }
         if line.indent != indent {
             return Err(at.fault("the indentation is not that of the lines above"));
@@ -286,9 +286,9 @@ impl Walk<'_> {
             let Some((node, rest)) = inner.split_first() else { continue };
             blocks.push(rest);
             self.visits += 1;
-            if self.visits > MOST_VISITS || branches > MOST_BRANCHES || self.out.len() >= MOST_PATHS {
+            if self.visits > MAX_VISITS || branches > MAX_BRANCHES || self.out.len() >= MAX_PATHS {
                 let place = node.place();
-                return Err(place.fault(format!("too many ways through the rule: {MOST_PATHS} may produce something")));
+                return Err(place.fault(format!("too many ways through the rule: {MAX_PATHS} may produce something")));
             }
             match node {
                 Node::Set(name, op, text, _) => {

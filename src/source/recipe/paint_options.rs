@@ -1,4 +1,4 @@
-//! The paint that the command line lays on a whole source: a colour in a recipe's notation, and a name.
+//! Paint of a whole source by options of the command line: its colour in a recipe's notation, its material's name, and translucency.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -15,33 +15,33 @@ use crate::source::paint::{Colouring, Paint, PaintedSource, Translucency};
 use crate::source::traits::Source;
 use crate::{Error, Result};
 
-/// Paint that is laid on a source.
+/// Options of the paint on a whole source.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct Laid {
+pub struct PaintOptions {
     /// A colour `#rrggbb` or `r,g,b` (linear), a picture's name, the name of a `.toml` or `.json` file with the keys of a
     /// recipe's `albedo`, or such a table itself, as TOML in braces.
     pub albedo: Option<String>,
-    /// Multiply the source's own colours, and don't replace them.
+    /// Whether `albedo` multiplies the source's own colours instead of replacing them.
     pub tint: bool,
-    /// Name of all its matter.
+    /// Name of the material of all its matter.
     pub material: Option<String>,
-    /// Light that comes through what the source does not say so of.
+    /// Shares of light that are transmitted, where the source gives none.
     pub translucency: Vec<Translucency>,
 }
 
-/// Lay it on. A picture that is not placed fits the source's box.
+/// Source with the paint of `options`. A picture that is not placed is fitted to the source's box.
 ///
 /// # Errors
 /// [`Error::Options`] where the colour is not understood, [`Error::Input`] where its file is not.
-pub fn lay(source: Box<dyn Source>, laid: &Laid, read: &ReadOptions) -> Result<Box<dyn Source>> {
-    if laid.tint && laid.albedo.is_none() {
+pub fn apply_paint(source: Box<dyn Source>, options: &PaintOptions, read: &ReadOptions) -> Result<Box<dyn Source>> {
+    if options.tint && options.albedo.is_none() {
         return Err(Error::Options("option `tint` multiplies by what option `albedo` says: give that too".into()));
     }
-    if laid.material.as_ref().is_some_and(String::is_empty) {
+    if options.material.as_ref().is_some_and(String::is_empty) {
         return Err(Error::Options("option `material` needs a name".into()));
     }
-    let translucency = laid.translucency.clone();
-    if laid.albedo.is_none() && laid.material.is_none() && translucency.is_empty() {
+    let translucency = options.translucency.clone();
+    if options.albedo.is_none() && options.material.is_none() && translucency.is_empty() {
         return Ok(source);
     }
     let names = source.materials();
@@ -53,8 +53,8 @@ pub fn lay(source: Box<dyn Source>, laid: &Laid, read: &ReadOptions) -> Result<B
             "option `translucency`: the source has no such material as {name:?}; {known}"
         )));
     }
-    let mut paint = Paint { material: laid.material.clone(), tint: laid.tint, translucency, ..Paint::default() };
-    if let Some(text) = &laid.albedo {
+    let mut paint = Paint { material: options.material.clone(), tint: options.tint, translucency, ..Paint::default() };
+    if let Some(text) = &options.albedo {
         let spec = Spec::of(text)?;
         let albedo = spec.albedo(&source.bounds(), source.up())?;
         let find = |name: &str| {
@@ -68,8 +68,8 @@ pub fn lay(source: Box<dyn Source>, laid: &Laid, read: &ReadOptions) -> Result<B
 }
 
 /// The files that it names and that are there.
-pub fn files(laid: &Laid) -> Vec<PathBuf> {
-    let Some(spec) = laid.albedo.as_ref().and_then(|text| Spec::of(text).ok()) else { return Vec::new() };
+pub fn files(options: &PaintOptions) -> Vec<PathBuf> {
+    let Some(spec) = options.albedo.as_ref().and_then(|text| Spec::of(text).ok()) else { return Vec::new() };
     let picture = spec.table.get("image").and_then(toml::Value::as_str);
     let picture = picture.and_then(|name| files::find(&spec.folder, name, false));
     spec.file.into_iter().chain(picture).filter(|f| f.is_file()).collect()
