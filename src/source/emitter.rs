@@ -14,7 +14,7 @@ use crate::random::SplitMix64;
 use crate::{Error, Result};
 
 /// Particles and the forces on them: the recipe's `[emitter]` table, with the same keys. Lengths are in source units, times in seconds.
-/// A `jitter` is the largest deviation ± of a particle, drawn uniformly.
+/// Keys that end in `_jitter` are the largest deviation ± of a particle, drawn uniformly.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields, default)]

@@ -23,7 +23,7 @@ const SUN_CONTRAST: f64 = 200.0;
 /// Largest angle between the brightest pixel and others of the same sun, radians.
 const MAX_SUN_RADIUS: f64 = 0.045;
 /// Least share of the picture's irradiance that a sun must bring.
-const LEAST_SUN_SHARE: f64 = 0.1;
+const MIN_SUN_SHARE: f64 = 0.1;
 
 impl Panorama {
     /// Read a `.exr`, `.hdr` or `.png`.
@@ -95,7 +95,7 @@ impl Panorama {
         let above = |i: usize| (self.light(i) - around).max(DVec3::ZERO);
         let irradiance: DVec3 = inside.iter().map(|&(i, _, size)| size * above(i)).sum();
         let centre: DVec3 = inside.iter().map(|&(i, dir, size)| size * luminance(above(i)) * dir).sum();
-        if luminance(irradiance) < LEAST_SUN_SHARE * PI * mean {
+        if luminance(irradiance) < MIN_SUN_SHARE * PI * mean {
             return None;
         }
         let towards = centre.try_normalize()?;

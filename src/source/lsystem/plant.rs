@@ -117,7 +117,14 @@ impl Plant {
     }
 
     /// Draw a disc around `centre` in the plane of two axes.
-    pub fn disc(&mut self, triangulator: &mut Triangulator, centre: DVec3, [a, b]: [DVec3; 2], radius: f64, style: DrawStyle) {
+    pub fn disc(
+        &mut self,
+        triangulator: &mut Triangulator,
+        centre: DVec3,
+        [a, b]: [DVec3; 2],
+        radius: f64,
+        style: DrawStyle,
+    ) {
         let corner = |i: usize| {
             let (sin, cos) = super::expr::sin_cos(360.0 * i as f64 / DISC_CORNERS as f64);
             centre + radius * (cos * a + sin * b)
@@ -175,7 +182,7 @@ impl Plant {
         part.positions.extend(polygon.iter().map(|p| p.as_vec3().to_array()));
         part.colors.get_or_insert_default().resize(part.positions.len(), [r, g, b, 1.0]);
         let before = part.triangles.len();
-        triangulator.cut(polygon, |t| part.triangles.push(t.map(|i| first + i as u32)));
+        triangulator.triangulate(polygon, |t| part.triangles.push(t.map(|i| first + i as u32)));
         self.counts.polygons += 1;
         self.bytes += polygon_bytes(polygon.len(), part.triangles.len() - before);
     }
