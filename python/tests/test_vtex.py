@@ -108,7 +108,7 @@ def test_faults_are_exceptions(tmp_path: Path, ball: vtex.Texel) -> None:
     with pytest.raises(ValueError, match="beyond the 3"):
         vtex.bake(vtex.Mesh(np.eye(3), [[0, 1, 3]]), tmp_path / "x.vtex")
     with pytest.raises(KeyError, match="albedo"):
-        ball.depth(2)["colour"]
+        ball.depth(2)["colour"]  # type: ignore[index]
     with pytest.raises(IndexError, match="no depth 40"):
         ball.depth(40)
     with pytest.raises(vtex.Error, match="number of voxels"):
