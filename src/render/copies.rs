@@ -76,8 +76,8 @@ impl<'a> Copies<'a> {
             let kind = |v: &crate::scene::shell::Variant| {
                 let missing =
                     || Error::Options(format!("the scene's copies use texel {}, which is not there", v.texel));
-                let said = scene.texels.get(v.texel);
-                let frames = said.map_or(1, |t| t.following + 1);
+                let texel_ref = scene.texels.get(v.texel);
+                let frames = texel_ref.map_or(1, |t| t.following + 1);
                 let row = cells::texel_frames(v.texel, frames, &info)?.ok_or_else(missing)?;
                 let map = to_texel(row.info);
                 let content = row.content.transformed(map.inverse());
@@ -86,7 +86,7 @@ impl<'a> Copies<'a> {
                 Ok(CopyVariant {
                     texel: v.texel,
                     frames,
-                    cycle: said.and_then(|t| t.cycle),
+                    cycle: texel_ref.and_then(|t| t.cycle),
                     tint,
                     phong,
                     to_texel: map,

@@ -26,12 +26,12 @@ pub fn lights_and_environment(
     unit: f64,
     notes: &mut Vec<String>,
 ) -> Result<(Vec<PunctualLight>, EnvironmentLight)> {
-    let said = &scene.environment;
-    let radius = 0.5 * options.sun_angle.or(said.sun_angle).unwrap_or(SUN_ANGLE);
+    let file = &scene.environment;
+    let radius = 0.5 * options.sun_angle.or(file.sun_angle).unwrap_or(SUN_ANGLE);
     if !(0.0..=0.5).contains(&radius) {
         return Err(Error::Options("the sun's angular size must be 0 to 57 degrees".into()));
     }
-    let sky = options.sky.as_ref().or(said.sky.as_ref());
+    let sky = options.sky.as_ref().or(file.sky.as_ref());
     let turbidity = if let Some(Sky::Clear(turbidity)) = sky { *turbidity } else { DEFAULT_TURBIDITY };
     check_turbidity(turbidity)?;
     let place = |light: PunctualLight| light.with_radius(radius);
@@ -77,11 +77,11 @@ pub fn lights_and_environment(
             EnvironmentLight::constant(DVec3::from_array(DEFAULT_SKY))
         }
     };
-    let haze = options.haze.or(said.haze);
+    let haze = options.haze.or(file.haze);
     if haze.is_some_and(|visibility| !(visibility > 0.0 && visibility.is_finite())) {
         return Err(Error::Options("the visibility in haze must be above 0 metres".into()));
     }
-    let background = options.background.or(said.background).map(DVec3::from_array);
+    let background = options.background.or(file.background).map(DVec3::from_array);
     Ok((lights, environment.with_background(background).with_haze(haze, unit)))
 }
 

@@ -1,4 +1,4 @@
-//! Scene → film: one cone per pixel through plain meshes and shells full of texels.
+//! The renderer: from a scene to a film, by one or a few cones per pixel through meshes and shells full of texels.
 //!
 //! Units: world space in metres, radiance linear Rec. 709. A directional light's intensity is the irradiance on a surface
 //! that faces it; a diffuse facet reflects albedo / π · E · max(0, n·l) · visibility + albedo · sky.
@@ -85,7 +85,7 @@ use lane::Lane;
 use pixel::Tracer;
 use prepare::World;
 
-/// A picture, and what was said on the way.
+/// A rendered picture with statistics and messages.
 #[derive(Debug, Clone)]
 pub struct Rendered {
     /// The picture.
@@ -94,11 +94,15 @@ pub struct Rendered {
     pub stats: Stats,
     /// Warnings about what was mended or left out, counted.
     pub warnings: Warnings,
-    /// Choices that were made for want of better, a line each.
+    /// Notes about choices that neither caller nor file made, a line each.
     pub notes: Vec<String>,
 }
 
-/// Render a scene. Its texels are opened where the scene says, and read only as far as some cone needs.
+/// Render a scene. Its texels are opened from the files that it names, and only the pages that some cone needs are read.
+///
+/// # Errors
+/// `Io`, `Input` and `Unsupported` as reading a texel gives; `Options` where an option is out of range, there is no such camera, or a
+/// texel that is used is missing; `Limit` where the scene takes more memory than `options.memory`, or the picture is too large.
 pub fn render(scene: &Scene, options: &Options, progress: &dyn Progress) -> Result<Rendered> {
     let opened = Opened::new(scene)?;
     let mut rendered = render_with(scene, opened.trees()?, options, progress)?;
@@ -106,7 +110,10 @@ pub fn render(scene: &Scene, options: &Options, progress: &dyn Progress) -> Resu
     Ok(rendered)
 }
 
-/// Render with texels at hand: `texels[i]` stands for the scene's texel i, whatever file it names.
+/// Render with given texels: `texels[i]` stands for the scene's texel i, whatever file that names.
+///
+/// # Errors
+/// As [`render`].
 pub fn render_with(
     scene: &Scene,
     texels: Vec<Option<Octree>>,
@@ -117,7 +124,7 @@ pub fn render_with(
     par::with_threads(options.threads, || {
         let start = Instant::now();
         progress.stage("prepare", 0);
-        let mut world = World::new(scene, shared(texels), options)?;
+        let mut world = World::new(scene, into_shared(texels), options)?;
         let prepared = Instant::now();
         let (film, counts) = film(&world, options, progress);
         let mut stats = Stats {
@@ -150,7 +157,10 @@ pub fn render_with(
     })?
 }
 
-/// Trace of the rays of the pixel (x, y), counted from the upper left: all that they meet.
+/// Record everything that the rays of the pixel `at` (column and row, from the upper left) meet.
+///
+/// # Errors
+/// `Options` where the pixel is outside of the picture; else as [`render`].
 pub fn trace_pixel(scene: &Scene, options: &Options, at: [u32; 2]) -> Result<Trace> {
     check(options)?;
     if at[0] >= options.size[0] || at[1] >= options.size[1] {
@@ -159,15 +169,15 @@ pub fn trace_pixel(scene: &Scene, options: &Options, at: [u32; 2]) -> Result<Tra
             at[0], at[1], options.size[0], options.size[1]
         )));
     }
-    let world = World::new(scene, shared(Opened::new(scene)?.trees()?), options)?;
+    let world = World::new(scene, into_shared(Opened::new(scene)?.trees()?), options)?;
     let mut tracer = Tracer::new(&world, options);
     tracer.trace = Some(Trace::new());
     pixel_of(&mut tracer, at[0], at[1]);
     Ok(tracer.trace.take().unwrap_or_default())
 }
 
-/// Texels as several pictures may have them.
-fn shared(texels: Vec<Option<Octree>>) -> Vec<Option<Arc<Octree>>> {
+/// The texels in reference counters, since a session shares them between pictures.
+fn into_shared(texels: Vec<Option<Octree>>) -> Vec<Option<Arc<Octree>>> {
     texels.into_iter().map(|tree| tree.map(Arc::new)).collect()
 }
 
@@ -202,9 +212,9 @@ enum Store {
     Memory(Arc<Volume>),
 }
 
-/// The texels that a scene's shells use.
+/// The texels that a scene's shells and copies use, opened.
 struct Opened {
-    /// As the scene's texels; `None` for those that nothing uses.
+    /// One per texel of the scene, with its palette; `None` for texels that nothing uses.
     texels: Vec<Option<(Store, Palette)>>,
     warnings: Warnings,
 }
@@ -224,7 +234,7 @@ impl Opened {
         Ok(opened)
     }
 
-    /// The reader of a texel's first frame, which is at `path`; a texel in several colours is one file.
+    /// The reader of a texel's first frame, which is at `path`. Texels that differ only in their palettes share the reader.
     fn file(&mut self, path: &Path, texel: &TexelRef) -> Result<Arc<Reader>> {
         if let Some(known) = self.readers().find(|reader| reader.path() == path) {
             return Ok(Arc::clone(known));
@@ -274,7 +284,7 @@ impl Opened {
     }
 }
 
-/// Pixels a side of the tiles that threads take.
+/// Edge of the tiles that threads render, pixels.
 const TILE: u32 = 16;
 
 fn film(world: &World<'_>, options: &Options, progress: &dyn Progress) -> (Film, Counts) {
@@ -310,12 +320,12 @@ fn film(world: &World<'_>, options: &Options, progress: &dyn Progress) -> (Film,
     (film, counts)
 }
 
-/// Lanes that are added to one or two for which a texel's source was traced: triangles are not filtered.
-const NEAR_LANES: u32 = 2;
+/// Number of lanes that are added to one or two lanes if a texel's source was traced, because triangles are not prefiltered.
+const SOURCE_LANES: u32 = 2;
 
-/// Where the two outermost lanes see the same, in the display's white, the others are left out; but not among triangles or cards,
-/// which may be thinner than what is between lanes.
-const ALIKE: f32 = 1.0 / 256.0;
+/// If the first and the last lane differ by no more than this (the display's white is 1), the other lanes are left out; but not where
+/// triangles of a source or cards were met, which may be thinner than the distance between lanes.
+const SAME_BELOW: f32 = 1.0 / 256.0;
 
 /// The mean over the pixel's lanes, before exposure.
 fn pixel_of(tracer: &mut Tracer<'_>, x: u32, y: u32) -> [f32; 4] {
@@ -334,20 +344,20 @@ fn pixel_of(tracer: &mut Tracer<'_>, x: u32, y: u32) -> [f32; 4] {
         let last = add(tracer, lanes - 1, lanes);
         let apart = (first - last).abs() * Vec3::splat(tracer.exposure).extend(1.0);
         let uneven = tracer.uses_source_geometry || tracer.uses_fine_rays;
-        if uneven || apart.max_element() > ALIKE {
+        if uneven || apart.max_element() > SAME_BELOW {
             (1..lanes - 1).for_each(|lane| {
                 add(tracer, lane, lanes);
             });
         }
         if lanes == 2 && tracer.uses_source_geometry {
-            // Fewer than a single lane gets would be worse.
-            (2..2 + NEAR_LANES).for_each(|lane| {
+            // Otherwise a picture of two lanes would get fewer rays here than one of a single lane.
+            (2..2 + SOURCE_LANES).for_each(|lane| {
                 add(tracer, lane, lanes);
             });
         }
     } else if tracer.uses_source_geometry {
-        (0..NEAR_LANES).for_each(|lane| {
-            add(tracer, lane, NEAR_LANES);
+        (0..SOURCE_LANES).for_each(|lane| {
+            add(tracer, lane, SOURCE_LANES);
         });
     }
     (sum / count as f32).to_array()

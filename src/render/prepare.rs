@@ -104,9 +104,9 @@ struct ShellSetup {
 
 /// The meshes that the scene's texels were baked from, each to be read when a cone first needs it.
 pub fn sources(scene: &Scene) -> Vec<Option<Arc<LazySource>>> {
-    let source = |said: &TexelRef| {
-        let path = said.geometry.clone()?;
-        Some(Arc::new(LazySource::new(path, said.palette.clone(), said.pose.clone())))
+    let source = |texel: &TexelRef| {
+        let path = texel.geometry.clone()?;
+        Some(Arc::new(LazySource::new(path, texel.palette.clone(), texel.pose.clone())))
     };
     scene.texels.iter().map(source).collect()
 }
@@ -161,14 +161,14 @@ impl<'a> World<'a> {
             1.0
         };
         let copies = Copies::new(scene, &phongs, info, |world| relative(world, view.eye, unit))?;
-        let texel = |(tree, said): (Option<_>, &TexelRef)| {
-            Some(Texel { tree: tree?, finest: said.max_depth.unwrap_or(u8::MAX), source: None })
+        let texel = |(tree, texel_ref): (Option<_>, &TexelRef)| {
+            Some(Texel { tree: tree?, finest: texel_ref.max_depth.unwrap_or(u8::MAX), source: None })
         };
         let texels: Vec<Option<Texel>> = texels.into_iter().zip(&scene.texels).map(texel).collect();
-        for (texel, said) in texels.iter().zip(&scene.texels) {
+        for (texel, texel_ref) in texels.iter().zip(&scene.texels) {
             let info = texel.as_ref().map(|t| t.tree.info());
-            for name in info.into_iter().flat_map(|info| said.palette.unknown(info)) {
-                warnings.add(format!("texel {:?} has no material {name:?} for a palette to restyle", said.name));
+            for name in info.into_iter().flat_map(|info| texel_ref.palette.unknown(info)) {
+                warnings.add(format!("texel {:?} has no material {name:?} for a palette to restyle", texel_ref.name));
             }
         }
         let (lights, environment) = lights_and_environment(scene, options, view.eye, unit, &mut notes)?;
@@ -511,12 +511,12 @@ pub fn layers_in<'i>(
             let choices = variants
                 .into_iter()
                 .map(|Variant { texel, weight, phong }| {
-                    let said = scene.texels.get(texel);
-                    let frames = said.map_or(1, |t| t.following + 1);
+                    let texel_ref = scene.texels.get(texel);
+                    let frames = texel_ref.map_or(1, |t| t.following + 1);
                     let missing =
                         || Error::Options(format!("the scene's shells use texel {texel}, which is not there"));
                     let content = cells::texel_frames(texel, frames, info)?.ok_or_else(missing)?.content;
-                    let cycle = said.and_then(|t| t.cycle);
+                    let cycle = texel_ref.and_then(|t| t.cycle);
                     cumulative += weight / total;
                     let phong = phong.within(&layer.phong);
                     let tint = Vec3::from_array(phong.diffuse.map(|v| v as f32));

@@ -8,7 +8,7 @@ use super::pixel::Tracer;
 use super::prepare::{self, World};
 use super::source_lod::LazySource;
 use super::trace::{Trace, TraceEvent};
-use super::{Film, Opened, check, film, pixel_of, shared};
+use super::{Film, Opened, check, film, into_shared, pixel_of};
 use crate::geom::{Aabb, DVec3};
 use crate::progress::Quiet;
 use crate::scene::{Projection, Scene};
@@ -28,7 +28,7 @@ impl<'a> Session<'a> {
     /// # Errors
     /// As [`super::render`].
     pub fn new(scene: &'a Scene) -> Result<Session<'a>> {
-        Ok(Session { scene, trees: shared(Opened::new(scene)?.trees()?), sources: prepare::sources(scene) })
+        Ok(Session { scene, trees: into_shared(Opened::new(scene)?.trees()?), sources: prepare::sources(scene) })
     }
 
     /// Make everything ready for pictures by `options`; its `crop` has no effect.

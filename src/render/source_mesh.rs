@@ -5,10 +5,10 @@ use std::path::Path;
 use std::sync::Arc;
 
 use crate::geom::{Aabb, DAffine3, DMat3, DVec3, Ray, Vec3};
-use crate::scene::shell::Pose;
+use crate::scene::shell::{Pose, TexelRef};
 use crate::scene::{Instance, Model, Texture, Transmission, files, gltf};
 use crate::volume::surface::{SurfaceTable, mean_transmission};
-use crate::volume::{Info, Palette, Style};
+use crate::volume::{Info, Octree, Palette, Style};
 use crate::{Error, Result, Warnings};
 
 use super::mesh::{Contact, Mesh, MeshBuilder, Surface};
@@ -56,6 +56,20 @@ impl SourceMesh {
         restyle(&mut model, palette);
         warnings.merge(model.warnings.clone());
         Ok(SourceMesh::new(model, info, warnings))
+    }
+
+    /// Read the mesh that a scene's texel `texel`, whose voxels are `tree`, was baked from. `purpose` completes the message where the scene names
+    /// none: "names no geometry to …".
+    ///
+    /// # Errors
+    /// `Options` where the scene names no mesh; as [`SourceMesh::open`].
+    pub fn of_texel(tree: &Octree, texel: &TexelRef, purpose: &str, warnings: &mut Warnings) -> Result<SourceMesh> {
+        let Some(path) = &texel.geometry else {
+            let what =
+                format!("texel {:?} names no geometry to {purpose}; map it with option `geometries`", texel.name);
+            return Err(Error::Options(what));
+        };
+        SourceMesh::open(path, tree.info(), (&texel.palette, texel.pose.as_ref()), warnings)
     }
 
     /// `model` in its own space, of which `info`'s texel was baked.

@@ -115,7 +115,7 @@ fn a_slab_is_exact() {
         let options =
             Options { background: Some([1.0; 3]), ..looking(DVec3::new(0.3, 4.0, 0.2), DVec3::new(0.5, 0.0, 0.1), 8) };
         let film = shot(&slab, tree(), &options);
-        let world = World::new(&slab, super::shared(tree()), &options).unwrap();
+        let world = World::new(&slab, super::into_shared(tree()), &options).unwrap();
         for y in 0..8 {
             for x in 0..8 {
                 let dir = world.view.cone(f64::from(x) + 0.5, f64::from(y) + 0.5, 1.0).ray.dir;

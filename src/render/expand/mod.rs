@@ -440,15 +440,9 @@ impl Builder<'_> {
 
 /// The meshes that the used texels were baked from. A mesh that several texels share is read for each of them.
 fn sources(scene: &Scene, trees: &[Option<Octree>], warnings: &mut Warnings) -> Result<Vec<Option<SourceTriangles>>> {
-    let open = |(tree, said): (&Option<Octree>, &crate::scene::shell::TexelRef)| {
-        let Some(tree) = tree else { return Ok(None) };
-        let Some(path) = &said.geometry else {
-            let what =
-                format!("texel {:?} names no geometry to expand it to; map it with option `geometries`", said.name);
-            return Err(Error::Options(what));
-        };
-        let mesh = SourceMesh::open(path, tree.info(), (&said.palette, said.pose.as_ref()), warnings)?;
-        Ok(Some(SourceTriangles::new(mesh)))
+    let open = |(tree, texel): (&Option<Octree>, &crate::scene::shell::TexelRef)| {
+        let mesh = tree.as_ref().map(|tree| SourceMesh::of_texel(tree, texel, "expand it to", warnings)).transpose()?;
+        Ok(mesh.map(SourceTriangles::new))
     };
     trees.iter().zip(&scene.texels).map(open).collect()
 }
@@ -474,7 +468,7 @@ fn shells(
         let wind = scene.model.materials.get(part.material).and_then(|m| m.wind);
         let bend = wind.map(|wind| WindBend { wind, eye: DVec3::ZERO, unit: 1.0 });
         for (nth, range) in prepare::layer_ranges(shell).into_iter().enumerate() {
-            // What is wrong with a shell is said once, not for each of its ranges.
+            // A shell's warnings are counted once, and not for each of its ranges.
             let mut again = Warnings::default();
             let warnings = if nth == 0 { &mut *warnings } else { &mut again };
             let all = faces(part, (shell, range.0, range.1), instance.transform, bend.as_ref(), warnings);

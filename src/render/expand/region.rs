@@ -55,15 +55,15 @@ impl FacePrism<'_> {
         let corners = self.corners(b);
         let mix = |of: fn(&Corner) -> DVec3| corners.iter().map(|(c, share)| *share * of(c)).sum::<DVec3>();
         let number = |of: fn(&Corner) -> f64| corners.iter().map(|(c, share)| share * of(c)).sum::<f64>();
-        let said = &self.layer.layer;
-        let (scale, offset) = (DVec3::from_array(said.scale), DVec3::from_array(said.offset));
+        let layer = &self.layer.layer;
+        let (scale, offset) = (DVec3::from_array(layer.scale), DVec3::from_array(layer.offset));
         let rise = w * number(|c| c.dw);
         let x = mix(|c| c.p) + w * mix(|c| c.h);
         let plain = (mix(|c| c.q) + rise * DVec3::Z) * scale + offset;
         let Some(jitter) = &self.layer.jitter else { return ShellSample { x, q: plain, height: w } };
         let mask = number(|c| c.jitter).clamp(0.0, 1.0);
         let (q, height) = jitter.jittered(&ShellPoint { q: plain, rise: rise * scale.z, height: w, mask });
-        ShellSample { x, q, height: height * height_stretch(said.continuous.as_ref()) }
+        ShellSample { x, q, height: height * height_stretch(layer.continuous.as_ref()) }
     }
 
     /// Whether texel coordinates are an affine function of the world.

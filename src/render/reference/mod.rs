@@ -56,13 +56,8 @@ pub fn reference(scene: &Scene, options: &Options, samples: Range<u32>, progress
     let opened = super::Opened::new(scene)?;
     warnings.merge(opened.warnings.clone());
     let trees = opened.trees()?;
-    let open = |(tree, said): (&Option<Octree>, &TexelRef)| {
-        let Some(tree) = tree else { return Ok(None) };
-        let Some(path) = &said.geometry else {
-            let what = format!("texel {:?} names no geometry to trace; map it with option `geometries`", said.name);
-            return Err(Error::Options(what));
-        };
-        SourceMesh::open(path, tree.info(), (&said.palette, said.pose.as_ref()), &mut warnings).map(Some)
+    let open = |(tree, texel): (&Option<Octree>, &TexelRef)| {
+        tree.as_ref().map(|tree| SourceMesh::of_texel(tree, texel, "trace", &mut warnings)).transpose()
     };
     let sources = trees.iter().zip(&scene.texels).map(open).collect::<Result<Vec<_>>>()?;
     let mut reference = reference_with(scene, trees, &sources, options, samples, progress)?;
@@ -86,7 +81,7 @@ pub fn reference_with(
     par::with_threads(options.threads, || {
         let start = Instant::now();
         progress.stage("prepare", 0);
-        let mut world = World::new(scene, super::shared(texels), options)?;
+        let mut world = World::new(scene, super::into_shared(texels), options)?;
         let prepared = Instant::now();
         let tracer = Tracer { world: &world, sources, options };
         let (film, halves, counts) = films(&tracer, samples.clone(), progress);

@@ -185,7 +185,7 @@ fn add_camera(camera: &Camera, file: &mut Editor) -> Result<usize> {
     /// Metres before a camera at which its picture begins, and, of parallel rays, ends.
     const NEAR: f64 = 0.01;
     const END: f64 = 1e5;
-    let mut said = match camera.projection {
+    let mut json = match camera.projection {
         Projection::Perspective { yfov } => {
             json!({"type": "perspective", "perspective": {"yfov": yfov, "znear": NEAR}})
         }
@@ -194,14 +194,14 @@ fn add_camera(camera: &Camera, file: &mut Editor) -> Result<usize> {
             json!({"type": "orthographic", "orthographic": {"xmag": xmag, "ymag": ymag, "znear": 0.0, "zfar": END}})
         }
     };
-    if let (Some(aspect), Some(view)) = (camera.aspect, said.get_mut("perspective")) {
+    if let (Some(aspect), Some(view)) = (camera.aspect, json.get_mut("perspective")) {
         view["aspectRatio"] = json!(aspect);
     }
     let mut node = standing(&camera.to_world);
     if !camera.name.is_empty() {
-        (said["name"], node["name"]) = (json!(camera.name), json!(camera.name));
+        (json["name"], node["name"]) = (json!(camera.name), json!(camera.name));
     }
-    node["camera"] = json!(file.push("cameras", said)?);
+    node["camera"] = json!(file.push("cameras", json)?);
     file.push("nodes", node)
 }
 
@@ -213,24 +213,24 @@ fn add_lights(lights: &[Light], file: &mut Editor, nodes: &mut Vec<usize>) -> Re
     for light in lights {
         let intensity = light.intensity.iter().copied().fold(0.0, f64::max);
         let color = light.intensity.map(|c| if intensity > 0.0 { c / intensity } else { 1.0 });
-        let mut said = json!({"color": color, "intensity": intensity});
+        let mut json = json!({"color": color, "intensity": intensity});
         match light.kind {
-            LightKind::Directional => said["type"] = json!("directional"),
-            LightKind::Point => said["type"] = json!("point"),
+            LightKind::Directional => json["type"] = json!("directional"),
+            LightKind::Point => json["type"] = json!("point"),
             LightKind::Spot { inner, outer } => {
-                said["type"] = json!("spot");
-                said["spot"] = json!({"innerConeAngle": inner, "outerConeAngle": outer});
+                json["type"] = json!("spot");
+                json["spot"] = json!({"innerConeAngle": inner, "outerConeAngle": outer});
             }
         }
         if light.range.is_finite() && light.kind != LightKind::Directional {
-            said["range"] = json!(light.range);
+            json["range"] = json!(light.range);
         }
         let mut node = standing(&light.to_world);
         if !light.name.is_empty() {
-            (said["name"], node["name"]) = (json!(light.name), json!(light.name));
+            (json["name"], node["name"]) = (json!(light.name), json!(light.name));
         }
         node["extensions"] = json!({"KHR_lights_punctual": {"light": list.len()}});
-        list.push(said);
+        list.push(json);
         nodes.push(file.push("nodes", node)?);
     }
     file.use_extension("KHR_lights_punctual")?;

@@ -1,4 +1,4 @@
-//! What a caller chooses about a mapping, and what is said of it afterwards.
+//! Options of a mapping, and the report about it.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
@@ -13,10 +13,10 @@ use crate::scene::shell::{Continuous, Orientations};
 use crate::volume::{Finish, Info, Style};
 use crate::{Error, Result};
 
-/// How a mesh is to be covered.
+/// Options of a mapping: how a mesh is to be covered.
 #[derive(Debug, Clone)]
 pub struct MapOptions {
-    /// The texels, each with what its file says; a copy takes one of them at random. At least one.
+    /// The texels, each with the head of its file; at least one. A copy takes one of them at random.
     pub texels: Vec<(PathBuf, Info)>,
     /// The source mesh of each texel, a `.glb`, for the reference render; as many as `texels`, or none.
     pub geometries: Vec<PathBuf>,
@@ -24,8 +24,8 @@ pub struct MapOptions {
     pub materials: Vec<String>,
     /// Width of a copy.
     pub cells: Cells,
-    /// Bend copies with the ground, in a shell, also where the texels are isolated objects. Those are else placed as rigid
-    /// copies; texels that are cyclic fill shells always.
+    /// Bend copies with the ground, in a shell, even if the texels are isolated objects, which otherwise become rigid copies. Cyclic texels always
+    /// fill shells.
     pub bend: bool,
     /// Shares of the copies that each texel has, above 0; as many as `texels`, or none where all have the same.
     pub weights: Vec<f64>,
@@ -33,14 +33,14 @@ pub struct MapOptions {
     pub density: Option<f64>,
     /// Shares of the density, in [0, 1], on the whole ground.
     pub density_map: Option<Raster>,
-    /// What the map lies on; by default on the texture coordinates where they lie in the unit square.
+    /// Domain of the density map; by default texture coordinates if they lie in the unit square, else the bounds of the ground.
     pub map_over: Option<MaskOver>,
     /// Least and largest slope on which rigid copies stand, degrees; infinite where there is no limit.
     pub slope: Option<[f64; 2]>,
     /// Least and largest altitude (y) at which they stand, metres.
     pub altitude: Option<[f64; 2]>,
-    /// Metres that rigid copies' contents are high: none, each texel's own, or in proportion to the cell; one, of the tallest,
-    /// and the others keep their proportions; or as many as `texels`.
+    /// Heights of rigid copies' contents, metres: one for each of `texels`; or one for the tallest texel, to which the others stay in proportion;
+    /// or none, for each texel's own height or one in proportion to the cell.
     pub sizes: Vec<f64>,
     /// How rigid copies are spread.
     pub arrangement: Arrangement,
@@ -50,21 +50,21 @@ pub struct MapOptions {
     pub tint_patches: Option<f64>,
     /// Where rigid copies stand, in place of a random spread.
     pub points: Option<PointsTable>,
-    /// Size of a ground that is a picture.
+    /// Scale of a ground that is a height map.
     pub ground: Scales,
     /// Metres that rigid copies are sunk by on a slope of 45 degrees, and in proportion to the slope elsewhere.
     pub sink: f64,
-    /// Leave out rigid copies that would overhang the border of what is covered.
+    /// Leave out rigid copies that would overhang the border of the covered surface.
     pub inset: bool,
     /// Shift of the copies along u and v, in cells.
     pub offset: [f64; 2],
-    /// Keep what the materials are covered with already, and add to it.
+    /// Keep the layers and copies that the materials have already, and add to them.
     pub add: bool,
-    /// Write over `_VTEX_UVW`, `_VTEX_HEIGHT` and `_VTEX_DW` that the file brings; by default they are kept.
+    /// Overwrite `_VTEX_UVW`, `_VTEX_HEIGHT` and `_VTEX_DW` of the file; by default they are kept.
     pub replace: bool,
     /// The height vectors that the file brings were made with Z up: (x, y, z) is turned into (x, z, −y).
     pub z_up: bool,
-    /// Height of the texel's content, metres; by default in proportion to the cell.
+    /// Height of the shell, metres; by default in proportion to the cell.
     pub thickness: Option<f64>,
     /// Direction that copies grow in.
     pub heights: Heights,
@@ -86,19 +86,19 @@ pub struct MapOptions {
     pub presence: f64,
     /// Seed of the random choices.
     pub seed: u32,
-    /// What becomes of the texels' materials, by name.
+    /// Styles of the texels' materials, by name.
     pub palette: BTreeMap<String, Style>,
-    /// Light from around, and highlights, of all materials that the palette says nothing of.
+    /// Ambient factor and highlights of all materials that are not in the palette.
     pub finish: Finish,
     /// Whether the base face itself is drawn.
     pub surface_visible: bool,
     /// Frames of texels, and wind.
     pub motion: Motion,
-    /// Take quads, of an OBJ or of FB_ngon_encoding, as bilinear patches; else as two triangles each.
+    /// Whether quads, of an OBJ file or of FB_ngon_encoding, become bilinear patches; otherwise they become two triangles each.
     pub patches: bool,
 }
 
-/// What a picture of densities lies on.
+/// Domain of a density map.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum MaskOver {
     /// The unit square of texture coordinates, and repeated beyond.
@@ -117,14 +117,14 @@ pub enum Arrangement {
     Rows,
 }
 
-/// A table of places.
+/// A table of positions of copies.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PointsTable {
     /// The file, of comma-, semicolon- or tab-separated values.
     pub path: PathBuf,
     /// Axis of the table that points up.
     pub up: PointsUp,
-    /// What is taken from east and north (of a survey), or from x and z: by default the origin of the ground, if it has one.
+    /// Offset that is subtracted from east and north (of a survey), or from x and z; by default the origin of the ground, if it has one.
     pub origin: Option<[f64; 2]>,
 }
 
@@ -139,7 +139,7 @@ pub enum Cells {
     Wide(f64),
 }
 
-/// Where the copies grow to.
+/// Direction in which copies grow.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Heights {
     /// Straight up where the mesh mostly faces up, else along the normals.
@@ -150,7 +150,7 @@ pub enum Heights {
     Along(DVec3),
 }
 
-/// Where u and v come from.
+/// Source of the texture coordinates u and v.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Chart {
     /// Texture coordinates, or planar from above where there are none.
@@ -161,14 +161,14 @@ pub enum Chart {
     Planar(usize),
 }
 
-/// What was done.
+/// Report about a mapping.
 #[derive(Debug, Default)]
 pub struct Mapped {
-    /// One line each about choices that were made.
+    /// Notes about choices that were made, a line each.
     pub notes: Vec<String>,
-    /// What each covered material was covered with, in file order.
+    /// What each material was covered with, in file order.
     pub covered: Vec<Covered>,
-    /// What was written, and the file's bytes that were kept.
+    /// Files that were written besides the output, and warnings.
     pub saved: Saved,
 }
 
@@ -177,18 +177,18 @@ pub struct Mapped {
 pub struct Covered {
     /// Name of the material.
     pub material: String,
-    /// The name of the texel, of rigid copies; `None` of a shell.
+    /// Name of the texel of rigid copies; `None` for a shell.
     pub texel: Option<String>,
-    /// Width along u and v (of a rigid copy's content: along its x and z) and height of a copy, metres, at its full size.
+    /// Width of a copy along u and v (of a rigid copy's content along its x and z), metres, at full size.
     pub cell: [f64; 2],
-    /// Height of a copy, metres, at its full size.
+    /// Height of a copy, metres, at full size.
     pub height: f64,
     /// Number of copies.
     pub copies: f64,
 }
 
 impl MapOptions {
-    /// The two ends of what copies are tinted by, each on its own.
+    /// The two ends of the range of tints, if each copy gets a random tint of its own.
     pub fn tint_by_copy(&self) -> Option<[[f64; 3]; 2]> {
         self.tint.filter(|_| self.tint_patches.is_none())
     }
@@ -240,7 +240,7 @@ impl Default for MapOptions {
     }
 }
 
-/// Refuse what contradicts itself or is out of range; `rigid`: for rigid copies.
+/// Check that options are in range and do not contradict each other; `rigid` tells whether rigid copies are placed.
 ///
 /// # Errors
 /// [`Error::Options`].
@@ -330,7 +330,7 @@ pub fn check(options: &MapOptions, rigid: bool) -> Result<()> {
     Ok(())
 }
 
-/// An option that rigid copies alone understand, if one is given.
+/// Name of a given option that applies to rigid copies only.
 fn for_copies(options: &MapOptions) -> Option<&'static str> {
     let given = [
         (options.density.is_some(), "option `density`"),

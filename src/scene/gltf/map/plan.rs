@@ -76,31 +76,14 @@ impl Plan {
             .map(|&own| if own { Coordinates::Own } else { planar.unwrap_or(Coordinates::Uv) })
             .collect();
         let groups = groups(surfaces, &coordinates, up);
-        // Rigid copies need texture coordinates only where their number is given in units of these.
-        let counted = !rigid || matches!(options.cells, Cells::Repeat(_));
-        let unusable = |g: &Group| counted && !g.stats.usable() && (options.add || g.coordinates != Coordinates::Own);
-        if let Some(group) = groups.iter().find(|g| unusable(g)) {
-            let name = surfaces.get(group.members[0]).map_or(0, |s| s.mesh);
-            let what = match planar {
-                Some(_) => "is flat along u or v of this chart; use another axis for option `chart`",
-                None => "has texture coordinates that cover no area; use option `chart` along y",
-            };
-            return Err(Error::Options(format!("the mesh {what} (meshes[{name}])")));
-        }
+        check_charts(options, surfaces, &groups, (rigid, planar.is_some()))?;
         let origin = groups
             .iter()
             .find(|g| Some(g.coordinates) == planar)
             .map_or([0.0; 2], |g| [g.stats.span[0][0], g.stats.span[1][0]]);
         let width = if rigid { 1.0 } else { width(options, &groups, notes, warnings) };
-        let top = options.texels.iter().map(|(_, info)| info.content.max.z).fold(0.0, f64::max);
         let heights_kept = !options.add && keeps_heights.iter().any(|k| *k);
-        let upright =
-            !matches!(options.orientations, Orientations::Cube24 | Orientations::Cube48) && !options.mirror[2];
-        let dw = if !upright || options.displace[2] > 0.0 || top <= 0.0 || heights_kept {
-            1.0
-        } else {
-            (top * 1.001).min(1.0)
-        };
+        let dw = if heights_kept { 1.0 } else { share_of_cube(options) };
         let mut planned = vec![None; surfaces.len()];
         for group in &groups {
             let (scale, cell) = match options.cells {
@@ -126,6 +109,39 @@ impl Plan {
         let surfaces = planned.into_iter().flatten().collect();
         Ok(Plan { up, chart, origin, dw, surfaces })
     }
+}
+
+/// Check that every chart that is needed has an area; the flags tell whether rigid copies are placed, and whether the chart is planar.
+///
+/// # Errors
+/// `Options`, with the mesh whose chart has none.
+fn check_charts(
+    options: &MapOptions,
+    surfaces: &[Surface],
+    groups: &[Group],
+    (rigid, is_planar): (bool, bool),
+) -> Result<()> {
+    // Rigid copies need texture coordinates only where their number is given in units of these.
+    if rigid && !matches!(options.cells, Cells::Repeat(_)) {
+        return Ok(());
+    }
+    let unusable = |g: &&Group| !g.stats.usable() && (options.add || g.coordinates != Coordinates::Own);
+    let Some(group) = groups.iter().find(unusable) else { return Ok(()) };
+    let mesh = surfaces.get(group.members[0]).map_or(0, |s| s.mesh);
+    let what = if is_planar {
+        "is flat along u or v of this chart; use another axis for option `chart`"
+    } else {
+        "has texture coordinates that cover no area; use option `chart` along y"
+    };
+    Err(Error::Options(format!("the mesh {what} (meshes[{mesh}])")))
+}
+
+/// Share of the texel's cube, along w, that a shell has to hold: up to the top of the content, unless copies may be turned upside down or
+/// displaced along w.
+fn share_of_cube(options: &MapOptions) -> f64 {
+    let top = options.texels.iter().map(|(_, info)| info.content.max.z).fold(0.0, f64::max);
+    let upright = !matches!(options.orientations, Orientations::Cube24 | Orientations::Cube48) && !options.mirror[2];
+    if !upright || options.displace[2] > 0.0 || top <= 0.0 { 1.0 } else { (top * 1.001).min(1.0) }
 }
 
 /// The direction in which copies grow, with warnings about unusual grounds.

@@ -44,26 +44,26 @@ impl<'a> Materials<'a> {
             return Ok(known);
         }
         let own = self.model.materials.get(material).cloned().unwrap_or_else(Material::default);
-        let mut said = plain(&own, warnings);
+        let mut json = plain(&own, warnings);
         if own.unlit {
             file.use_extension("KHR_materials_unlit")?;
-            said["extensions"] = json!({"KHR_materials_unlit": {}});
+            json["extensions"] = json!({"KHR_materials_unlit": {}});
         }
         if let Some(emission) = &own.emission {
             let strength = emission.color.iter().copied().fold(1.0, f32::max);
-            said["emissiveFactor"] = json!(emission.color.map(|c| c / strength));
+            json["emissiveFactor"] = json!(emission.color.map(|c| c / strength));
             if strength > 1.0 {
                 file.use_extension("KHR_materials_emissive_strength")?;
-                said["extensions"] = json!({"KHR_materials_emissive_strength": {"emissiveStrength": strength}});
+                json["extensions"] = json!({"KHR_materials_emissive_strength": {"emissiveStrength": strength}});
             }
             if let Some(texture) = emission.texture.as_ref().filter(|_| textured) {
-                said["emissiveTexture"] = self.reference(texture, file)?;
+                json["emissiveTexture"] = self.reference(texture, file)?;
             }
         }
         if let Some(texture) = own.texture.as_ref().filter(|_| textured) {
-            said["pbrMetallicRoughness"]["baseColorTexture"] = self.reference(texture, file)?;
+            json["pbrMetallicRoughness"]["baseColorTexture"] = self.reference(texture, file)?;
         }
-        let index = file.push("materials", said)?;
+        let index = file.push("materials", json)?;
         self.known.insert((material, textured), index);
         Ok(index)
     }
@@ -78,12 +78,12 @@ impl<'a> Materials<'a> {
                 index
             }
         };
-        let mut said = json!({"index": index});
+        let mut json = json!({"index": index});
         if let Some(transform) = transform(&of.transform) {
             file.use_extension("KHR_texture_transform")?;
-            said["extensions"] = json!({"KHR_texture_transform": transform});
+            json["extensions"] = json!({"KHR_texture_transform": transform});
         }
-        Ok(said)
+        Ok(json)
     }
 }
 
@@ -92,20 +92,20 @@ fn plain(material: &Material, warnings: &mut Warnings) -> Value {
     let color = material.base_color.map(|c| c.clamp(0.0, 1.0));
     let beyond = material.base_color.iter().any(|c| *c > 1.0);
     warnings.add_many("a colour brighter than white is clamped: glTF has none", u64::from(beyond));
-    let mut said = json!({"pbrMetallicRoughness":
+    let mut json = json!({"pbrMetallicRoughness":
         {"baseColorFactor": color, "metallicFactor": 0.0, "roughnessFactor": 1.0}});
     if !material.name.is_empty() {
-        said["name"] = json!(material.name);
+        json["name"] = json!(material.name);
     }
     match material.alpha {
         Alpha::Opaque => {}
-        Alpha::Mask(cutoff) => (said["alphaMode"], said["alphaCutoff"]) = (json!("MASK"), json!(cutoff.max(0.0))),
-        Alpha::Blend => said["alphaMode"] = json!("BLEND"),
+        Alpha::Mask(cutoff) => (json["alphaMode"], json["alphaCutoff"]) = (json!("MASK"), json!(cutoff.max(0.0))),
+        Alpha::Blend => json["alphaMode"] = json!("BLEND"),
     }
     if material.double_sided {
-        said["doubleSided"] = json!(true);
+        json["doubleSided"] = json!(true);
     }
-    said
+    json
 }
 
 /// A texture transform as KHR_texture_transform; `None` for the identity. It must be without shear, as those that were read from files are.
@@ -154,8 +154,8 @@ mod tests {
         let (r, s) = (0.7f64, [2.0, -0.5]);
         let (sin, cos) = r.sin_cos();
         let rows = [[s[0] * cos, s[1] * sin, 0.25], [-s[0] * sin, s[1] * cos, -3.0]].map(|row| row.map(|v| v as f32));
-        let said = transform(&rows).unwrap();
-        let number = |pointer: &str| said.pointer(pointer).and_then(Value::as_f64).unwrap();
+        let json = transform(&rows).unwrap();
+        let number = |pointer: &str| json.pointer(pointer).and_then(Value::as_f64).unwrap();
         // Rounded to 32 bits once.
         assert!((number("/rotation") - r).abs() < 1e-6 && (number("/scale/1") + 0.5).abs() < 1e-6);
         assert!((number("/scale/0") - 2.0).abs() < 1e-6 && number("/offset/1") == -3.0);

@@ -61,8 +61,13 @@ pub fn save_splats(name: &str, origin: DVec3, splats: &Splats, output: &Path) ->
         attributes[format!("{EXTENSION}:{semantic}")] = json!(accessor);
     }
     file.use_extension(EXTENSION)?;
-    let said = json!({"kernel": "ellipse", "colorSpace": "srgb_rec709_display"});
-    finish(file, (name, origin), json!({"attributes": attributes, "mode": 0, "extensions": {EXTENSION: said}}), output)
+    let kernel = json!({"kernel": "ellipse", "colorSpace": "srgb_rec709_display"});
+    finish(
+        file,
+        (name, origin),
+        json!({"attributes": attributes, "mode": 0, "extensions": {EXTENSION: kernel}}),
+        output,
+    )
 }
 
 fn editor(output: &Path, positions: &[[f32; 3]]) -> Result<Editor> {
