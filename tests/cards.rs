@@ -249,3 +249,30 @@ fn a_ferns_shadow_is_as_dark_at_any_distance() {
         assert!((found / truth - 1.0).abs() < 0.03, "{} m: {found} {truth}", view.0);
     }
 }
+
+/// Leaves of plain triangles, smaller than a pixel, cover as much at any number of lanes.
+#[test]
+fn leaves_thinner_than_the_space_between_lanes_are_not_missed() {
+    let mut random = vtex::random::SplitMix64::new(3);
+    let mut part = Part::default();
+    for i in 0..400u32 {
+        let [x, y] = [0, 1].map(|_| 2.0 * random.unit() as f32 - 1.0);
+        // A fortieth of the picture by a hundredth, at depths of their own.
+        let z = -0.001 * i as f32;
+        part.positions.extend([[x, y, z], [x + 0.05, y, z], [x + 0.05, y + 0.02, z], [x, y + 0.02, z]]);
+        part.triangles.extend([[4 * i, 4 * i + 1, 4 * i + 2], [4 * i, 4 * i + 2, 4 * i + 3]]);
+    }
+    let mut model = cards(&[], 1.0, 2.2, [0.0; 2]);
+    model.materials.push(Material { unlit: true, ..Material::default() });
+    model.parts.push(part);
+    model.instances.push(Instance { part: 0, transform: DAffine3::IDENTITY, node: String::new() });
+    let scene = scene(model);
+    let options = Options { size: [16; 2], ..Options::measuring() };
+    let truth = mean(&reference(&scene, &options, 0..256, &Quiet).unwrap().film, 3);
+    for lanes in [4, 8, 16] {
+        let found = mean(&picture(&scene, 16, lanes), 3);
+        // A ray a lane, 256 pixels, of which some 60 hold edges: by chance .5 · 16 / (256 · 4) at four lanes, and less with more.
+        let bound = 0.03 / f64::from(lanes).sqrt();
+        assert!((found - truth).abs() < bound, "{lanes}: {found} {truth}");
+    }
+}

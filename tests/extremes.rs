@@ -178,3 +178,41 @@ fn needles_cover_their_width() {
         assert!(found.iter().all(|c| *c <= most * 1.01), "{resolution}: {found:?} {most}");
     }
 }
+
+/// A card under a shell whose texture coordinates collapse on one triangle: a copy without width, from which light is looked for
+/// past the card.
+#[test]
+fn copies_without_width_over_a_card_are_drawn() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let half = |x: u32, _| image::Rgba([255, 255, 255, if x == 0 { 255 } else { 0 }]);
+    image::RgbaImage::from_fn(2, 2, half).save(folder.join("mask.png")).unwrap();
+    let corners: [[f32; 3]; 4] = [[-1.0, 0.0, 1.0], [1.0, 0.0, -1.0], [-1.0, 0.0, -1.0], [1.0, 0.0, 1.0]];
+    let coordinates: [[f32; 2]; 4] = [[-1.0, 0.0], [1.0, 1.0], [0.0, -1.0], [-1.0, 0.0]];
+    let numbers = [0u16, 1, 2, 0, 3, 1];
+    let mut bytes: Vec<u8> =
+        corners.iter().flatten().chain(coordinates.iter().flatten()).flat_map(|v| v.to_le_bytes()).collect();
+    bytes.extend(numbers.iter().flat_map(|v| v.to_le_bytes()));
+    std::fs::write(folder.join("card.bin"), &bytes).unwrap();
+    let card = json!({
+        "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0, "TEXCOORD_0": 1}, "indices": 2, "material": 0}]}],
+        "materials": [{"name": "card", "alphaMode": "MASK", "doubleSided": true,
+            "pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}],
+        "images": [{"uri": "mask.png"}], "textures": [{"source": 0}],
+        "buffers": [{"uri": "card.bin", "byteLength": bytes.len()}],
+        "bufferViews": [{"buffer": 0, "byteLength": 48}, {"buffer": 0, "byteOffset": 48, "byteLength": 32},
+            {"buffer": 0, "byteOffset": 80, "byteLength": 12}],
+        "accessors": [
+            {"bufferView": 0, "componentType": 5126, "count": 4, "type": "VEC3", "min": [-1, 0, -1], "max": [1, 0, 1]},
+            {"bufferView": 1, "componentType": 5126, "count": 4, "type": "VEC2"},
+            {"bufferView": 2, "componentType": 5123, "count": 6, "type": "SCALAR"}],
+    });
+    std::fs::write(folder.join("card.gltf"), card.to_string()).unwrap();
+    let fern = concat!(env!("CARGO_MANIFEST_DIR"), "/samples/fern.glb");
+    vtex(folder, &["bake", fern, "-r", "16", "-o", "fern.vtex"]);
+    vtex(folder, &["map", "card.gltf", "--texel", "fern.vtex", "--bend", "-o", "land.gltf"]);
+    vtex(folder, &["render", "land.gltf", "--size", "8x8", "-o", "land.exr"]);
+    let film = vtex::render::image_io::read(&folder.join("land.exr")).unwrap();
+    assert!(film.rgba.iter().flatten().all(|v| v.is_finite()));
+}

@@ -51,6 +51,7 @@ mod render;
 mod reported;
 mod rewrite;
 mod schema;
+mod sides;
 mod stack;
 mod tiles;
 mod translucency;

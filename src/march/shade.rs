@@ -415,7 +415,7 @@ mod tests {
         let albedo = voxel.albedo().to_array().map(f64::from);
         let materials = vec![Material { name: "leaf".into(), albedo, share: 1.0 }];
         let mut info = Info { materials, ..Info::default() };
-        store(&[SurfaceParams { transmission: [transmission; 3], unlit }], &mut info.meta);
+        store(&[SurfaceParams { transmission: [transmission; 3], unlit, ..SurfaceParams::default() }], &mut info.meta);
         let depth = Depth { masks: vec![0], voxels: vec![voxel], mixes: Vec::new() };
         Octree::new(Volume { info, depths: vec![depth] }).unwrap()
     }

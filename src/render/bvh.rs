@@ -275,7 +275,7 @@ impl Bvh {
                 let (min, max) = node.bounds(k);
                 let middle = (0.5 * (min + max) - origin).dot(dir);
                 let half = (0.5 * (max - min)).dot(dir.abs());
-                let r = reach(f64::from(middle + half).clamp(0.0, t1)) as f32 + PAD;
+                let r = reach(f64::from(middle + half).min(t1).max(0.0)) as f32 + PAD;
                 if min.x <= max.x && middle + half + r >= 0.0 {
                     let bounds = obvhs::aabb::Aabb { min: (min - r).into(), max: (max + r).into() };
                     near.set(k, &bounds, node.children[k]);

@@ -126,6 +126,8 @@ pub struct Recorder<'a> {
 }
 
 impl Sink for Recorder<'_> {
+    const IS_EYE: bool = true;
+
     #[inline(always)]
     fn voxel(&mut self, hit: &VoxelHit<'_>) {
         let alpha = (hit.weight / self.transmittance).clamp(0.0, 1.0);

@@ -195,6 +195,8 @@ impl Tracer<'_> {
             let Some(incident) = world.lights[group.light].incident(x) else { continue };
             let radiance = group.energy * incident.irradiance * FRAC_1_PI;
             let offset = space.world(group.start(facet_size, lights[group.light])) / segment.scale;
+            // Of a copy without width, by collapsed coordinates, there is none.
+            let offset = if offset.is_finite() { offset } else { DVec3::ZERO };
             let ray = Ray { origin: x + offset, dir: incident.dir };
             let end = incident.distance - offset.dot(incident.dir);
             let growth = 2.0 * incident.radius;

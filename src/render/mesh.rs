@@ -17,7 +17,7 @@ use glam::DVec4;
 use super::bvh::Bvh;
 use super::curved::{self, Piece};
 use super::mask::{Lookup, Masks};
-use crate::geom::{Aabb, DMat3, DVec3, Ray, Vec3, each3};
+use crate::geom::{Aabb, DAffine3, DMat3, DVec3, Ray, Vec3, each3};
 use crate::march::shade::Look;
 use crate::scene::{Alpha, Material, Model, Part};
 use crate::volume::{Finish, Gloss};
@@ -46,6 +46,32 @@ pub struct Mesh {
     /// Cards: triangles whose alpha varies. Indices, and the hierarchy over them.
     cards: Vec<u32>,
     card_bvh: Bvh,
+}
+
+/// What a ray looks for.
+struct Reach {
+    /// Contacts nearer or farther than this are none.
+    from: f64,
+    to: f64,
+    /// The triangle that the ray starts on.
+    skip: Option<u32>,
+    /// Whether single-sided facets are met from the front alone.
+    is_eye: bool,
+}
+
+impl Reach {
+    fn until(to: f64) -> Reach {
+        Reach { from: 0.0, to, skip: None, is_eye: false }
+    }
+
+    /// Of a ray that starts on a surface, maybe on the triangle `skip`.
+    fn from_surface(to: f64, skip: Option<u32>) -> Reach {
+        Reach { from: 1e-9, to, skip, is_eye: false }
+    }
+
+    fn of_eye(self) -> Reach {
+        Reach { is_eye: true, ..self }
+    }
 }
 
 /// Intersection of a ray with a triangle.
@@ -231,6 +257,11 @@ impl Mesh {
         part.patches.get(piece.patch as usize).map(|ring| piece.mix(ring.map(of)))
     }
 
+    /// Whether triangles may come as near to the ray as `reach(t)`, which does not fall with t.
+    pub fn is_near(&self, ray: &Ray, reach: impl Fn(f64) -> f64) -> bool {
+        self.blocks.is_any_near(ray, f64::INFINITY, reach)
+    }
+
     /// The nearest contact in (0, t1) that lets nothing through; those before it that let light through are appended to
     /// `blended`, in no order. `width_at(t)` is the width of the ray there.
     pub fn nearest(
@@ -241,11 +272,14 @@ impl Mesh {
         width_at: impl Fn(f64) -> f64,
         blended: &mut Vec<Contact>,
     ) -> Option<Contact> {
-        self.nearest_scaled(model, ray, (t1, 1.0), width_at, blended)
+        self.nearest_of(ray, t1, blended, |i, shear, t1| {
+            self.contact(model, shear, ray, i, &Reach::until(t1), &width_at)
+        })
     }
 
-    /// The same, of facets with their opacity scaled: see [`scaled_alpha`].
-    pub fn nearest_scaled(
+    /// The same as an eye sees it, which single-sided facets show their front alone, and of facets with their opacity scaled: see
+    /// [`scaled_alpha`].
+    pub fn nearest_seen(
         &self,
         model: &Model,
         ray: &Ray,
@@ -254,7 +288,7 @@ impl Mesh {
         blended: &mut Vec<Contact>,
     ) -> Option<Contact> {
         self.nearest_of(ray, t1, blended, |i, shear, t1| {
-            let contact = self.contact(model, shear, ray, i, (0.0, t1), None, &width_at)?;
+            let contact = self.contact(model, shear, ray, i, &Reach::until(t1).of_eye(), &width_at)?;
             let alpha = scaled_alpha(contact.alpha, opacity_scale);
             (alpha > 0.0).then_some(Contact { alpha, ..contact })
         })
@@ -290,7 +324,7 @@ impl Mesh {
     pub fn for_each_contact(&self, model: &Model, ray: &Ray, t1: f64, mut each: impl FnMut(f64, bool)) {
         let shear = Shear::new(ray.dir);
         self.blocks.nearest(ray, &shear, t1, |i, t1| {
-            if let Some(contact) = self.contact(model, &shear, ray, i, (0.0, t1), None, &|_| 0.0)
+            if let Some(contact) = self.contact(model, &shear, ray, i, &Reach::until(t1), &|_| 0.0)
                 && contact.alpha >= 0.5
             {
                 let [p, q, r] = self.corners(&self.triangles[i as usize]);
@@ -315,7 +349,7 @@ impl Mesh {
         width: f64,
     ) -> f32 {
         let each = |i: u32, shear: &Shear, t1: f64| {
-            let contact = self.contact(model, shear, ray, i, (1e-9, t1), skip, &|_| width)?;
+            let contact = self.contact(model, shear, ray, i, &Reach::from_surface(t1, skip), &|_| width)?;
             Some(Contact { alpha: scaled_alpha(contact.alpha, opacity_scale), ..contact })
         };
         through(&self.blocks, ray, t1, each).0
@@ -332,38 +366,39 @@ impl Mesh {
     ) -> f32 {
         let each = |width: f64| {
             through(&self.blocks, ray, t1, |i, shear, t1| {
-                self.contact(model, shear, ray, i, (1e-9, t1), skip, &|_| width)
+                self.contact(model, shear, ray, i, &Reach::from_surface(t1, skip), &|_| width)
             })
         };
         let (found, met) = each(width);
         if met > 1 && found > 0.0 { each(0.0).0 } else { found }
     }
 
-    #[allow(clippy::too_many_arguments)]
     fn contact(
         &self,
         model: &Model,
         shear: &Shear,
         ray: &Ray,
         index: u32,
-        (t0, t1): (f64, f64),
-        skip: Option<u32>,
+        reach: &Reach,
         width_at: &impl Fn(f64) -> f64,
     ) -> Option<Contact> {
-        if skip == Some(index) {
+        if reach.skip == Some(index) {
             return None;
         }
         let triangle = &self.triangles[index as usize];
         let [a, b, c] = self.corners(triangle);
         let corners = [a - ray.origin, b - ray.origin, c - ray.origin];
         let (t, b) = shear.meet(corners)?;
-        if !(t > t0 && t < t1) {
+        if !(t > reach.from && t < reach.to) {
             return None;
         }
         let mut contact = Contact { t, triangle: index, b, alpha: 1.0 };
         let instance = &model.instances[triangle.instance as usize];
         let part = &model.parts[instance.part];
         let material = &model.materials[part.material];
+        if reach.is_eye && !material.double_sided && !is_front(&corners, ray.dir, &instance.transform) {
+            return None;
+        }
         if material.alpha != Alpha::Opaque {
             if !shear.is_within(corners) {
                 return None;
@@ -516,6 +551,12 @@ fn through(blocks: &Blocks, ray: &Ray, t1: f64, contact: impl Fn(u32, &Shear, f6
         through > 0.0
     });
     (if is_open { through } else { 0.0 }, met)
+}
+
+/// Whether a ray along `dir` comes to the front of a triangle, around which its corners run counter-clockwise; `to_space` is the
+/// map by which they came into the ray's space, and mirrored maps turn that around.
+fn is_front([a, b, c]: &[DVec3; 3], dir: DVec3, to_space: &DAffine3) -> bool {
+    ((b - a).cross(c - a).dot(dir) < 0.0) != (to_space.matrix3.determinant() < 0.0)
 }
 
 /// Cosine between a ray and a triangle's normal, at least .05: how much wider a cone is on the surface.

@@ -74,6 +74,7 @@ impl SourceMesh {
 
     /// `model` in its own space, of which `info`'s texel was baked.
     pub fn new(mut model: Model, info: &Info, warnings: &mut Warnings) -> SourceMesh {
+        show_fronts(&mut model, info);
         let to_texel = to_texel(&info.bounds, info.up);
         let mut builder = MeshBuilder::default();
         let mut placed = Vec::new();
@@ -113,10 +114,8 @@ impl SourceMesh {
 fn let_through(model: &mut Model, info: &Info) {
     let Some(table) = SurfaceTable::new(info) else { return };
     for material in model.materials.iter_mut().filter(|m| m.transmission.is_none() && !m.unlit) {
-        let named = info.materials.iter().position(|m| m.name == material.name);
-        // A texel without names has one material.
-        let Some(id) = named.or((info.materials.len() <= 1).then_some(0)) else { continue };
-        let (mean, params) = table.entry(id.min(255) as u8);
+        let Some(id) = material_id(info, &material.name) else { continue };
+        let (mean, params) = table.entry(id);
         let through = mean_transmission(&params);
         let share = through.element_sum() / (mean + through).element_sum();
         if share > 0.0 {
@@ -125,6 +124,24 @@ fn let_through(model: &mut Model, info: &Info) {
             material.transmission = Some(Box::new(through));
         }
     }
+}
+
+/// Leave single-sided those of a model's materials that the texel has as such: of what closes, or is a tube, both sides may be
+/// met, since its front hides its back.
+fn show_fronts(model: &mut Model, info: &Info) {
+    let table = SurfaceTable::new(info);
+    for material in model.materials.iter_mut().filter(|m| !m.double_sided) {
+        let id = material_id(info, &material.name);
+        let known = table.as_ref().zip(id).map(|(table, id)| table.entry(id).1.one_sided);
+        material.double_sided = known.is_none_or(|share| share <= 0.0);
+    }
+}
+
+/// The id in a texel of a material of its source; `None` where it has none of the name.
+fn material_id(info: &Info, name: &str) -> Option<u8> {
+    let named = info.materials.iter().position(|m| m.name == name);
+    // A texel without names has one material.
+    named.or((info.materials.len() <= 1).then_some(0)).map(|id| id.min(255) as u8)
 }
 
 /// Apply a palette to a model's materials, by their names.

@@ -135,7 +135,7 @@ impl Default for Material {
             base_color: [1.0; 4],
             texture: None,
             alpha: Alpha::Opaque,
-            double_sided: false,
+            double_sided: true,
             unlit: false,
             finish: Finish::PLAIN,
             emission: None,

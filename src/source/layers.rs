@@ -426,7 +426,8 @@ impl Staged for StagedLayers<'_> {
                 continue;
             }
             layer.staged.emit(own, &mut |polygon| {
-                let Some(filters) = &filters[usize::from(layer.staged.one_sided(polygon.facet))] else { return };
+                let solid = layer.staged.one_sided(polygon.facet) && layer.staged.closed(polygon.facet);
+                let Some(filters) = &filters[usize::from(solid)] else { return };
                 let mut numbered = *polygon;
                 numbered.facet += layer.first;
                 let (lo, hi) = numbered.bounds();
@@ -480,6 +481,11 @@ impl Staged for StagedLayers<'_> {
     fn one_sided(&self, facet: u32) -> bool {
         let (i, local) = self.find(facet);
         self.layers[i].staged.one_sided(local)
+    }
+
+    fn closed(&self, facet: u32) -> bool {
+        let (i, local) = self.find(facet);
+        self.layers[i].staged.closed(local)
     }
 
     fn normal(&self, facet: u32, at: DVec3, own: DVec3) -> DVec3 {

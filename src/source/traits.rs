@@ -104,7 +104,8 @@ pub trait Staged: Sync {
     fn normal(&self, _facet: u32, _at: DVec3, own: DVec3) -> DVec3 {
         own
     }
-    /// Whether the facet is part of a closed surface, so that it is seen only from where its normal points.
+    /// Whether the facet is seen from one side alone, to which its normal points: a face of a closed thing, or of a sheet that
+    /// its file calls single-sided.
     fn one_sided(&self, facet: u32) -> bool;
     /// Whether the facet is part of a closed surface, even one so thin that both of its sides are seen within a voxel, which is not
     /// [`one_sided`](Staged::one_sided).

@@ -383,6 +383,11 @@ impl Octree {
         self.surfaces.is_some()
     }
 
+    /// Whether the eye sees a part of some material from the front alone.
+    pub fn has_fronts(&self) -> bool {
+        self.surfaces.as_ref().is_some_and(|s| s.table.has_fronts())
+    }
+
     /// Surface of the voxel at an address.
     pub fn surface(&self, address: VoxelAddress) -> VoxelSurface {
         let Some(Surfaces { table, pages }) = &self.surfaces else { return VoxelSurface::default() };

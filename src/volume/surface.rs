@@ -23,10 +23,12 @@ pub struct SurfaceParams {
     pub transmission: [f64; 3],
     /// Share that shows its albedo whatever the light (`KHR_materials_unlit`), in [0, 1].
     pub unlit: f64,
+    /// Share of its area that the eye sees from the front alone, in [0, 1]: sheets that a file calls single-sided.
+    pub one_sided: f64,
 }
 
 impl SurfaceParams {
-    /// Whether it is matt and opaque, and lit.
+    /// Whether it is matt and opaque, lit, and seen from all sides.
     pub fn is_plain(&self) -> bool {
         *self == SurfaceParams::default()
     }
@@ -73,6 +75,7 @@ impl SurfaceMeans {
             params: SurfaceParams {
                 transmission: [0, 1, 2].map(|k| mean(&|m| m.params.transmission[k])),
                 unlit: mean(&|m| m.params.unlit),
+                one_sided: mean(&|m| m.params.one_sided),
             },
         }
     }
@@ -92,6 +95,9 @@ pub fn store(surfaces: &[SurfaceParams], meta: &mut Map<String, Value>) {
         if s.unlit > 0.0 {
             entry.insert("unlit".into(), round(s.unlit).into());
         }
+        if s.one_sided > 0.0 {
+            entry.insert("oneSided".into(), round(s.one_sided).into());
+        }
         Value::Object(entry)
     };
     meta.insert(META_KEY.into(), surfaces.iter().map(entry).collect());
@@ -108,13 +114,14 @@ pub fn read(info: &Info) -> Vec<SurfaceParams> {
     let entry = |v: &Value| SurfaceParams {
         transmission: [0, 1, 2].map(|k| number(v.get("transmission").and_then(|t| t.get(k)), most)),
         unlit: number(v.get("unlit"), 1.0),
+        one_sided: number(v.get("oneSided"), 1.0),
     };
     let stored = info.meta.get(META_KEY).and_then(Value::as_array).map_or(&[][..], Vec::as_slice);
     let all: Vec<SurfaceParams> = stored.iter().take(info.materials.len().max(1)).map(entry).collect();
     if all.iter().all(SurfaceParams::is_plain) { Vec::new() } else { all }
 }
 
-/// Properties of a voxel besides its albedo, as codes. The default is matt, opaque and lit.
+/// Properties of a voxel besides its albedo, as codes. The default is matt, opaque, lit, and seen from all sides.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct VoxelSurface {
     /// Linear albedo of diffuse transmission = (code / 255)^2.
@@ -129,6 +136,8 @@ pub struct VoxelSurface {
     shininess: u8,
     /// Share of the materials that give no highlights of their own, and take those of their layer = code / 255.
     without_gloss: u8,
+    /// Share that the eye sees from the front alone = code / 255.
+    one_sided: u8,
 }
 
 impl Default for VoxelSurface {
@@ -140,6 +149,7 @@ impl Default for VoxelSurface {
             specular: [0; 3],
             shininess: 0,
             without_gloss: 255,
+            one_sided: 0,
         }
     }
 }
@@ -186,6 +196,16 @@ impl VoxelSurface {
             without_gloss: share_code(without_gloss),
             ..self
         }
+    }
+
+    /// The same, of which the eye sees the share `one_sided` from the front alone.
+    pub fn with_front(self, one_sided: f32) -> VoxelSurface {
+        VoxelSurface { one_sided: share_code(one_sided), ..self }
+    }
+
+    /// Share that the eye sees from the front alone, in [0, 1].
+    pub fn one_sided(&self) -> f32 {
+        share(self.one_sided)
     }
 
     /// Linear albedo of diffuse transmission, each channel in [0, 1].
@@ -242,6 +262,11 @@ impl SurfaceTable {
         SurfaceTable { entries: (0..info.materials.len().max(1)).map(at).collect() }
     }
 
+    /// Whether the eye sees a part of some material from the front alone.
+    pub fn has_fronts(&self) -> bool {
+        self.entries.iter().any(|(_, params)| params.one_sided > 0.0)
+    }
+
     /// Mean albedo and parameters of the material `id`.
     pub fn entry(&self, id: u8) -> (Vec3, SurfaceParams) {
         self.entries.get(usize::from(id)).copied().unwrap_or_default()
@@ -263,7 +288,7 @@ impl SurfaceTable {
         shown: impl Fn(u8, Vec3, &SurfaceParams) -> (Vec3, bool),
     ) -> VoxelSurface {
         let (mut all, mut own, mut fresh) = (Vec3::ZERO, Vec3::ZERO, Vec3::ZERO);
-        let (mut unlit, mut bright) = (0.0, 0.0);
+        let (mut unlit, mut bright, mut one_sided) = (0.0, 0.0, 0.0);
         for (id, share) in mix.weights() {
             let ((mean, params), share) = (self.entry(id), share as f32);
             let (transmission, follows) = shown(id, mean, &params);
@@ -276,11 +301,13 @@ impl SurfaceTable {
             let weight = share * mean.element_sum().max(1e-6);
             unlit += weight * params.unlit as f32;
             bright += weight;
+            one_sided += share * params.one_sided as f32;
         }
         let scale = |k: usize| if all[k] > 0.0 { albedo[k] / all[k] } else { 1.0 };
         let transmission = own * Vec3::new(scale(0), scale(1), scale(2)) + fresh;
         // No more light leaves than arrives.
-        VoxelSurface::new(transmission.min(Vec3::ONE - restyled), if bright > 0.0 { unlit / bright } else { 0.0 })
+        let unlit = if bright > 0.0 { unlit / bright } else { 0.0 };
+        VoxelSurface::new(transmission.min(Vec3::ONE - restyled), unlit).with_front(one_sided)
     }
 
     /// [`SurfaceTable::voxel_surface`] in the materials' own colours.
@@ -354,10 +381,20 @@ mod tests {
     fn whatever_meta_holds_is_bounded() {
         let mut info = info(&[[0.5; 3]], &[]);
         assert!(!info.meta.contains_key(META_KEY) && SurfaceTable::new(&info).is_none());
-        for hostile in ["7", "[]", "[null]", r#"[{"transmission":[-1,"x",1e300],"unlit":-3}]"#, r#"[{"unlit":[]}]"#] {
+        for hostile in [
+            "7",
+            "[]",
+            "[null]",
+            r#"[{"transmission":[-1,"x",1e300],"unlit":-3}]"#,
+            r#"[{"unlit":[]}]"#,
+            r#"[{"oneSided":7}]"#,
+        ] {
             info.meta.insert(META_KEY.into(), serde_json::from_str(hostile).unwrap());
             for s in read(&info) {
-                assert!(s.transmission.iter().chain([&s.unlit]).all(|v| (0.0..=1.0).contains(v)), "{hostile}: {s:?}");
+                assert!(
+                    s.transmission.iter().chain([&s.unlit, &s.one_sided]).all(|v| (0.0..=1.0).contains(v)),
+                    "{hostile}: {s:?}"
+                );
             }
         }
     }

@@ -7,7 +7,7 @@
 //! Based on: L. Carpenter, *The A-buffer*, SIGGRAPH 1984.
 
 use super::shear::is_within;
-use super::{Contact, Mesh, Triangle};
+use super::{Contact, Mesh, Triangle, is_front};
 use crate::geom::{DMat3, DVec2, DVec3, Ray};
 use crate::scene::{Material, Model, Part, Texture};
 
@@ -20,6 +20,8 @@ pub struct Bundle {
     /// Rows: the frame's axes; rays run along the third.
     to_frame: DMat3,
     rays: Vec<Slanted>,
+    /// Whether single-sided cards are met from the front alone.
+    is_eye: bool,
     /// Least and largest values over all rays.
     at: [DVec2; 2],
     slope: [DVec2; 2],
@@ -55,10 +57,16 @@ impl Bundle {
             origin: axis.origin,
             to_frame: DMat3::from_cols(x, y, axis.dir).transpose(),
             rays: Vec::new(),
+            is_eye: false,
             at: [DVec2::INFINITY, DVec2::NEG_INFINITY],
             slope: [DVec2::INFINITY, DVec2::NEG_INFINITY],
             depth: [f64::INFINITY, f64::NEG_INFINITY],
         }
+    }
+
+    /// The same, of rays from an eye, which single-sided cards show their front alone.
+    pub fn of_eye(axis: Ray) -> Bundle {
+        Bundle { is_eye: true, ..Bundle::new(axis) }
     }
 
     /// Add a ray that looks between the distances `from` and `to`. One that runs across the axis meets nothing.
@@ -168,10 +176,17 @@ impl Mesh {
         }
         let depths = corners.map(|c| c.z);
         let mut known = None;
+        let instance = &model.instances[triangle.instance as usize];
+        let is_double = !bundle.is_eye || model.materials[model.parts[instance.part].material].double_sided;
+        let to_world = bundle.to_frame.transpose();
         for (number, ray) in bundle.rays.iter().enumerate() {
             let Some(b) = weights_at(corners.map(|c| c.truncate() - ray.at - c.z * ray.slope)) else { continue };
             let depth = depths[0] + b[0] * (depths[1] - depths[0]) + b[1] * (depths[2] - depths[0]);
             if !(depth > ray.from && depth < ray.to) {
+                continue;
+            }
+            let dir = || to_world * ray.slope.extend(1.0);
+            if !is_double && !is_front(&self.corners(triangle), dir(), &instance.transform) {
                 continue;
             }
             let t = (depth - ray.from) * (1.0 + ray.slope.length_squared()).sqrt();

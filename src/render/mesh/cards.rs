@@ -1,6 +1,6 @@
 //! Which triangles are cards, and what is seen and shadowed by all others.
 
-use super::{Contact, Mesh, Shear, through};
+use super::{Contact, Mesh, Reach, Shear, through};
 use crate::geom::{Aabb, Ray};
 use crate::scene::Model;
 
@@ -43,7 +43,7 @@ impl Mesh {
         self.card_bvh.bounds()
     }
 
-    /// The nearest contact that lets nothing through of all that is no card, and in `blended` what lets light through before it, as
+    /// As an eye sees it, the nearest contact that lets nothing through of all that is no card, and in `blended` what lets light through before it, as
     /// [`Mesh::nearest`] has them.
     pub fn nearest_but_cards(
         &self,
@@ -56,14 +56,20 @@ impl Mesh {
             return None;
         }
         self.nearest_of(ray, f64::INFINITY, blended, |i, shear, t1| {
-            if self.is_card(i) { None } else { self.contact(model, shear, ray, i, (0.0, t1), None, &width_at) }
+            if self.is_card(i) {
+                return None;
+            }
+            self.contact(model, shear, ray, i, &Reach::until(t1).of_eye(), &width_at)
         })
     }
 
     /// The share that comes through all that is no card.
     pub fn transmittance_but_cards(&self, model: &Model, ray: &Ray, t1: f64, skip: Option<u32>) -> f32 {
         let each = |i: u32, shear: &Shear, t1: f64| {
-            if self.is_card(i) { None } else { self.contact(model, shear, ray, i, (1e-9, t1), skip, &|_| 0.0) }
+            if self.is_card(i) {
+                return None;
+            }
+            self.contact(model, shear, ray, i, &Reach::from_surface(t1, skip), &|_| 0.0)
         };
         through(&self.blocks, ray, t1, each).0
     }

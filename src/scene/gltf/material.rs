@@ -43,7 +43,8 @@ pub fn read(
         materials.push(if used { material(&mut images, i, texels, warnings)? } else { Material::default() });
     }
     if used[count] || count == 0 {
-        materials.push(Material::default());
+        // As the format has the material of what names none.
+        materials.push(Material { double_sided: false, ..Material::default() });
     }
     for part in parts {
         let material = &materials[part.material];

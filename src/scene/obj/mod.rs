@@ -61,7 +61,7 @@ pub fn read(path: &Path, options: &ReadOptions) -> Result<Model> {
             Entry::Vacant(new) => {
                 model.materials.push(match material.and_then(|m| statements.library.get(m)) {
                     Some(m) => textures.resolve(m, options, &mut warnings)?,
-                    None => Material { double_sided: true, ..Material::default() },
+                    None => Material::default(),
                 });
                 *new.insert(model.materials.len() - 1)
             }

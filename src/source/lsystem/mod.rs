@@ -114,7 +114,7 @@ pub fn open(
         let mut model = Model { metres_per_unit: unit, ..Model::default() };
         for (material, (id, part)) in polygons.into_iter().enumerate() {
             let name = grammar.materials.name(id).to_owned();
-            model.materials.push(Material { name, double_sided: true, ..Material::default() });
+            model.materials.push(Material { name, ..Material::default() });
             model.parts.push(Part { material, ..part });
             model.instances.push(Instance { part: material, transform: DAffine3::IDENTITY, node: String::new() });
         }

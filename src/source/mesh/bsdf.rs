@@ -1,5 +1,6 @@
 //! What a mesh's materials are besides their colour: what is reflected of it at a point, and the means of each.
 
+use super::patch::Face;
 use super::{Piece, barycentric, texels_per_voxel};
 use crate::geom::DVec3;
 use crate::scene::model::{Material, Model, Part};
@@ -37,21 +38,28 @@ struct Sums {
     reflected: [f64; 3],
     transmission: [f64; 3],
     unlit: f64,
+    one_sided: f64,
 }
 
 impl Sums {
     fn means(&self) -> SurfaceMeans {
         let whole = self.area.max(f64::MIN_POSITIVE);
-        let params = SurfaceParams { transmission: self.transmission.map(|v| v / whole), unlit: self.unlit / whole };
+        let params = SurfaceParams {
+            transmission: self.transmission.map(|v| v / whole),
+            unlit: self.unlit / whole,
+            one_sided: self.one_sided / whole,
+        };
         SurfaceMeans { reflected: self.reflected.map(|v| v / whole), params }
     }
 }
 
 /// The means of each of `names` materials, or of one that has no name; `ids`: which of them each of the model's materials is.
-/// Empty where all are matt, opaque and lit.
-pub fn means(model: &Model, ids: &[u16], names: usize) -> Vec<SurfaceMeans> {
+/// `faces`: the roles of the triangles of each of the model's parts. Empty where all are matt, opaque, lit and seen from all sides.
+pub fn means(model: &Model, faces: &[Vec<Face>], ids: &[u16], names: usize) -> Vec<SurfaceMeans> {
     let is_plain = |m: &Material| m.transmission.is_none() && !m.unlit;
-    if model.instances.iter().all(|i| is_plain(&model.materials[model.parts[i.part].material])) {
+    let has_front = |part: usize| faces.get(part).is_some_and(|of| of.contains(&Face::Front));
+    let plain = |part: usize| is_plain(&model.materials[model.parts[part].material]) && !has_front(part);
+    if model.instances.iter().all(|i| plain(i.part)) {
         return Vec::new();
     }
     let mut sums = vec![Sums::default(); names.max(1)];
@@ -60,19 +68,23 @@ pub fn means(model: &Model, ids: &[u16], names: usize) -> Vec<SurfaceMeans> {
         let step = part.triangles.len().div_ceil(SAMPLES).max(1);
         let scale = libm::cbrt(instance.transform.matrix3.determinant().abs()).powi(2) * step as f64;
         let Some(sum) = ids.get(part.material).and_then(|id| sums.get_mut(usize::from(*id))) else { continue };
-        part.triangles.iter().step_by(step).for_each(|t| add(sum, model, part, *t, scale));
+        for (i, t) in part.triangles.iter().enumerate().step_by(step) {
+            let weight = add(sum, model, part, *t, scale);
+            let is_front = faces.get(instance.part).and_then(|of| of.get(i)) == Some(&Face::Front);
+            sum.one_sided += if is_front { weight } else { 0.0 };
+        }
     }
     sums.iter().map(Sums::means).collect()
 }
 
-/// Add the triangle `t` of a part whose areas count `scale` times.
-fn add(sum: &mut Sums, model: &Model, part: &Part, t: [u32; 3], scale: f64) {
+/// Add the triangle `t` of a part whose areas count `scale` times; returns what of its area is there.
+fn add(sum: &mut Sums, model: &Model, part: &Part, t: [u32; 3], scale: f64) -> f64 {
     let material = &model.materials[part.material];
     let corners = t.map(|i| i as usize);
     let places = corners.map(|i| DVec3::from(part.positions[i].map(f64::from)));
     let area = scale * (places[1] - places[0]).cross(places[2] - places[0]).length();
     if area.is_nan() || area <= 0.0 {
-        return;
+        return 0.0;
     }
     // The mean over the whole triangle, of each of its textures.
     let sample = |t: &TextureRef| {
@@ -103,4 +115,5 @@ fn add(sum: &mut Sums, model: &Model, part: &Part, t: [u32; 3], scale: f64) {
         sum.transmission[k] += weight * f64::from(transmitted[k]);
     }
     sum.unlit += if material.unlit { weight } else { 0.0 };
+    weight
 }

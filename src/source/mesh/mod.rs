@@ -70,7 +70,10 @@ impl MeshSource {
         let skipped = model.instances.iter().map(|i| &model.parts[i.part]).map(|p| p.lines.len() + p.points.len());
         let skipped = skipped.sum::<usize>() as u64;
         warnings.add_many("lines and points are left out: give them a width with option `width`", skipped);
-        let patches = par::map(model.parts.len(), |i| patch::analyse(&model.parts[i]));
+        let patches = par::map(model.parts.len(), |i| {
+            let part = &model.parts[i];
+            patch::analyse(part, model.materials.get(part.material).is_some_and(|m| !m.double_sided))
+        });
         let origin = far::offset(bounds_of(&model, DAffine3::IDENTITY));
         if origin != DVec3::ZERO {
             model.instances.iter_mut().for_each(|i| i.transform.translation -= origin);
@@ -88,7 +91,7 @@ impl MeshSource {
         }
         let faces: Vec<Vec<Face>> = patches.into_iter().map(|p| p.faces).collect();
         if options.fill == Fill::Solid {
-            let open = faces.iter().flatten().filter(|f| **f == Face::Sheet).count();
+            let open = faces.iter().flatten().filter(|f| !f.is_closed()).count();
             warnings.add_many(
                 "triangles of surfaces that do not close are left hollow by option `fill` solid",
                 open as u64,
@@ -205,7 +208,7 @@ impl Source for MeshSource {
     }
 
     fn surfaces(&self) -> Vec<SurfaceMeans> {
-        bsdf::means(&self.model, &self.ids, self.names.len())
+        bsdf::means(&self.model, &self.faces, &self.ids, self.names.len())
     }
 
     fn warnings(&self) -> &Warnings {
@@ -309,13 +312,13 @@ impl StagedMesh<'_> {
 
     /// Build the winding numbers of closed components, and add the regions that lie wholly inside them.
     fn fill(&mut self, count: usize, place: &Placement) -> Result<()> {
-        if self.pieces.iter().all(|p| p.faces.iter().all(|f| *f == Face::Sheet)) {
+        if !self.pieces.iter().any(|p| p.faces.iter().any(|f| f.is_closed())) {
             return Ok(());
         }
         let closed = |facet: usize| {
             let (piece, index) = self.find(facet as u32);
             let opaque = piece.material.alpha == Alpha::Opaque;
-            (opaque && piece.faces[index] != Face::Sheet).then(|| piece.triangle(index))
+            (opaque && piece.faces[index].is_closed()).then(|| piece.triangle(index))
         };
         let interior = Interior::new(place.side(), count, place.memory, closed)?;
         let width = 1u32 << place.region_log2();
@@ -464,6 +467,11 @@ impl Staged for StagedMesh<'_> {
     fn one_sided(&self, facet: u32) -> bool {
         let (piece, index) = self.find(facet);
         piece.faces[index] != Face::Sheet
+    }
+
+    fn closed(&self, facet: u32) -> bool {
+        let (piece, index) = self.find(facet);
+        piece.faces[index].is_closed()
     }
 
     fn bytes(&self) -> u64 {

@@ -6,12 +6,21 @@ use crate::scene::model::Part;
 /// Role of a triangle as a boundary of matter.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Face {
-    /// A sheet, seen from both sides.
+    /// Of something that does not close, seen from both sides.
     Sheet,
+    /// Of a sheet that its file calls single-sided: seen from the side alone that its normal points to.
+    Front,
     /// Face of a closed component; its normal points outward.
     Outward,
     /// Face of a closed component that is inside out: its normal points inward.
     Inward,
+}
+
+impl Face {
+    /// Whether it bounds matter.
+    pub fn is_closed(self) -> bool {
+        matches!(self, Face::Outward | Face::Inward)
+    }
 }
 
 /// Result of the analysis of one part, in the part's own space.
@@ -24,6 +33,11 @@ pub struct Patches {
 
 /// Share of a patch's area that must be left in its area vector: a third of a cylinder still passes.
 const FLAT: f64 = 0.85;
+
+/// Share of the area of a connected component that does not close which must be left in its area vector if it is to have a
+/// front: all of a leaf's, half of a hemisphere's, nothing of a tube's. Of a tube with open ends one sees the outside from all
+/// around, and its front hides its back, as of what closes.
+const FRONT: f64 = 0.4;
 
 /// Sets that are united; the smaller index is the representative.
 struct Sets(Vec<u32>);
@@ -72,8 +86,8 @@ fn weld(positions: &[[f32; 3]]) -> Vec<u32> {
     ids
 }
 
-/// Roles of a part's triangles, and its flat patches.
-pub fn analyse(part: &Part) -> Patches {
+/// Roles of a part's triangles, and its flat patches. `single_sided`: whether the part's material shows its front alone.
+pub fn analyse(part: &Part, single_sided: bool) -> Patches {
     let count = part.triangles.len();
     let ids = weld(&part.positions);
     let at = |i: u32| DVec3::from(part.positions[i as usize].map(f64::from));
@@ -138,12 +152,19 @@ pub fn analyse(part: &Part) -> Patches {
         let [a, b, c] = corners(t);
         volume[whole.find(n as u32) as usize] += a.dot(b.cross(c));
     }
+    let mut spread = vec![(DVec3::ZERO, 0.0); if single_sided { count } else { 0 }];
+    for (n, vector) in vectors.iter().enumerate().take(spread.len()) {
+        let (sum, area) = &mut spread[whole.find(n as u32) as usize];
+        (*sum, *area) = (*sum + vector, *area + vector.length());
+    }
     let faces = (0..count as u32)
         .map(|n| {
             let root = whole.find(n) as usize;
+            let has_front = spread.get(root).is_some_and(|(sum, area)| sum.length() > FRONT * area);
             match (closed[root], volume[root]) {
                 (true, v) if v > 0.0 => Face::Outward,
                 (true, v) if v < 0.0 => Face::Inward,
+                _ if has_front => Face::Front,
                 _ => Face::Sheet,
             }
         })
@@ -185,14 +206,41 @@ mod tests {
     #[test]
     fn a_cube_is_closed_and_made_of_six_patches() {
         let mut part = cube();
-        let p = analyse(&part);
+        let p = analyse(&part, false);
         assert!(p.faces.iter().all(|f| *f == Face::Outward));
         assert_eq!(p.patches.len(), 6);
         // 4 · 1 / 4.
         assert!((weighted_median(p.patches) - 1.0).abs() < 1e-12);
         part.triangles.iter_mut().for_each(|t| t.swap(0, 1));
-        assert!(analyse(&part).faces.iter().all(|f| *f == Face::Inward));
+        assert!(analyse(&part, false).faces.iter().all(|f| *f == Face::Inward));
         part.triangles.pop();
-        assert!(analyse(&part).faces.iter().all(|f| *f == Face::Sheet));
+        assert!(analyse(&part, false).faces.iter().all(|f| *f == Face::Sheet));
+    }
+
+    #[test]
+    fn single_sided_sheets_have_a_front_and_tubes_have_none() {
+        let of = |positions: Vec<[f32; 3]>, triangles: Vec<[u32; 3]>| {
+            let part = Part { positions, triangles, ..Part::default() };
+            let faces = [true, false].map(|single| analyse(&part, single).faces);
+            assert!(faces[1].iter().all(|f| *f == Face::Sheet));
+            faces.into_iter().next().unwrap_or_default()
+        };
+        let square = vec![[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]];
+        let (there, back) = (vec![[0, 1, 2], [0, 2, 3]], vec![[0, 2, 1], [0, 3, 2]]);
+        assert_eq!(of(square.clone(), there.clone()), [Face::Front; 2]);
+        // Two in one place, back to back: both of its sides are seen.
+        let both = [there, back].concat();
+        assert_eq!(of(square, both), [Face::Sheet; 4]);
+        // A tube without ends, and the half of one, of whose area 2/π is left.
+        let ring = |n: u32| {
+            (0..2 * n).map(move |i| {
+                let (sin, cos) = libm::sincosf(std::f32::consts::PI / 8.0 * (i / 2) as f32);
+                [cos, sin, (i % 2) as f32]
+            })
+        };
+        let quad = |a: u32, b: u32| [[2 * a, 2 * b, 2 * b + 1], [2 * a, 2 * b + 1, 2 * a + 1]];
+        let tube: Vec<[u32; 3]> = (0..16).flat_map(|i| quad(i, (i + 1) % 16)).collect();
+        assert_eq!(of(ring(16).collect(), tube.clone()), [Face::Sheet; 32]);
+        assert_eq!(of(ring(9).collect(), tube[..16].to_vec()), [Face::Front; 16]);
     }
 }
