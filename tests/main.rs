@@ -40,6 +40,7 @@ mod map_measure;
 mod map_place;
 mod materials;
 mod medium;
+mod meshes;
 mod near;
 mod outputs;
 mod patches;

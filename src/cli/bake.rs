@@ -8,6 +8,7 @@ use serde_json::{Value, json};
 use super::bake_frames::{FrameArgs, Shot};
 use super::clap_name;
 use super::depfile::DepfileArgs;
+use super::paint::PaintArgs;
 use super::provenance::{Digests, Provenance};
 use super::quantity::{bytes, count, finite, size};
 use super::results::{each, output_for, shown};
@@ -22,8 +23,6 @@ use crate::geom::{Aabb, DVec3};
 use crate::progress::Progress;
 use crate::source;
 use crate::source::OpenOptions;
-use crate::source::paint::Translucency;
-use crate::source::recipe::PaintOptions;
 use crate::volume::{Model, Volume};
 use crate::{Error, Result};
 
@@ -84,42 +83,14 @@ pub struct Args {
     json: bool,
     #[command(flatten)]
     frames: FrameArgs,
-    /// Lay a colour on all of it: '#rrggbb' or r,g,b (linear), a picture, a .toml file with the keys of a recipe's albedo, or
-    /// these in braces: '{ noise = { scale = 2 }, colours = ["#553311", "#998866"] }'
-    #[arg(long, value_name = "COLOUR|FILE|{TABLE}", help_heading = "Sources")]
-    albedo: Option<String>,
-    /// Multiply the source's own colours by --albedo, and don't replace them
-    #[arg(long, help_heading = "Sources")]
-    tint: bool,
-    /// Call all of its matter by this name, and not as the source does
-    #[arg(long, value_name = "NAME", help_heading = "Sources")]
-    material: Option<String>,
-    /// Share of the light that comes through, as through leaves (0.3 to 0.5), for sources that say nothing of it: of all, or of
-    /// one material; may be given again
-    #[arg(long, value_name = "SHARE|MATERIAL=SHARE", value_parser = translucency, help_heading = "Sources")]
-    translucency: Vec<Translucency>,
+    #[command(flatten)]
+    paint: PaintArgs,
     #[command(flatten)]
     source: SourceArgs,
 }
 
 /// Voxels along the cube's edge where nobody says.
 const RESOLUTION: u32 = 512;
-
-/// A share of the light, of all or of one material.
-fn translucency(text: &str) -> Result<Translucency, String> {
-    let (material, share) = match text.rsplit_once('=') {
-        Some((name, share)) => (Some(name.to_owned()), share),
-        None => (None, text),
-    };
-    let share: f64 = share.trim().parse().map_err(|_| "a share such as 0.4 is needed, or MATERIAL=0.4")?;
-    if !(0.0..=MAX_TRANSLUCENCY).contains(&share) {
-        return Err(format!("a share of 0 to {MAX_TRANSLUCENCY} is needed"));
-    }
-    Ok(Translucency { material, share })
-}
-
-/// Matter that let all light through would have no colour.
-const MAX_TRANSLUCENCY: f64 = 0.9;
 
 #[derive(Clone, Copy, clap::ValueEnum)]
 enum ModelArg {
@@ -186,18 +157,7 @@ impl Args {
         }
         self.source.provenance(&mut out);
         self.frames.provenance(&mut out);
-        // META holds no absolute path; what is in the file is among the sources.
-        let kept =
-            |v: &str| Path::new(v).file_name().filter(|_| Path::new(v).is_absolute()).map(|n| shown(Path::new(n)));
-        self.albedo.iter().for_each(|v| out["albedo"] = kept(v).unwrap_or_else(|| v.clone()).into());
-        if self.tint {
-            out["tint"] = true.into();
-        }
-        self.material.iter().for_each(|v| out["material"] = v.as_str().into());
-        if !self.translucency.is_empty() {
-            let one = |t: &Translucency| json!({ "material": t.material, "share": t.share });
-            out["translucency"] = self.translucency.iter().map(one).collect();
-        }
+        self.paint.provenance(&mut out);
         if self.materials == Materials::Off {
             out["materials"] = "off".into();
         }
@@ -222,15 +182,6 @@ impl Args {
             return Ok(());
         };
         Err(Error::Options(idle.into()))
-    }
-
-    fn paint_options(&self) -> PaintOptions {
-        PaintOptions {
-            albedo: self.albedo.clone(),
-            tint: self.tint,
-            material: self.material.clone(),
-            translucency: self.translucency.clone(),
-        }
     }
 }
 
@@ -330,7 +281,7 @@ fn shot(args: &Args, input: &Path, options: &OpenOptions) -> Result<Shot> {
 
 fn job(args: &Args, shot: Shot) -> Job {
     let mut files = if args.inputs.is_empty() { Vec::new() } else { source::dependencies(&shot.input) };
-    files.extend(source::paint_files(&args.paint_options()));
+    files.extend(source::paint_files(&args.paint.options()));
     Job { shot, files, shared: None, speaks: true }
 }
 
@@ -340,7 +291,7 @@ fn open(args: &Args, shot: &Shot) -> Result<Box<dyn source::Source>> {
         false => source::open(&shot.input, options)?,
         true => source::lsystem::open(None, &options.lsystem, &options.read, &options.mesh)?,
     };
-    source::apply_paint(source, &args.paint_options(), &options.read)
+    source::apply_paint(source, &args.paint.options(), &options.read)
 }
 
 /// The files that `vtex bake WORDS` reads for one texel, and what it is a function of.

@@ -53,6 +53,7 @@ mod map_motion;
 #[cfg(feature = "bake")]
 mod merge;
 mod outputs;
+mod paint;
 #[cfg(feature = "render")]
 mod pixel_trace;
 #[cfg(all(feature = "bake", feature = "render", feature = "plot"))]
@@ -153,7 +154,7 @@ enum Command {
     #[cfg(all(feature = "bake", feature = "render"))]
     Expand(Box<expand::Args>),
     #[cfg(feature = "bake")]
-    Export(export::Args),
+    Export(Box<export::Args>),
     #[cfg(all(feature = "bake", feature = "render"))]
     Farm(farm::Args),
     Inspect(inspect::Args),
@@ -228,7 +229,7 @@ fn run(command: Command, ui: &Ui) -> crate::Result<()> {
         #[cfg(all(feature = "bake", feature = "render"))]
         Command::Expand(args) => expand::run(&args, ui),
         #[cfg(feature = "bake")]
-        Command::Export(args) => export::run(args, ui),
+        Command::Export(args) => export::run(*args, ui),
         #[cfg(all(feature = "bake", feature = "render"))]
         Command::Farm(args) => farm::run(&args, ui),
         Command::Inspect(args) => inspect::run(args, ui),

@@ -47,14 +47,17 @@ fn each_argument_stands_under_a_heading_that_fits() {
         }
         let motion = MOTION.iter().find(|(name, _)| *name == command.get_name()).map(|(_, names)| names.to_vec());
         assert_eq!(found.remove("Motion"), motion, "{}", command.get_name());
-        if !["bake", "error"].contains(&command.get_name()) {
+        if command.get_name() == "export" {
+            assert_eq!(found.remove("Meshes of sources"), Some(vec!["resolution", "max-triangles", "memory"]));
+        }
+        if !["bake", "error", "export"].contains(&command.get_name()) {
             assert!(found.is_empty(), "{}: {found:?}", command.get_name());
             continue;
         }
         // How colours are laid is not asked where they are measured.
         let laid = ["albedo", "tint", "material", "translucency"];
         let wanted = GROUPS.map(|(heading, names)| {
-            let known = |name: &&&str| command.get_name() == "bake" || !laid.contains(*name);
+            let known = |name: &&&str| command.get_name() != "error" || !laid.contains(*name);
             (heading, names.iter().filter(known).copied().collect())
         });
         assert_eq!(found, BTreeMap::from(wanted), "{}", command.get_name());

@@ -1,9 +1,10 @@
-//! `vtex export`: a texel for other programs, which are told apart by the output's extension.
+//! `vtex export`: a texel for other programs, which are told apart by the output's extension; or a source as a mesh.
 
 mod mitsuba;
 mod page;
 mod ply;
 mod solid;
+mod source;
 mod splats;
 mod usd;
 mod vdb;
@@ -29,12 +30,13 @@ const MAX_BYTES: u64 = 256 << 20;
 const MAX_VOXELS: usize = 1 << 24;
 
 /// Write a texel for other programs: a page for any browser (.html), blocks, points or Gaussian splats (.glb), Gaussian splats
-/// (.ply), grids of OpenVDB (.vdb), levels of detail of OpenUSD (.usda), a scene of Mitsuba 3 (.xml)
+/// (.ply), grids of OpenVDB (.vdb), levels of detail of OpenUSD (.usda), a scene of Mitsuba 3 (.xml); or a source that can be
+/// baked, as a mesh (.glb, .gltf)
 #[derive(clap::Args)]
 pub struct Args {
-    /// The .vtex file, or a URL of one
+    /// The .vtex file, or a URL of one; or a source: a grammar, a recipe, curves, a stack, a mesh
     file: PathBuf,
-    /// The file to write: .html, .glb, .ply, .vdb, .usda or .xml
+    /// The file to write: .html, .glb, .ply, .vdb, .usda or .xml; of a source .glb or .gltf
     #[arg(long, short, value_name = "FILE")]
     output: PathBuf,
     /// Name that a page shows; by default the file's
@@ -57,6 +59,8 @@ pub struct Args {
     json: bool,
     #[command(flatten)]
     download: DownloadArgs,
+    #[command(flatten)]
+    mesh: source::MeshArgs,
 }
 
 /// What was written.
@@ -69,6 +73,10 @@ struct Written {
 }
 
 pub fn run(mut args: Args, ui: &Ui) -> Result<()> {
+    if source::is_meant(&args.file) {
+        return source::run(&args, ui);
+    }
+    args.mesh.check_unused(&args.file)?;
     let writes = [Some(args.output.as_path()), args.depfile.path()];
     let kind = args.output.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
     let export = match kind.as_str() {

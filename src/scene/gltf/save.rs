@@ -1,5 +1,5 @@
 //! Writing of a model as a glTF file that uses nothing but glTF 2.0, KHR_lights_punctual, KHR_materials_unlit,
-//! KHR_materials_emissive_strength, KHR_texture_transform and EXT_mesh_gpu_instancing.
+//! KHR_materials_diffuse_transmission, KHR_materials_emissive_strength, KHR_texture_transform and EXT_mesh_gpu_instancing.
 
 mod affine;
 mod material;

@@ -11,6 +11,7 @@ use crate::scene::gltf::write::Editor;
 use crate::scene::model::{Alpha, Material, Model};
 use crate::scene::texture::TextureRef;
 use crate::scene::texture::{Texture, Wrap};
+use crate::scene::transmission::Transmission;
 use crate::{Error, Result, Warnings};
 
 /// The materials of a model and those that have been written.
@@ -47,14 +48,14 @@ impl<'a> Materials<'a> {
         let mut json = plain(&own, warnings);
         if own.unlit {
             file.use_extension("KHR_materials_unlit")?;
-            json["extensions"] = json!({"KHR_materials_unlit": {}});
+            json["extensions"]["KHR_materials_unlit"] = json!({});
         }
         if let Some(emission) = &own.emission {
             let strength = emission.color.iter().copied().fold(1.0, f32::max);
             json["emissiveFactor"] = json!(emission.color.map(|c| c / strength));
             if strength > 1.0 {
                 file.use_extension("KHR_materials_emissive_strength")?;
-                json["extensions"] = json!({"KHR_materials_emissive_strength": {"emissiveStrength": strength}});
+                json["extensions"]["KHR_materials_emissive_strength"] = json!({"emissiveStrength": strength});
             }
             if let Some(texture) = emission.texture.as_ref().filter(|_| textured) {
                 json["emissiveTexture"] = self.reference(texture, file)?;
@@ -63,9 +64,43 @@ impl<'a> Materials<'a> {
         if let Some(texture) = own.texture.as_ref().filter(|_| textured) {
             json["pbrMetallicRoughness"]["baseColorTexture"] = self.reference(texture, file)?;
         }
+        if let Some(through) = &own.transmission {
+            file.use_extension("KHR_materials_diffuse_transmission")?;
+            let transmission = self.transmission(through, &own, textured, file, warnings)?;
+            json["extensions"]["KHR_materials_diffuse_transmission"] = transmission;
+        }
         let index = file.push("materials", json)?;
         self.known.insert((material, textured), index);
         Ok(index)
+    }
+
+    /// What lets light through; its textures where they lie as the base colour's does.
+    fn transmission(
+        &mut self,
+        of: &Transmission,
+        own: &Material,
+        textured: bool,
+        file: &mut Editor,
+        warnings: &mut Warnings,
+    ) -> Result<Value> {
+        let base = if of.of_base { own.base_color } else { [1.0; 4] };
+        let color = [0, 1, 2].map(|k| (of.color[k] * base[k]).clamp(0.0, 1.0));
+        let mut json = json!({"diffuseTransmissionFactor": of.factor, "diffuseTransmissionColorFactor": color});
+        let alike = |t: &TextureRef| textured && own.texture.as_ref().is_some_and(|b| b.tex_coord == t.tex_coord);
+        let base_texture = own.texture.as_ref().filter(|_| of.of_base);
+        for (name, texture) in [
+            ("diffuseTransmissionTexture", of.factor_texture.as_ref()),
+            ("diffuseTransmissionColorTexture", of.color_texture.as_ref().or(base_texture)),
+        ] {
+            match texture {
+                Some(texture) if alike(texture) => json[name] = self.reference(texture, file)?,
+                Some(_) => {
+                    warnings.add("a texture of light that comes through is left out: it lies unlike the colour's")
+                }
+                None => {}
+            }
+        }
+        Ok(json)
     }
 
     fn reference(&mut self, of: &TextureRef, file: &mut Editor) -> Result<Value> {
