@@ -121,9 +121,9 @@ pub struct VoxelHit<'a> {
 
 /// Takes the voxels that stop light, front to back.
 pub trait Sink {
-    /// Whether the march is of an eye, which sees single-sided sheets from the front alone. Whatever else a ray looks for, as the
-    /// light, both sides are in its way.
-    const IS_EYE: bool = false;
+    /// Whether the march follows a camera ray, for which single-sided sheets are there only where they face the camera. Shadow rays
+    /// are stopped by both sides.
+    const IS_CAMERA: bool = false;
 
     /// Called for each voxel that stops light, in order along the ray.
     fn voxel(&mut self, hit: &VoxelHit<'_>);
@@ -249,7 +249,7 @@ fn march_inline<S: Sink>(
         block: 1.0,
         stop_below,
         start_block,
-        has_fronts: S::IS_EYE && tree.has_fronts(),
+        has_one_sided: S::IS_CAMERA && tree.has_one_sided(),
         sink,
         stats,
     };
@@ -286,8 +286,8 @@ struct OpacityLaw<'a, S> {
     stop_below: f32,
     /// Where the current block is with respect to the one that the ray starts in.
     start_block: StartBlock,
-    /// Whether voxels may have sheets that are seen from the front alone.
-    has_fronts: bool,
+    /// Whether voxels may have single-sided sheets and the march follows a camera ray.
+    has_one_sided: bool,
     sink: &'a mut S,
     stats: &'a mut MarchStats,
 }
@@ -306,8 +306,8 @@ impl<S: Sink> VoxelVisitor for OpacityLaw<'_, S> {
             return true;
         }
         let mut sigma = if self.isotropic { 1.0 } else { projected_area(voxel, self.dir) };
-        if self.has_fronts {
-            sigma *= front_share(voxel, self.tree.surface(segment.address).one_sided(), self.dir);
+        if self.has_one_sided {
+            sigma *= front_facing_share(voxel, self.tree.surface(segment.address).one_sided(), self.dir);
         }
         let depth = segment.address.depth;
         let edges = length * (1u32 << depth) as f32;
@@ -388,11 +388,11 @@ fn projected_area(voxel: &Voxel, w: Vec3) -> f32 {
     crate::volume::Sggx::decode(voxel.ndf).sigma(w)
 }
 
-/// The share of a voxel's facets that an eye sees along the unit vector `w`, where the share `one_sided` is seen from the front
-/// alone. Of all facets' projected area σ(w), fronts and backs differ by that of the mean area vector, so that the fronts are
-/// half of the sum of the two.
+/// The share of a voxel's facets that a camera ray along the unit vector `w` meets, where the share `one_sided` of them is
+/// single-sided. σ(w) is the projected area of fronts and backs together, and the mean area vector's projection is their
+/// difference; so the fronts are half of the sum of the two.
 #[inline(never)]
-fn front_share(voxel: &Voxel, one_sided: f32, w: Vec3) -> f32 {
+fn front_facing_share(voxel: &Voxel, one_sided: f32, w: Vec3) -> f32 {
     if one_sided <= 0.0 || voxel.is_inside() {
         return 1.0;
     }

@@ -83,7 +83,7 @@ impl Tracer<'_> {
     fn gather_cards(&mut self, rays: FineRays, cone: &Cone, last: Option<Contact>) -> f64 {
         let world = self.world;
         let count = rays.lane.share(rays.all);
-        let mut bundle = Bundle::of_eye(cone.ray);
+        let mut bundle = Bundle::of_camera(cone.ray);
         let mut seen = std::mem::take(&mut self.lists.rays);
         seen.clear();
         seen.extend(rays.lane.fine(&world.view, world.unit, rays.all));

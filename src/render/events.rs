@@ -126,7 +126,7 @@ pub struct Recorder<'a> {
 }
 
 impl Sink for Recorder<'_> {
-    const IS_EYE: bool = true;
+    const IS_CAMERA: bool = true;
 
     #[inline(always)]
     fn voxel(&mut self, hit: &VoxelHit<'_>) {

@@ -48,29 +48,29 @@ pub struct Mesh {
     card_bvh: Bvh,
 }
 
-/// What a ray looks for.
-struct Reach {
+/// Which contacts count for a ray.
+struct RayQuery {
     /// Contacts nearer or farther than this are none.
     from: f64,
     to: f64,
     /// The triangle that the ray starts on.
     skip: Option<u32>,
-    /// Whether single-sided facets are met from the front alone.
-    is_eye: bool,
+    /// Whether this is a camera ray, which meets single-sided facets from the front only.
+    is_camera: bool,
 }
 
-impl Reach {
-    fn until(to: f64) -> Reach {
-        Reach { from: 0.0, to, skip: None, is_eye: false }
+impl RayQuery {
+    fn until(to: f64) -> RayQuery {
+        RayQuery { from: 0.0, to, skip: None, is_camera: false }
     }
 
     /// Of a ray that starts on a surface, maybe on the triangle `skip`.
-    fn from_surface(to: f64, skip: Option<u32>) -> Reach {
-        Reach { from: 1e-9, to, skip, is_eye: false }
+    fn from_surface(to: f64, skip: Option<u32>) -> RayQuery {
+        RayQuery { from: 1e-9, to, skip, is_camera: false }
     }
 
-    fn of_eye(self) -> Reach {
-        Reach { is_eye: true, ..self }
+    fn of_camera(self) -> RayQuery {
+        RayQuery { is_camera: true, ..self }
     }
 }
 
@@ -273,13 +273,13 @@ impl Mesh {
         blended: &mut Vec<Contact>,
     ) -> Option<Contact> {
         self.nearest_of(ray, t1, blended, |i, shear, t1| {
-            self.contact(model, shear, ray, i, &Reach::until(t1), &width_at)
+            self.contact(model, shear, ray, i, &RayQuery::until(t1), &width_at)
         })
     }
 
-    /// The same as an eye sees it, which single-sided facets show their front alone, and of facets with their opacity scaled: see
+    /// The same for a camera ray, which meets single-sided facets from the front only, with the facets' opacity scaled: see
     /// [`scaled_alpha`].
-    pub fn nearest_seen(
+    pub fn nearest_for_camera(
         &self,
         model: &Model,
         ray: &Ray,
@@ -288,7 +288,7 @@ impl Mesh {
         blended: &mut Vec<Contact>,
     ) -> Option<Contact> {
         self.nearest_of(ray, t1, blended, |i, shear, t1| {
-            let contact = self.contact(model, shear, ray, i, &Reach::until(t1).of_eye(), &width_at)?;
+            let contact = self.contact(model, shear, ray, i, &RayQuery::until(t1).of_camera(), &width_at)?;
             let alpha = scaled_alpha(contact.alpha, opacity_scale);
             (alpha > 0.0).then_some(Contact { alpha, ..contact })
         })
@@ -324,7 +324,7 @@ impl Mesh {
     pub fn for_each_contact(&self, model: &Model, ray: &Ray, t1: f64, mut each: impl FnMut(f64, bool)) {
         let shear = Shear::new(ray.dir);
         self.blocks.nearest(ray, &shear, t1, |i, t1| {
-            if let Some(contact) = self.contact(model, &shear, ray, i, &Reach::until(t1), &|_| 0.0)
+            if let Some(contact) = self.contact(model, &shear, ray, i, &RayQuery::until(t1), &|_| 0.0)
                 && contact.alpha >= 0.5
             {
                 let [p, q, r] = self.corners(&self.triangles[i as usize]);
@@ -349,7 +349,7 @@ impl Mesh {
         width: f64,
     ) -> f32 {
         let each = |i: u32, shear: &Shear, t1: f64| {
-            let contact = self.contact(model, shear, ray, i, &Reach::from_surface(t1, skip), &|_| width)?;
+            let contact = self.contact(model, shear, ray, i, &RayQuery::from_surface(t1, skip), &|_| width)?;
             Some(Contact { alpha: scaled_alpha(contact.alpha, opacity_scale), ..contact })
         };
         through(&self.blocks, ray, t1, each).0
@@ -366,7 +366,7 @@ impl Mesh {
     ) -> f32 {
         let each = |width: f64| {
             through(&self.blocks, ray, t1, |i, shear, t1| {
-                self.contact(model, shear, ray, i, &Reach::from_surface(t1, skip), &|_| width)
+                self.contact(model, shear, ray, i, &RayQuery::from_surface(t1, skip), &|_| width)
             })
         };
         let (found, met) = each(width);
@@ -379,24 +379,24 @@ impl Mesh {
         shear: &Shear,
         ray: &Ray,
         index: u32,
-        reach: &Reach,
+        query: &RayQuery,
         width_at: &impl Fn(f64) -> f64,
     ) -> Option<Contact> {
-        if reach.skip == Some(index) {
+        if query.skip == Some(index) {
             return None;
         }
         let triangle = &self.triangles[index as usize];
         let [a, b, c] = self.corners(triangle);
         let corners = [a - ray.origin, b - ray.origin, c - ray.origin];
         let (t, b) = shear.meet(corners)?;
-        if !(t > reach.from && t < reach.to) {
+        if !(t > query.from && t < query.to) {
             return None;
         }
         let mut contact = Contact { t, triangle: index, b, alpha: 1.0 };
         let instance = &model.instances[triangle.instance as usize];
         let part = &model.parts[instance.part];
         let material = &model.materials[part.material];
-        if reach.is_eye && !material.double_sided && !is_front(&corners, ray.dir, &instance.transform) {
+        if query.is_camera && !material.double_sided && !is_front(&corners, ray.dir, &instance.transform) {
             return None;
         }
         if material.alpha != Alpha::Opaque {

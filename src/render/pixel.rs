@@ -300,7 +300,7 @@ impl<'w> Tracer<'w> {
         // Facets of two layers that lie in one place differ in distance by rounding alone.
         let lead = layer_lead(segment.rank) * mid_width;
         let end = (hit.t1 - hit.t0, march.opacity_scale);
-        let last = source.mesh.nearest_seen(&source.model, &hit.ray(), end, width, &mut self.contacts);
+        let last = source.mesh.nearest_for_camera(&source.model, &hit.ray(), end, width, &mut self.contacts);
         if let Some(last) = &last {
             state.opaque_at = state.opaque_at.min(hit.t0 + last.t);
         }

@@ -74,7 +74,7 @@ impl SourceMesh {
 
     /// `model` in its own space, of which `info`'s texel was baked.
     pub fn new(mut model: Model, info: &Info, warnings: &mut Warnings) -> SourceMesh {
-        show_fronts(&mut model, info);
+        keep_one_sided(&mut model, info);
         let to_texel = to_texel(&info.bounds, info.up);
         let mut builder = MeshBuilder::default();
         let mut placed = Vec::new();
@@ -126,9 +126,9 @@ fn let_through(model: &mut Model, info: &Info) {
     }
 }
 
-/// Leave single-sided those of a model's materials that the texel has as such: of what closes, or is a tube, both sides may be
-/// met, since its front hides its back.
-fn show_fronts(model: &mut Model, info: &Info) {
+/// Keep those of a model's materials single-sided that are so in the texel. In others only closed surfaces and tubes were
+/// single-sided, whose front hides their back, so that both sides may be met.
+fn keep_one_sided(model: &mut Model, info: &Info) {
     let table = SurfaceTable::new(info);
     for material in model.materials.iter_mut().filter(|m| !m.double_sided) {
         let id = material_id(info, &material.name);

@@ -383,9 +383,9 @@ impl Octree {
         self.surfaces.is_some()
     }
 
-    /// Whether the eye sees a part of some material from the front alone.
-    pub fn has_fronts(&self) -> bool {
-        self.surfaces.as_ref().is_some_and(|s| s.table.has_fronts())
+    /// Whether some material has single-sided sheets.
+    pub fn has_one_sided(&self) -> bool {
+        self.surfaces.as_ref().is_some_and(|s| s.table.has_one_sided())
     }
 
     /// Surface of the voxel at an address.

@@ -23,7 +23,7 @@ pub struct SurfaceParams {
     pub transmission: [f64; 3],
     /// Share that shows its albedo whatever the light (`KHR_materials_unlit`), in [0, 1].
     pub unlit: f64,
-    /// Share of its area that the eye sees from the front alone, in [0, 1]: sheets that a file calls single-sided.
+    /// Share of its area that is single-sided sheets, which the camera sees from the front only, in [0, 1].
     pub one_sided: f64,
 }
 
@@ -136,7 +136,7 @@ pub struct VoxelSurface {
     shininess: u8,
     /// Share of the materials that give no highlights of their own, and take those of their layer = code / 255.
     without_gloss: u8,
-    /// Share that the eye sees from the front alone = code / 255.
+    /// Share that is single-sided sheets = code / 255.
     one_sided: u8,
 }
 
@@ -198,12 +198,12 @@ impl VoxelSurface {
         }
     }
 
-    /// The same, of which the eye sees the share `one_sided` from the front alone.
+    /// The same surface, of which the share `one_sided` is single-sided sheets.
     pub fn with_front(self, one_sided: f32) -> VoxelSurface {
         VoxelSurface { one_sided: share_code(one_sided), ..self }
     }
 
-    /// Share that the eye sees from the front alone, in [0, 1].
+    /// Share that is single-sided sheets, in [0, 1].
     pub fn one_sided(&self) -> f32 {
         share(self.one_sided)
     }
@@ -262,8 +262,8 @@ impl SurfaceTable {
         SurfaceTable { entries: (0..info.materials.len().max(1)).map(at).collect() }
     }
 
-    /// Whether the eye sees a part of some material from the front alone.
-    pub fn has_fronts(&self) -> bool {
+    /// Whether some material has single-sided sheets.
+    pub fn has_one_sided(&self) -> bool {
         self.entries.iter().any(|(_, params)| params.one_sided > 0.0)
     }
 

@@ -12,7 +12,7 @@ use super::Args;
 use crate::bake::{Options, plan};
 use crate::scene::files::extension;
 use crate::scene::gltf::save::save;
-use crate::source::{FileKind, Placement, apply_paint, dependencies, file_kind, meshed, open, paint_files};
+use crate::source::{FileKind, Placement, apply_paint, dependencies, file_kind, open, paint_files, tessellate};
 use crate::{Error, Result, Warnings};
 
 /// Voxels along the cube's edge where nobody says.
@@ -82,7 +82,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
     let options = Options { resolution, up: source.up(), memory: how.memory.unwrap_or(0), ..Options::default() };
     let place: Placement = plan(source.bounds(), &options)?;
     let mut warnings = Warnings::default();
-    let model = meshed(&*source, &place, how.max_triangles, ui, &mut warnings)?;
+    let model = tessellate(&*source, &place, how.max_triangles, ui, &mut warnings)?;
     ui.finish();
     let triangles: usize = model.parts.iter().map(|part| part.triangles.len()).sum();
     if triangles == 0 {

@@ -478,15 +478,15 @@ fn fronts_are_seen_by_their_share() {
             let sheet = voxel(flat(normal), normal, 1.0);
             // Codes of the matrix make a slope of a twentieth of a sheet's edge on view: there both sides are seen.
             if cosine.abs() > 0.2 {
-                let found = front_share(&sheet, 1.0, w);
+                let found = front_facing_share(&sheet, 1.0, w);
                 assert!((found - f32::from(cosine > 0.0)).abs() < 0.06, "{normal} {w}: {found}");
             }
             let half = voxel(crate::volume::Sggx::ISOTROPIC, normal, 0.5);
-            let (found, want) = (front_share(&half, 1.0, w), 0.5 + 0.5 * cosine);
+            let (found, want) = (front_facing_share(&half, 1.0, w), 0.5 + 0.5 * cosine);
             // Of ½ the nearest fifteenth is .533, and of a direction's code a hundredth.
             assert!((found - want).abs() < 0.05, "{normal} {w}: {found} {want}");
-            assert!((front_share(&half, 0.5, w) - 0.5 - 0.5 * found).abs() < 1e-6);
-            assert_eq!(front_share(&half, 0.0, w), 1.0);
+            assert!((front_facing_share(&half, 0.5, w) - 0.5 - 0.5 * found).abs() < 1e-6);
+            assert_eq!(front_facing_share(&half, 0.0, w), 1.0);
         }
     }
 }

@@ -20,8 +20,8 @@ pub struct Bundle {
     /// Rows: the frame's axes; rays run along the third.
     to_frame: DMat3,
     rays: Vec<Slanted>,
-    /// Whether single-sided cards are met from the front alone.
-    is_eye: bool,
+    /// Whether the rays are camera rays, which meet single-sided cards from the front only.
+    is_camera: bool,
     /// Least and largest values over all rays.
     at: [DVec2; 2],
     slope: [DVec2; 2],
@@ -57,16 +57,16 @@ impl Bundle {
             origin: axis.origin,
             to_frame: DMat3::from_cols(x, y, axis.dir).transpose(),
             rays: Vec::new(),
-            is_eye: false,
+            is_camera: false,
             at: [DVec2::INFINITY, DVec2::NEG_INFINITY],
             slope: [DVec2::INFINITY, DVec2::NEG_INFINITY],
             depth: [f64::INFINITY, f64::NEG_INFINITY],
         }
     }
 
-    /// The same, of rays from an eye, which single-sided cards show their front alone.
-    pub fn of_eye(axis: Ray) -> Bundle {
-        Bundle { is_eye: true, ..Bundle::new(axis) }
+    /// The same for camera rays, which meet single-sided cards from the front only.
+    pub fn of_camera(axis: Ray) -> Bundle {
+        Bundle { is_camera: true, ..Bundle::new(axis) }
     }
 
     /// Add a ray that looks between the distances `from` and `to`. One that runs across the axis meets nothing.
@@ -177,7 +177,7 @@ impl Mesh {
         let depths = corners.map(|c| c.z);
         let mut known = None;
         let instance = &model.instances[triangle.instance as usize];
-        let is_double = !bundle.is_eye || model.materials[model.parts[instance.part].material].double_sided;
+        let is_double = !bundle.is_camera || model.materials[model.parts[instance.part].material].double_sided;
         let to_world = bundle.to_frame.transpose();
         for (number, ray) in bundle.rays.iter().enumerate() {
             let Some(b) = weights_at(corners.map(|c| c.truncate() - ray.at - c.z * ray.slope)) else { continue };

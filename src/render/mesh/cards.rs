@@ -1,6 +1,6 @@
 //! Which triangles are cards, and what is seen and shadowed by all others.
 
-use super::{Contact, Mesh, Reach, Shear, through};
+use super::{Contact, Mesh, RayQuery, Shear, through};
 use crate::geom::{Aabb, Ray};
 use crate::scene::Model;
 
@@ -43,7 +43,7 @@ impl Mesh {
         self.card_bvh.bounds()
     }
 
-    /// As an eye sees it, the nearest contact that lets nothing through of all that is no card, and in `blended` what lets light through before it, as
+    /// For a camera ray, the nearest contact that lets nothing through of all that is no card, and in `blended` what lets light through before it, as
     /// [`Mesh::nearest`] has them.
     pub fn nearest_but_cards(
         &self,
@@ -59,7 +59,7 @@ impl Mesh {
             if self.is_card(i) {
                 return None;
             }
-            self.contact(model, shear, ray, i, &Reach::until(t1).of_eye(), &width_at)
+            self.contact(model, shear, ray, i, &RayQuery::until(t1).of_camera(), &width_at)
         })
     }
 
@@ -69,7 +69,7 @@ impl Mesh {
             if self.is_card(i) {
                 return None;
             }
-            self.contact(model, shear, ray, i, &Reach::from_surface(t1, skip), &|_| 0.0)
+            self.contact(model, shear, ray, i, &RayQuery::from_surface(t1, skip), &|_| 0.0)
         };
         through(&self.blocks, ray, t1, each).0
     }

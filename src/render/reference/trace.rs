@@ -261,7 +261,7 @@ impl<'a> Tracer<'a> {
 /// The nearest contact before t1, where a contact of alpha a is there with probability a; opacities are scaled.
 fn nearest_contact(mesh: &Mesh, model: &Model, ray: &Ray, t1_and_scale: (f64, f32), seed: u32) -> Option<Contact> {
     let mut blended = Vec::new();
-    let opaque = mesh.nearest_seen(model, ray, t1_and_scale, |_| 0.0, &mut blended);
+    let opaque = mesh.nearest_for_camera(model, ray, t1_and_scale, |_| 0.0, &mut blended);
     let there = blended.into_iter().filter(|surface| chance(surface.triangle, seed) < f64::from(surface.alpha));
     there.chain(opaque).min_by(|a, b| a.t.total_cmp(&b.t))
 }

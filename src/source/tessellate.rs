@@ -13,9 +13,9 @@ use crate::scene::{Alpha, Instance, Material, Model, Part, Transmission};
 use crate::volume::surface::SurfaceMeans;
 use crate::{Error, Result, Warnings, morton, par};
 
-/// A triangle's place in the mesh: facets of one material, which show both sides or one, and are whole or let light through.
+/// The part of the mesh that a facet belongs to: by its material, by whether it is single-sided and by whether it has alpha.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-struct Kind {
+struct PartKey {
     material: u16,
     one_sided: bool,
     has_alpha: bool,
@@ -26,8 +26,8 @@ type Corner = ([f32; 3], [f32; 4]);
 
 /// The facets of a region.
 #[derive(Default)]
-struct Found {
-    polygons: Vec<(Kind, Vec<Corner>)>,
+struct RegionFacets {
+    polygons: Vec<(PartKey, Vec<Corner>)>,
     has_media: bool,
 }
 
@@ -37,7 +37,7 @@ struct Found {
 ///
 /// # Errors
 /// `Limit` where there are more than `max_triangles`, and what staging the source says.
-pub fn meshed(
+pub fn tessellate(
     source: &dyn Source,
     place: &Placement,
     max_triangles: u64,
@@ -50,7 +50,7 @@ pub fn meshed(
     let count = AtomicU64::new(0);
     let found = par::map(regions, |i| {
         if count.load(Ordering::Relaxed) > max_triangles {
-            return Found::default();
+            return RegionFacets::default();
         }
         let found = facets_of(&*staged, place, i);
         let triangles: usize = found.polygons.iter().map(|(_, corners)| corners.len().saturating_sub(2)).sum();
@@ -68,8 +68,8 @@ pub fn meshed(
 }
 
 /// The facets whose middles lie in a region, each whole.
-fn facets_of(staged: &dyn Staged, place: &Placement, region: usize) -> Found {
-    let Some(&code) = staged.regions().get(region) else { return Found::default() };
+fn facets_of(staged: &dyn Staged, place: &Placement, region: usize) -> RegionFacets {
+    let Some(&code) = staged.regions().get(region) else { return RegionFacets::default() };
     let levels = place.region_log2();
     let corner = DVec3::from(morton::decode(code).map(|v| f64::from(v << levels)));
     let (width, side) = (f64::from(1u32 << levels), f64::from(place.side()));
@@ -78,13 +78,13 @@ fn facets_of(staged: &dyn Staged, place: &Placement, region: usize) -> Found {
         let at = middle.clamp(DVec3::ZERO, DVec3::splat(side.next_down()));
         at.cmpge(corner).all() && at.cmplt(corner + width).all()
     };
-    let mut found = Found::default();
+    let mut found = RegionFacets::default();
     staged.emit(region, &mut |polygon| {
         if !is_own(polygon.corner_mean()) || polygon.area_vector() == DVec3::ZERO {
             return;
         }
         let facet = polygon.facet;
-        let kind = Kind {
+        let kind = PartKey {
             material: staged.material(facet),
             one_sided: staged.one_sided(facet) && !staged.closed(facet),
             has_alpha: staged.has_alpha(facet),
@@ -116,10 +116,10 @@ fn corners(staged: &dyn Staged, piece: &Polygon, has_alpha: bool) -> Vec<Corner>
     piece.corners().iter().map(|&at| (at.as_vec3().to_array(), whole.unwrap_or_else(|| color(at, 0.0)))).collect()
 }
 
-/// All facets, those of a kind as one part.
-fn model_of(source: &dyn Source, place: &Placement, found: Vec<Found>) -> Model {
+/// All facets as a model with one part for each [`PartKey`].
+fn model_of(source: &dyn Source, place: &Placement, found: Vec<RegionFacets>) -> Model {
     let surfaces = source.surfaces();
-    let mut kinds: BTreeMap<Kind, Welded> = BTreeMap::new();
+    let mut kinds: BTreeMap<PartKey, PartBuilder> = BTreeMap::new();
     for (kind, corners) in found.into_iter().flat_map(|f| f.polygons) {
         let base = surfaces.get(usize::from(kind.material)).map_or(1.0, |s| 1.0 / (1.0 - share_through(s)));
         kinds.entry(kind).or_default().add(&corners, base);
@@ -175,17 +175,17 @@ fn transmission(surface: &SurfaceMeans) -> Option<Transmission> {
     (factor > 0.0).then(|| Transmission { factor, color, ..Transmission::default() })
 }
 
-/// Triangles that share corners of one place and colour.
+/// Triangles of one part; corners of one position and colour are one vertex.
 #[derive(Default)]
-struct Welded {
+struct PartBuilder {
     numbers: HashMap<[u32; 7], u32>,
     positions: Vec<[f32; 3]>,
     colors: Vec<[f32; 4]>,
     triangles: Vec<[u32; 3]>,
 }
 
-impl Welded {
-    /// Add a convex polygon; `base`: what its colours are multiplied by.
+impl PartBuilder {
+    /// Add a convex polygon, with its colours multiplied by `base`.
     fn add(&mut self, corners: &[Corner], base: f32) {
         let numbers: Vec<u32> = corners.iter().map(|corner| self.number(corner, base)).collect();
         for k in 2..numbers.len() {
@@ -260,7 +260,7 @@ mod tests {
             let area = |[a, b, c]: [DVec3; 3]| 0.5 * (b - a).cross(c - a).length();
             let wanted = pieces.iter().map(|p| area(p.corners)).sum::<f64>() / place.scale.powi(2);
             let mut warnings = Warnings::default();
-            let model = meshed(&*source, &place, 1 << 24, &Quiet, &mut warnings).unwrap();
+            let model = tessellate(&*source, &place, 1 << 24, &Quiet, &mut warnings).unwrap();
             let found: f64 = model
                 .parts
                 .iter()
@@ -281,7 +281,7 @@ mod tests {
                 file.display()
             );
             assert!(
-                meshed(&*source, &place, 3, &Quiet, &mut warnings).is_err_and(|e| matches!(e, Error::Limit { .. }))
+                tessellate(&*source, &place, 3, &Quiet, &mut warnings).is_err_and(|e| matches!(e, Error::Limit { .. }))
             );
         }
     }
@@ -308,7 +308,7 @@ mod tests {
         let instance = Instance { part: 0, transform: DAffine3::IDENTITY, node: String::new() };
         let model = Model { parts: vec![part], materials: vec![leaf], instances: vec![instance], ..Model::default() };
         let source = crate::source::MeshSource::new(model, &Default::default());
-        let made = meshed(&source, &placed(&source, 5), 1 << 20, &Quiet, &mut Warnings::default()).unwrap();
+        let made = tessellate(&source, &placed(&source, 5), 1 << 20, &Quiet, &mut Warnings::default()).unwrap();
         assert_eq!(
             (made.materials.len(), made.materials[0].name.as_str(), made.materials[0].double_sided),
             (1, "leaf", false)
