@@ -92,7 +92,7 @@ class Landscape:
         self.seconds += seconds
         name = [option[1] for option in taken if option[0] == "-o"][0].split(".")[0]
         done, _ = self.run([*view, "-o", f"{name}-drawn.exr", "--stats", "--json", "-q"])
-        stats = json.loads(done.stdout)["stats"]
+        stats = json.loads(done.stdout)
         flip = bias = None
         if "" not in self.meshes:
             self.run([*view, "-o", f"{name}-truth.exr", "--reference", str(samples), "-q"])

@@ -206,6 +206,18 @@ pub fn strands(spec: &EmitterSpec) -> Result<Vec<Strand>> {
     Ok((0..spec.count).map(fly).collect())
 }
 
+/// Largest number of points that the trajectories may have.
+fn points(spec: &EmitterSpec) -> f64 {
+    f64::from(spec.count) * ((spec.lifetime + spec.lifetime_jitter.abs()) / spec.time_step + 2.0)
+}
+
+/// Bytes of memory that the trajectories of a valid specification take, and the curves that are made of them.
+pub fn memory(spec: &EmitterSpec) -> u64 {
+    // A position, a radius and a colour, twice: lists grow by doubling, and curves are made of strands.
+    const POINT_BYTES: u64 = 88;
+    points(spec) as u64 * POINT_BYTES + u64::from(spec.count) * size_of::<Strand>() as u64
+}
+
 /// # Errors
 /// [`Error::Options`] on a value that is not finite or out of range, or where there were too many points.
 pub fn check(spec: &EmitterSpec) -> Result<()> {
@@ -224,7 +236,7 @@ pub fn check(spec: &EmitterSpec) -> Result<()> {
     if spec.radius.is_empty() || spec.radius.iter().any(|r| *r < 0.0) {
         return bad("radius is a list of at least one number, none below 0");
     }
-    let points = f64::from(spec.count) * ((spec.lifetime + spec.lifetime_jitter.abs()) / spec.time_step + 2.0);
+    let points = points(spec);
     if points > MAX_POINTS {
         return bad(&format!(
             "{points:.0} points are more than {MAX_POINTS:.0}; take a longer time_step or a smaller count"

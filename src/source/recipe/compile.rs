@@ -49,6 +49,8 @@ pub struct Compiler<'a> {
     /// Scattered copies: that are held in memory, and that are drawn.
     held: u64,
     copies: u64,
+    /// Bytes of all emitters' trajectories so far.
+    emitted: u64,
 }
 
 /// Nodes that are added to one another.
@@ -69,8 +71,8 @@ impl<'a> Compiler<'a> {
         opener: Opener,
     ) -> Compiler<'a> {
         let (depth, repeated) = (options.depth, options.copies.max(1));
-        let (using, nodes, held, copies) = (Vec::new(), 0, 0, 0);
-        Compiler { recipe, path, text, options, opener, using, nodes, depth, repeated, held, copies }
+        let (using, nodes, held, copies, emitted) = (Vec::new(), 0, 0, 0, 0);
+        Compiler { recipe, path, text, options, opener, using, nodes, depth, repeated, held, copies, emitted }
     }
 
     pub fn all(&mut self) -> Result<Box<dyn Source>> {
@@ -267,6 +269,15 @@ impl<'a> Compiler<'a> {
             Shape::Line(line) => Ok(line_source(line)),
             Shape::Blade(blade) => Ok(blade_source(blade)),
             Shape::Emitter(spec) => {
+                self.emitted = self.emitted.saturating_add(emitter::memory(spec));
+                let (needed, allowed) = (self.emitted, self.options.read.max_bytes);
+                if needed > allowed {
+                    let what = format!(
+                        "{}: the trajectories of emitters (raise option `memory`), in bytes,",
+                        self.path.display()
+                    );
+                    return Err(Error::Limit { what, needed, allowed });
+                }
                 let strands = emitter::strands(spec)?;
                 Ok(Box::new(CurveSource::new(strands, &CurveOptions::default(), 0.0, Warnings::default())))
             }

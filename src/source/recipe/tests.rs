@@ -422,6 +422,22 @@ fn copies_within_copies_are_counted_again() {
     assert!(matches!(few(5000), Err(Error::Limit { allowed: 4096, .. })));
 }
 
+/// Trajectories take memory before anything of them is laid out: a million of them were 1.3 GB where 32 MB were allowed.
+#[test]
+fn emitters_are_weighed_before_they_emit() {
+    let read = crate::scene::ReadOptions { max_bytes: 1 << 20, ..Default::default() };
+    let options = OpenOptions { read, ..OpenOptions::default() };
+    let opened = |counts: &[u32]| {
+        let draw = |n: &u32| format!("[[draw]]\nemitter = {{ count = {n}, lifetime = 1, time_step = 0.1 }}\n");
+        let files = Folder::new(&counts.iter().map(draw).collect::<String>());
+        open(&files.0.path().join("r.toml"), &options, crate::source::open).map(|_| ())
+    };
+    // Twelve points of 88 bytes and the strand's own, some 1 200 bytes each.
+    assert!(opened(&[700]).is_ok());
+    assert!(matches!(opened(&[1_000_000]), Err(Error::Limit { allowed: 1_048_576, .. })));
+    assert!(matches!(opened(&[700, 700]), Err(Error::Limit { .. })));
+}
+
 #[test]
 fn the_published_schema_is_the_models() {
     let schema = serde_json::to_value(schemars::schema_for!(Recipe)).unwrap();
