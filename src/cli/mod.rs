@@ -53,6 +53,7 @@ mod map_motion;
 #[cfg(feature = "bake")]
 mod merge;
 mod outputs;
+#[cfg(feature = "bake")]
 mod paint;
 #[cfg(feature = "render")]
 mod pixel_trace;
