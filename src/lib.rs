@@ -80,7 +80,7 @@
 //!     ..Part::default()
 //! };
 //! let layers = vec![Layer { texel: 0, ..Layer::default() }];
-//! let shell = ShellMaterial { tex_coord: 0, w: 0.0, dw: 1.0, thickness: 1.0, surface_visible: true, layers };
+//! let shell = ShellMaterial { layers, ..ShellMaterial::default() };
 //! let model = Model {
 //!     parts: vec![ground],
 //!     materials: vec![Material { shell: Some(Arc::new(shell)), ..Material::default() }],

@@ -127,7 +127,7 @@ fn floor(lean: Option<[f32; 3]>) -> Model {
     };
     let wrap = [CellWrap::Empty; 3];
     let layers = vec![Layer { wrap, ..Layer::default() }];
-    let shell = ShellMaterial { tex_coord: 0, w: 0.0, dw: 1.0, thickness: 1.0, surface_visible: false, layers };
+    let shell = ShellMaterial { surface_visible: false, layers, ..ShellMaterial::default() };
     let covered = Material { shell: lean.map(|_| Arc::new(shell)), ..Material::default() };
     let sun = Light {
         name: String::new(),

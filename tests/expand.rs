@@ -99,7 +99,7 @@ fn ground(bulge: f64) -> Part {
 }
 
 fn scene(ground: Part, layers: Vec<Layer>, texels: Vec<TexelRef>) -> Scene {
-    let shell = ShellMaterial { tex_coord: 0, w: 0.0, dw: 1.0, thickness: 2.0, surface_visible: true, layers };
+    let shell = ShellMaterial { thickness: 2.0, layers, ..ShellMaterial::default() };
     let shell = (!shell.layers.is_empty()).then(|| Arc::new(shell));
     let material = Material { base_color: [0.4, 0.3, 0.2, 1.0], double_sided: true, shell, ..Material::default() };
     let towards = DVec3::new(-0.4, 0.8, 0.5).normalize();

@@ -85,7 +85,7 @@ fn figure() -> Octree {
 
 fn shell(thickness: f64, layer: Layer) -> Material {
     let layers = vec![layer];
-    let shell = ShellMaterial { tex_coord: 0, w: 0.0, dw: 1.0, thickness, surface_visible: true, layers };
+    let shell = ShellMaterial { thickness, layers, ..ShellMaterial::default() };
     Material { base_color: [0.3, 0.35, 0.3, 1.0], shell: Some(Arc::new(shell)), ..Default::default() }
 }
 

@@ -7,7 +7,7 @@ use vtex::geom::{DAffine3, DVec3};
 use vtex::march::calibrate;
 use vtex::progress::Quiet;
 use vtex::render::{CameraChoice, Options, render_with};
-use vtex::scene::shell::{Environment, Layer, ShellMaterial, TexelRef};
+use vtex::scene::shell::{Environment, ShellMaterial, TexelRef};
 use vtex::scene::{Instance, Light, LightKind, Material, Model, Part, Scene};
 use vtex::source;
 use vtex::source::OpenOptions;
@@ -17,14 +17,7 @@ const FINEST: u32 = 64;
 
 /// A tile, invisible itself, with one copy on it, in the sun.
 fn scene() -> Scene {
-    let shell = ShellMaterial {
-        tex_coord: 0,
-        w: 0.0,
-        dw: 1.0,
-        thickness: 1.0,
-        surface_visible: false,
-        layers: vec![Layer::default()],
-    };
+    let shell = ShellMaterial { surface_visible: false, ..ShellMaterial::default() };
     let corners = [[0.0f32, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]];
     let tile = Part {
         positions: corners.map(|[u, v]| [u - 0.5, 0.0, 0.5 - v]).to_vec(),

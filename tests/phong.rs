@@ -108,12 +108,10 @@ impl Landscape {
     /// As voxels, and as triangles.
     fn drawn(&self) -> [Film; 2] {
         let shell = ShellMaterial {
-            tex_coord: 0,
-            w: 0.0,
-            dw: 1.0,
             thickness: 2.0,
             surface_visible: false,
             layers: self.layers.clone(),
+            ..ShellMaterial::default()
         };
         let towards = glam::DQuat::from_rotation_arc(DVec3::Z, self.sun.normalize());
         let sun = Light {

@@ -8,7 +8,7 @@ use vtex::geom::{DAffine3, DMat3, DVec3};
 use vtex::progress::Quiet;
 use vtex::render::reference::{SourceMesh, reference_with};
 use vtex::render::{CameraChoice, Film, Options as RenderOptions, render_with};
-use vtex::scene::shell::{Environment, Layer, ShellMaterial, TexelRef};
+use vtex::scene::shell::{Environment, ShellMaterial, TexelRef};
 use vtex::scene::{Alpha, Instance, Light, LightKind, Material, Model, Part, Scene, Texture, TextureRef};
 use vtex::source::{Fill, MeshOptions, MeshSource};
 use vtex::volume::{Octree, Volume, surface};
@@ -135,14 +135,7 @@ fn baked(model: Model, resolution: u32) -> Volume {
 /// The covered share of a picture of a texel of the model, which fills the cube from (−1, 0, −1) to (1, 2, 1), seen from the
 /// unit direction `from`: as voxels, as its source near the camera, and in the reference.
 fn covers_of_texel(model: &Model, volume: &Volume, from: DVec3) -> [f64; 3] {
-    let shell = ShellMaterial {
-        tex_coord: 0,
-        w: 0.0,
-        dw: 1.0,
-        thickness: 2.0,
-        surface_visible: false,
-        layers: vec![Layer::default()],
-    };
+    let shell = ShellMaterial { thickness: 2.0, surface_visible: false, ..ShellMaterial::default() };
     let ground = Material { shell: Some(Arc::new(shell)), ..Material::default() };
     let corners = [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0f32]];
     let part = Part {

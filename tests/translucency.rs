@@ -7,7 +7,7 @@ use vtex::geom::{DAffine3, DVec3, Vec3};
 use vtex::progress::Quiet;
 use vtex::render::reference::{SourceMesh, reference_with};
 use vtex::render::{Ambient, CameraChoice, Options as RenderOptions, render_with};
-use vtex::scene::shell::{Environment, Layer, ShellMaterial, TexelRef};
+use vtex::scene::shell::{Environment, ShellMaterial, TexelRef};
 use vtex::scene::{Instance, Light, LightKind, Material, Model, Part, Scene, Transmission};
 use vtex::source::{Fill, MeshOptions, MeshSource};
 use vtex::volume::{Octree, Volume, surface};
@@ -153,14 +153,7 @@ fn leaves_lit_from_behind_shine_as_their_triangles_do() {
         let model = cloud(700, material);
         let volume = baked(model.clone(), 32);
         let source = SourceMesh::new(model, &volume.info, &mut vtex::Warnings::default());
-        let shell = ShellMaterial {
-            tex_coord: 0,
-            w: 0.0,
-            dw: 1.0,
-            thickness: 2.0,
-            surface_visible: false,
-            layers: vec![Layer::default()],
-        };
+        let shell = ShellMaterial { thickness: 2.0, surface_visible: false, ..ShellMaterial::default() };
         let ground = Material { shell: Some(std::sync::Arc::new(shell)), ..Material::default() };
         let mut part = square(1.0, 0);
         part.normals = Some(vec![[0.0, 1.0, 0.0]; 4]);

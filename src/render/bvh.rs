@@ -263,6 +263,16 @@ impl Bvh {
         children.fold(Aabb::EMPTY, |all, (min, max)| all.union(Aabb::new(min.as_dvec3(), max.as_dvec3())))
     }
 
+    /// Whether an item may come as near to the ray before `t1` as `reach(t)`, which does not fall with t.
+    pub fn is_any_near(&self, ray: &Ray, t1: f64, reach: impl Fn(f64) -> f64) -> bool {
+        let mut found = false;
+        self.each_near(ray, t1, reach, |_| {
+            found = true;
+            false
+        });
+        found
+    }
+
     /// Give `each` the items that may come as near to the ray before `t1` as `reach(t)`, which does not fall with t, until it returns
     /// false.
     pub fn each_near(&self, ray: &Ray, t1: f64, reach: impl Fn(f64) -> f64, mut each: impl FnMut(u32) -> bool) {

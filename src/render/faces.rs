@@ -368,7 +368,7 @@ mod tests {
     use super::*;
 
     fn shell() -> ShellMaterial {
-        ShellMaterial { tex_coord: 0, w: 0.0, dw: 1.0, thickness: 0.5, surface_visible: true, layers: vec![] }
+        ShellMaterial { thickness: 0.5, layers: vec![], ..ShellMaterial::default() }
     }
 
     /// An n × n grid of unit tiles, two triangles each; heights along y unless the ground bulges.

@@ -36,8 +36,7 @@ fn rate_at(code: u8, finest: usize, depth: usize) -> u8 {
 }
 
 fn shell(thickness: f64, surface_visible: bool) -> Material {
-    let shell =
-        ShellMaterial { tex_coord: 0, w: 0.0, dw: 1.0, thickness, surface_visible, layers: vec![Layer::default()] };
+    let shell = ShellMaterial { thickness, surface_visible, ..ShellMaterial::default() };
     Material { base_color: [0.5, 0.5, 0.5, 1.0], shell: Some(Arc::new(shell)), ..Default::default() }
 }
 

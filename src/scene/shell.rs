@@ -113,6 +113,14 @@ pub struct ShellMaterial {
     pub layers: Vec<Layer>,
 }
 
+impl Default for ShellMaterial {
+    /// What the extension says of what is absent, with one layer.
+    fn default() -> Self {
+        let layers = vec![Layer::default()];
+        ShellMaterial { tex_coord: 0, w: 0.0, dw: 1.0, thickness: 1.0, surface_visible: true, layers }
+    }
+}
+
 /// Continuation of a texel beyond its unit cell along an axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum CellWrap {

@@ -30,12 +30,7 @@ impl Mesh {
 
     /// Whether a card may come as near to the ray before `t1` as `reach(t)`.
     pub fn are_cards_near(&self, ray: &Ray, t1: f64, reach: impl Fn(f64) -> f64) -> bool {
-        let mut found = false;
-        self.card_bvh.each_near(ray, t1, reach, |_| {
-            found = true;
-            false
-        });
-        found
+        self.card_bvh.is_any_near(ray, t1, reach)
     }
 
     /// The box around all cards.
@@ -43,8 +38,8 @@ impl Mesh {
         self.card_bvh.bounds()
     }
 
-    /// For a camera ray, the nearest contact that lets nothing through of all that is no card, and in `blended` what lets light through before it, as
-    /// [`Mesh::nearest`] has them.
+    /// For a camera ray, the nearest contact that lets nothing through of all that is no card, and in `blended` what lets light
+    /// through before it, as [`Mesh::nearest`] has them.
     pub fn nearest_but_cards(
         &self,
         model: &Model,

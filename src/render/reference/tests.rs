@@ -103,14 +103,7 @@ fn ground(shell: Option<ShellMaterial>) -> Model {
 }
 
 fn shell() -> ShellMaterial {
-    ShellMaterial {
-        tex_coord: 0,
-        w: 0.0,
-        dw: 1.0,
-        thickness: 2.0,
-        surface_visible: true,
-        layers: vec![Layer::default()],
-    }
+    ShellMaterial { thickness: 2.0, ..ShellMaterial::default() }
 }
 
 fn scene(model: Model) -> Scene {

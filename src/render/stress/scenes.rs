@@ -9,7 +9,7 @@ use crate::progress::Quiet;
 use crate::render::{CameraChoice, Options, render_with};
 use crate::scene::copies::CopySet;
 use crate::scene::phong::Phong;
-use crate::scene::shell::{Environment, Layer, ShellMaterial, TexelRef, Variant};
+use crate::scene::shell::{Environment, ShellMaterial, TexelRef, Variant};
 use crate::scene::{Instance, Light, LightKind, Material, Model, Part, Scene};
 use crate::volume::{Channels, Depth, Info, Octree, Volume, Voxel};
 
@@ -62,14 +62,7 @@ fn landscape(random: &mut Random, place: DAffine3) -> Scene {
         bulging.patches = vec![[3, 2, 1, 0]];
         bulging.triangles.reverse();
     }
-    let shell = ShellMaterial {
-        tex_coord: 0,
-        w: 0.0,
-        dw: 1.0,
-        thickness: 1.0,
-        surface_visible: true,
-        layers: vec![Layer::default()],
-    };
+    let shell = ShellMaterial::default();
     let covered = Material { shell: Some(Arc::new(shell)), ..Material::default() };
     let low = DAffine3::from_translation(DVec3::new(0.0, -0.5, 0.0));
     let instance = |part: usize, transform: DAffine3| Instance { part, transform, node: String::new() };

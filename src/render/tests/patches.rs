@@ -65,7 +65,7 @@ fn twin(part: &Part, columns: u32, rows: u32) -> Part {
 }
 
 fn landscape(part: Part, layers: Vec<Layer>) -> Scene {
-    let shell = ShellMaterial { tex_coord: 0, w: 0.0, dw: 1.0, thickness: 1.0, surface_visible: true, layers };
+    let shell = ShellMaterial { layers, ..ShellMaterial::default() };
     let material = Material { base_color: [0.5, 0.4, 0.3, 1.0], shell: Some(Arc::new(shell)), ..Material::default() };
     let mut scene = scene(vec![part], vec![material], vec![DAffine3::IDENTITY]);
     scene.model.lights = vec![sun(DVec3::new(0.5, 0.8, 0.4), 3.0)];
