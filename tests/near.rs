@@ -63,6 +63,44 @@ fn near_the_camera_the_source_is_seen() {
     assert!(near.bias.abs() < 0.01, "{}", near.bias);
 }
 
+/// Pixels along edges take more cones than the lanes that are asked for, and others do not.
+#[test]
+fn lanes_are_added_along_edges() {
+    let dir = landscape();
+    let folder = dir.path();
+    vtex(folder, &format!("{NEAR} --size 96x54 -o truth.exr --reference 64"));
+    let truth = image_io::read(&folder.join("truth.exr")).unwrap();
+    let mut last = f64::INFINITY;
+    for lanes in [1, 2, 4, 8] {
+        let (stats, _) = vtex(folder, &format!("{NEAR} --size 96x54 -o got.exr --stats --json --lanes {lanes}"));
+        let stats: Value = serde_json::from_str(&stats).unwrap();
+        let cones = stats["cones"].as_f64().unwrap() / (96.0 * 54.0);
+        let most = if lanes == 1 { 3.0 } else { 2.0 * f64::from(lanes) };
+        // The ground between the ferns has no edges, and of several lanes that agree two are taken.
+        assert!(cones > 1.05 * f64::from(lanes.min(2)) && cones < 0.9 * most, "{lanes} lanes: {cones} cones");
+        let got = image_io::read(&folder.join("got.exr")).unwrap();
+        let found = metrics::compare(&got, &truth, &metrics::Options::default()).unwrap().all;
+        assert!(found.flip < last && found.bias.abs() < 0.01, "{lanes} lanes: {} {}", found.flip, found.bias);
+        last = found.flip;
+    }
+}
+
+/// Whether a pixel takes more depends on its neighbours, also where these belong to another tile.
+#[test]
+fn tiles_make_the_picture() {
+    let dir = landscape();
+    let folder = dir.path();
+    let render = |more: &str| vtex(folder, &format!("{NEAR} --size 48x27 {more}"));
+    render("-o whole.exr");
+    let tiles = ["0,0,19,13", "19,0,29,13", "0,13,47,14", "47,13,1,14"];
+    for (i, tile) in tiles.iter().enumerate() {
+        render(&format!("-o {i}.exr --tile {tile}"));
+    }
+    vtex(folder, "stitch 0.exr 1.exr 2.exr 3.exr -o stitched.exr");
+    let [whole, stitched] = ["whole.exr", "stitched.exr"].map(|name| std::fs::read(folder.join(name)).unwrap());
+    assert!(whole == stitched);
+}
+
 /// Four tenths of a layer's facets are there, as triangles near the camera and in the reference.
 #[test]
 fn thinned_layers_are_thin_near_the_camera() {

@@ -3,6 +3,7 @@
 //! Units: world space in metres, radiance linear Rec. 709. A directional light's intensity is the irradiance on a surface
 //! that faces it; a diffuse facet reflects albedo / π · E · max(0, n·l) · visibility + albedo · sky.
 
+mod adaptive;
 mod affine;
 mod air;
 mod bvh;
@@ -71,9 +72,6 @@ pub use trace::{Trace, TraceEvent};
 pub use crate::march::transmittance::{DepthChoice, MarchSegment, MarchStats, Sink, VoxelHit, march, transmittance};
 
 use crate::format::{Limits, Reader};
-use glam::Vec4;
-
-use crate::geom::Vec3;
 use crate::progress::Progress;
 use crate::scene::Scene;
 use crate::scene::shell::TexelRef;
@@ -81,7 +79,6 @@ use crate::volume::octree::Pages;
 use crate::volume::palette::Restyled;
 use crate::volume::{Octree, Palette, Volume};
 use crate::{Error, Result, Warnings, par};
-use lane::Lane;
 use pixel::Tracer;
 use prepare::World;
 
@@ -126,7 +123,7 @@ pub fn render_with(
         progress.stage("prepare", 0);
         let mut world = World::new(scene, into_shared(texels), options)?;
         let prepared = Instant::now();
-        let (film, counts) = film(&world, options, progress);
+        let (film, counts) = adaptive::film(&world, options, progress);
         let mut stats = Stats {
             counts,
             shell_boxes: world.items() as u64,
@@ -172,7 +169,7 @@ pub fn trace_pixel(scene: &Scene, options: &Options, at: [u32; 2]) -> Result<Tra
     let world = World::new(scene, into_shared(Opened::new(scene)?.trees()?), options)?;
     let mut tracer = Tracer::new(&world, options);
     tracer.trace = Some(Trace::new());
-    pixel_of(&mut tracer, at[0], at[1]);
+    adaptive::trace_pixel(&mut tracer, at);
     Ok(tracer.trace.take().unwrap_or_default())
 }
 
@@ -282,106 +279,4 @@ impl Opened {
         }
         warnings.merge(self.warnings.clone());
     }
-}
-
-/// Edge of the tiles that threads render, pixels.
-const TILE: u32 = 16;
-
-fn film(world: &World<'_>, options: &Options, progress: &dyn Progress) -> (Film, Counts) {
-    let CropWindow { at: [left, top], size: [width, height] } = options.window();
-    let (across, down) = (width.div_ceil(TILE), height.div_ceil(TILE));
-    let tiles = across as usize * down as usize;
-    progress.stage("render", tiles as u64);
-    let traced = par::map(tiles, |i| {
-        let (x0, y0) = (i as u32 % across * TILE, i as u32 / across * TILE);
-        let mut tracer = Tracer::new(world, options);
-        let mut pixels = Vec::with_capacity((TILE * TILE) as usize);
-        for y in y0..(y0 + TILE).min(height) {
-            for x in x0..(x0 + TILE).min(width) {
-                pixels.push(pixel_of(&mut tracer, left + x, top + y));
-            }
-        }
-        progress.advance(1);
-        (pixels, tracer.counts)
-    });
-    let mut film = Film { width, height, pixels: vec![[0.0; 4]; width as usize * height as usize] };
-    let mut counts = Counts::default();
-    for (i, (pixels, own)) in traced.into_iter().enumerate() {
-        counts.merge(&own);
-        let (x0, y0) = (i as u32 % across * TILE, i as u32 / across * TILE);
-        let columns = (width - x0).min(TILE) as usize;
-        for (row, chunk) in pixels.chunks(columns).enumerate() {
-            let start = (y0 as usize + row) * width as usize + x0 as usize;
-            film.pixels[start..start + columns].copy_from_slice(chunk);
-        }
-    }
-    film.expose((options.exposure as f32).exp2());
-    counts.merge(&world.sky.counts());
-    (film, counts)
-}
-
-/// Number of lanes that are added to one or two lanes if a texel's source was traced, because triangles are not prefiltered.
-const SOURCE_LANES: u32 = 2;
-
-/// If the first and the last lane differ by no more than this (the display's white is 1), the other lanes are left out; but not where
-/// there are triangles or cards, which may be thinner than the distance between lanes: a tree of plain triangles whose leaves are
-/// smaller than a pixel lost 4 % of its area at sixteen lanes.
-const SAME_BELOW: f32 = 1.0 / 256.0;
-
-/// The mean over the pixel's lanes, before exposure.
-fn pixel_of(tracer: &mut Tracer<'_>, x: u32, y: u32) -> [f32; 4] {
-    let lanes = tracer.options.lanes;
-    (tracer.uses_source_geometry, tracer.uses_fine_rays) = (false, false);
-    let mut sum = Vec4::ZERO;
-    let mut count = 0;
-    let mut add = |tracer: &mut Tracer<'_>, lane: u32, lanes: u32| {
-        let seen = lane_of(tracer, [x, y], lane, lanes);
-        sum += seen;
-        count += 1;
-        seen
-    };
-    let first = add(tracer, 0, lanes);
-    if lanes > 1 {
-        let last = add(tracer, lanes - 1, lanes);
-        let apart = (first - last).abs() * Vec3::splat(tracer.exposure).extend(1.0);
-        let uneven = tracer.uses_source_geometry || tracer.uses_fine_rays;
-        if uneven || apart.max_element() > SAME_BELOW || is_mesh_near(tracer.world, [x, y]) {
-            (1..lanes - 1).for_each(|lane| {
-                add(tracer, lane, lanes);
-            });
-        }
-        if lanes == 2 && tracer.uses_source_geometry {
-            // Otherwise a picture of two lanes would get fewer rays here than one of a single lane.
-            (2..2 + SOURCE_LANES).for_each(|lane| {
-                add(tracer, lane, lanes);
-            });
-        }
-    } else if tracer.uses_source_geometry {
-        (0..SOURCE_LANES).for_each(|lane| {
-            add(tracer, lane, SOURCE_LANES);
-        });
-    }
-    (sum / count as f32).to_array()
-}
-
-/// Whether there may be plain triangles in the pixel.
-fn is_mesh_near(world: &World<'_>, [x, y]: [u32; 2]) -> bool {
-    let cone = Lane { x, y, index: 0, count: 1 }.cone(&world.view, world.unit);
-    world.mesh.is_near(&cone.ray, |t| lane::REACH * cone.width_at(t))
-}
-
-/// Radiance and cover of one lane of a pixel.
-fn lane_of(tracer: &mut Tracer<'_>, [x, y]: [u32; 2], index: u32, count: u32) -> Vec4 {
-    let world = tracer.world;
-    let lane = Lane { x, y, index, count };
-    let cone = lane.cone(&world.view, world.unit);
-    if let Some(trace) = &mut tracer.trace {
-        let width = cone.width * world.unit;
-        trace.push(TraceEvent::Cone { direction: cone.ray.dir.to_array(), width, growth: cone.growth });
-    }
-    let (radiance, alpha) = tracer.cone(&cone, lane);
-    if let Some(trace) = &mut tracer.trace {
-        trace.push(TraceEvent::Radiance { rgb: radiance.to_array(), alpha });
-    }
-    radiance.extend(alpha)
 }

@@ -94,6 +94,11 @@ impl CropWindow {
         let meet = |k: usize| self.at[k] < other.at[k] + other.size[k] && other.at[k] < self.at[k] + self.size[k];
         meet(0) && meet(1)
     }
+
+    /// Whether a pixel, by its column and row, is one of its.
+    pub fn contains(&self, at: [u32; 2]) -> bool {
+        (0..2).all(|k| at[k] >= self.at[k] && at[k] - self.at[k] < self.size[k])
+    }
 }
 
 impl fmt::Display for CropWindow {

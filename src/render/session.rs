@@ -8,7 +8,7 @@ use super::pixel::Tracer;
 use super::prepare::{self, World};
 use super::source_lod::LazySource;
 use super::trace::{Trace, TraceEvent};
-use super::{Film, Opened, check, film, into_shared, pixel_of};
+use super::{Film, Opened, adaptive, check, into_shared};
 use crate::geom::{Aabb, DVec3};
 use crate::progress::Quiet;
 use crate::scene::{Projection, Scene};
@@ -123,7 +123,7 @@ impl Prepared<'_> {
     pub fn film(&self, window: CropWindow) -> Result<Film> {
         let options = Options { crop: Some(window), ..self.options.clone() };
         check(&options)?;
-        let (film, _) = par::with_threads(options.threads, || film(&self.world, &options, &Quiet))?;
+        let (film, _) = par::with_threads(options.threads, || adaptive::film(&self.world, &options, &Quiet))?;
         let failure = self.world.texels.iter().flatten().find_map(|texel| texel.tree.failure());
         failure.map_or(Ok(film), |error| Err(Error::Failed(error.to_string())))
     }
@@ -138,7 +138,7 @@ impl Prepared<'_> {
         let options = Options { lanes: 1, ..self.options.clone() };
         let mut tracer = Tracer::new(&self.world, &options);
         tracer.trace = Some(Trace::new());
-        pixel_of(&mut tracer, x, y);
+        adaptive::Pixel::first(&mut tracer, [x, y]);
         let metres = nearest(&tracer.trace.take().unwrap_or_default())?;
         let ray = self.world.view.ray(f64::from(x) + 0.5, f64::from(y) + 0.5, self.world.unit);
         Some(self.world.view.eye + ray.origin * self.world.unit + ray.dir * metres)
