@@ -67,9 +67,17 @@ def shares(texel, d, albedo):
     return out
 
 
+def surfaces(texel):
+    """The materials' properties besides their albedo, in ten-thousandths, where any has one: section 6.1."""
+    rows = [[*s.get("transmission", [0] * 3), s.get("unlit", 0), s.get("oneSided", 0)] for s in texel.meta.get("surfaces", [])]
+    if np.any(rows):
+        yield from (" ".join(map(str, ["surface", i, *half_up(1e4 * np.array(row))])) for i, row in enumerate(rows))
+
+
 def dump(texel, only=None):
     """The plain text of section 11."""
     yield f"depths {len(texel.depths)} up {texel.up} cyclic {texel.cyclic} model {texel.meta['model']}"
+    yield from surfaces(texel)
     for d, (at, terminal) in enumerate(texel.positions()):
         if only is not None and d != only:
             continue

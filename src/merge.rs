@@ -12,6 +12,7 @@ use crate::source::group::{GroupSource, Part};
 use crate::source::layers::{LayersSource, Mode};
 use crate::source::materials::{UNNAMED, renamed};
 use crate::source::texel::{TexelSource, codes, own_grid, snapped};
+use crate::volume::axes::source_to_uvw;
 use crate::volume::brightness::{self, BrightnessFactors};
 use crate::volume::{Info, MAX_DEPTH, Volume};
 use crate::{Error, Result, Warnings, morton};
@@ -122,15 +123,15 @@ fn tile_offsets(first: &Info, tile: [u32; 3]) -> Result<Vec<DVec3>> {
     if count > MAX_TILES {
         return Err(Error::Limit { what: "the number of tiles".into(), needed: count, allowed: MAX_TILES });
     }
-    // Source axes along which u, v and w run.
-    let axes = if first.up == 1 { [DVec3::X, DVec3::NEG_Z, DVec3::Y] } else { [DVec3::X, DVec3::Y, DVec3::Z] };
+    // Its columns are the source axes along which u, v and w run.
+    let axes = source_to_uvw(first.up).transpose();
     let size = first.bounds.size();
     let mut offsets = Vec::new();
     for k in 0..tiles[2] {
         for j in 0..tiles[1] {
             for i in 0..tiles[0] {
                 let n = [i, j, k].map(f64::from);
-                offsets.push((0..3).map(|a| n[a] * axes[a] * size).sum::<DVec3>());
+                offsets.push((0..3).map(|a| n[a] * axes.col(a) * size).sum::<DVec3>());
             }
         }
     }
@@ -305,5 +306,23 @@ mod tests {
         // Bounds of the content are rounded to sixteenths of the cube.
         assert!((size.x - 1.0).abs() < 0.2 && (size.y - 2.0).abs() < 0.2, "{size}");
         assert!(merge(Vec::new(), &MergeOptions::default(), &Quiet).is_err());
+    }
+
+    /// Whatever source axis is up: copies beside each other along u, v or w do not meet.
+    #[test]
+    fn tiles_follow_the_axes_of_the_texel() {
+        for up in 0..3 {
+            let mut a = ball(DVec3::ZERO);
+            a.0.info.up = up;
+            for (axis, tile) in [[2, 1, 1], [1, 2, 1], [1, 1, 2]].into_iter().enumerate() {
+                let options = MergeOptions { tile, ..MergeOptions::default() };
+                let two = merge(vec![a.clone()], &options, &Quiet).unwrap().0;
+                let size = two.info.content.size();
+                // The result's cube has twice the edge.
+                let mut wanted = DVec3::splat(0.5);
+                wanted[axis] = 1.0;
+                assert!((size - wanted).abs().max_element() < 0.1, "{up} {tile:?}: {size}");
+            }
+        }
     }
 }

@@ -62,11 +62,16 @@ fn what_is_no_mesh_is_refused_in_a_line() {
     std::fs::write(folder.join("cloud.toml"), "[[node]]\n").unwrap();
     for (arguments, code, words) in [
         (vec!["export", &fern, "-o", "fern.html"], 2, "is a source, which becomes a mesh"),
-        (vec!["export", &fern, "-o", "fern.glb", "--depth", "3"], 2, "say something of texels"),
+        (vec!["export", &fern, "-o", "fern.glb", "--depth", "3"], 2, "--depth says how texels are written"),
+        (vec!["export", &fern, "-o", "fern.glb", "--title", "x"], 2, "--title says how texels are written"),
+        (vec!["export", &fern, "-o", "fern.glb", "--form", "points"], 2, "--form says how texels are written"),
+        (vec!["export", &fern, "-o", "fern.glb", "--least-opacity", "0"], 2, "--least-opacity says how texels"),
         (vec!["export", &fern, "-o", "fern.glb", "-r", "0"], 2, "out of range"),
         (vec!["export", &fern, "-o", "fern.glb", "--max-triangles", "7"], 1, "triangles of the source's facets"),
         (vec!["export", &fern, "-o", "fern.glb", "--iso", "3"], 2, "--iso says how"),
         (vec!["export", "fern.vtex", "-o", "fern.glb", "-r", "8"], 2, "-r says how sources become meshes"),
+        (vec!["export", "fern.vtex", "-o", "fern.html", "--max-triangles", "7"], 2, "--max-triangles says how sources"),
+        (vec!["export", "fern.vtex", "-o", "fern.glb", "--memory", "1G"], 2, "--memory says how sources"),
         (vec!["export", "fern.vtex", "-o", "fern.glb", "--tint"], 2, "--tint says how sources become meshes"),
         (vec!["export", "fern.vtex", "-o", "fern.glb", "--iso", "3"], 2, "--iso says how"),
         (vec!["export", "missing.lsys", "-o", "fern.glb"], 1, "missing.lsys"),

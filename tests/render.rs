@@ -236,7 +236,11 @@ fn lights_in_lux_make_the_picture_that_watts_make() {
     assert!((sum(&kept) / sum(&plain) / 683.0 - 1.0).abs() < 5e-3, "{} {}", sum(&kept), sum(&plain));
     let (scaled, _) = shot("lux.glb --sky 0,0,0 --exposure auto", "auto.exr");
     assert!(differ(&scaled, &plain) < 1e-5, "{}", differ(&scaled, &plain));
-    for bad in ["NaN", "bright", "inf"] {
+    // A stop more than what suits it, in powers of two, and the line still says what that is.
+    let (brighter, said) = shot("lux.glb --sky 0,0,0 --exposure auto+1", "brighter.exr");
+    assert!((sum(&brighter) / sum(&scaled) - 2.0).abs() < 1e-2, "{} {}", sum(&brighter), sum(&scaled));
+    assert!(said.contains("683 lm/W"), "{said}");
+    for bad in ["NaN", "bright", "inf", "auto1"] {
         assert_eq!(vtex(folder, &format!("render lux.glb -o a.png --exposure {bad}")).0, 2, "{bad}");
     }
 }

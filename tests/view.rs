@@ -141,6 +141,18 @@ fn a_landscapes_pictures_end_with_the_one_of_its_command() {
         let made = image::open(folder.path("made.png")).unwrap().to_rgb8();
         assert!(made.as_raw() == &picture.rgb, "{lanes} lanes");
     }
+    // Brighter, as a page asks for it.
+    assert_eq!(about["exposure"], serde_json::json!({ "said": false, "auto": false, "stops": 0.0 }));
+    let view = |more: &str| {
+        let (_, stream) = server.get(&format!("/picture?eye=-1,1.5,5&target=2,0,2&fov=40&size=30x20&step=1{more}"));
+        pictures(&stream).0.pop().unwrap().rgb
+    };
+    let brighter = view("&exposure=1.25");
+    let command =
+        "render land.gltf --sun -5,240 --eye=-1,1.5,5 --look-at 2,0,2 --fov 40 --size 30x20 --lanes 4 -o made.png";
+    folder.succeeds(&command.split(' ').chain(["--exposure", "1.25"]).collect::<Vec<_>>());
+    assert!(image::open(folder.path("made.png")).unwrap().to_rgb8().as_raw() == &brighter);
+    assert!(brighter != view("") && view("") == view("&exposure=auto"));
     // The ground lies at y = 0 below the middle of a view down on it.
     let (_, point) = server.get("/point?eye=0.5,3,0.5&target=0.5,0,0.51&fov=40&size=60x40&step=1&x=30&y=20");
     let point: Option<[f64; 3]> = serde_json::from_slice(&point).unwrap();
@@ -167,6 +179,7 @@ fn what_no_camera_is_is_refused() {
         ("eye=0,1,0&target=0,0,0&fov=40&size=4097x4&step=1", "size: "),
         ("eye=0,1,0&target=0,0,0&fov=40&size=0x4&step=1", "size: "),
         ("eye=0,1,0&target=0,0,0&fov=40&size=4x4&step=3", "step is a power of two"),
+        ("eye=0,1,0&target=0,0,0&fov=40&size=4x4&step=1&exposure=bright", "exposure: "),
     ] {
         let (head, body) = server.get(&format!("/picture?{query}"));
         let body = String::from_utf8(body).unwrap();

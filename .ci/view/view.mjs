@@ -144,6 +144,17 @@ async function texelPage(name, url) {
   await page.screenshot({ path: join(folder, `${name}-cut.png`) });
   await changes(page, "the cut's place", () => page.locator("#slice").fill("0.3"));
   await changes(page, "no cut", () => page.selectOption("#axis", "3"));
+  await changes(page, "the exposure", () => page.locator("#exposure").fill("1.5"));
+  assert.equal(await page.locator("#exposure-value").textContent(), "+1.5");
+  await page.focus("canvas");
+  await changes(page, "a full stop", () => page.keyboard.press("."));
+  await changes(page, "a comma", () => page.keyboard.press(","));
+  assert.equal(await page.locator("#exposure").inputValue(), "1.5");
+  await page.locator("#exposure").fill("0");
+  await page.selectOption("#channel", "albedo");
+  assert.ok(await page.locator("#exposure").isDisabled(), "what is not lit has no exposure");
+  await page.selectOption("#channel", "shaded");
+  await rested(page);
   await changes(page, "the sun", () => page.locator("#azimuth").fill("60"));
   await changes(page, "depth 3", () => page.locator("#depth").fill("3"));
   assert.equal(await view("depth"), 3);
@@ -203,7 +214,7 @@ async function landscapePage() {
     await page.click("#copy");
     const command = await page.evaluate(() => navigator.clipboard.readText());
     assert.equal(command, await page.locator("#command").inputValue());
-    assert.match(command, /^vtex render .* --sun 40,220 --eye .* --look-at .* --fov .* --size \d+x\d+ --lanes 4 -o view.png$/);
+    assert.match(command, /^vtex render .* --sun 40,220 --eye .* --look-at .* --fov \S+ (--exposure \S+ )?--size \d+x\d+ --lanes 4 -o view.png$/);
     const [shown, made] = [join(folder, `${name}-shown.png`), join(folder, `${name}-made.png`)];
     writeFileSync(shown, Buffer.from((await seen(page)).split(",")[1], "base64"));
     execFileSync("sh", ["-c", `${command.replace("vtex", `'${vtex}'`).replace("view.png", `'${made}'`)} -q`]);
@@ -227,6 +238,11 @@ async function landscapePage() {
   await page.selectOption("#mode", "orbit");
   await changes(page, "a double click", () => page.mouse.dblclick(MIDDLE[0], height * 0.8));
   await changes(page, "the field of view", () => page.locator("#fov").fill("70"));
+  // The exposure, by hand and by keys, is one of the command line.
+  await changes(page, "the exposure", () => page.locator("#exposure").fill("1.5"));
+  await page.focus("canvas");
+  await changes(page, "a comma", () => page.keyboard.press(","));
+  assert.match(await page.locator("#command").inputValue(), / --exposure 1.25 /);
   await same("landscape-moved");
   await page.screenshot({ path: join(folder, "landscape-moved.png") });
   const pace = await rate(page, "landscapeView");

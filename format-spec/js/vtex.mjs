@@ -420,6 +420,8 @@ export class Texel {
   // The plain text of section 11.
   text() {
     const lines = [`depths ${this.depths.length} up ${this.up} cyclic ${this.cyclic} model ${this.meta.model}`];
+    const surfaces = (this.meta.surfaces ?? []).map((s) => [...(s.transmission ?? [0, 0, 0]), s.unlit ?? 0, s.oneSided ?? 0]);
+    if (surfaces.flat().some((v) => v > 0)) surfaces.forEach((row, i) => lines.push(["surface", i, ...row.map((v) => halfUp(1e4 * v))].join(" ")));
     this.positions().forEach(({ at, terminal }, d) => {
       lines.push(`depth ${d} voxels ${at.length}`);
       this.voxels(d).forEach((v, i) => {

@@ -246,6 +246,25 @@ def sigma(v, w):
     return math.sqrt(max(0.0, x * x + y * y + z * z + 2 * (a * x * y + b * x * z + c * y * z)))
 
 
+def mean_sigma(v, points=4000):
+    """The mean of σ over all directions, by points of a spiral."""
+    total = 0.0
+    for i in range(points):
+        z, turn = 1 - (2 * i + 1) / points, i * math.pi * (3 - math.sqrt(5))
+        r = math.sqrt(1 - z * z)
+        total += sigma(v, (r * math.cos(turn), r * math.sin(turn), z))
+    return total / points
+
+
+def faced(v, w):
+    """The share of a voxel's facets that an eye sees along w: section 6.1."""
+    if v["one_sided"] == 0 or (v["rate"] == 255 and v["side"] == 0):
+        return 1.0
+    across = sum(n * d for n, d in zip(octahedral(v["mean"]), w))
+    fronts = -2 * mean_sigma(v) * v["side"] / 15 * across / sigma(v, w)
+    return 1 - v["one_sided"] * (1 - (0.5 + 0.5 * min(1.0, max(-1.0, fronts))))
+
+
 def slab(origin, direction, low, high):
     near, far = -math.inf, math.inf
     for o, d, a, b in zip(origin, direction, low, high):
@@ -258,8 +277,8 @@ def slab(origin, direction, low, high):
     return (near, far) if near < far else None
 
 
-def transmittance(texel, values, origin, direction, depth):
-    """Of the straight line through the whole cube, by voxels of `depth` and terminal nodes above it."""
+def transmittance(texel, values, origin, direction, depth, eye=False):
+    """Of the straight line through the whole cube, by voxels of `depth` and terminal nodes above it; of a light's ray, or an eye's."""
     size = math.sqrt(sum(d * d for d in direction))
     w = [d / size for d in direction]
     pieces = []
@@ -277,6 +296,7 @@ def transmittance(texel, values, origin, direction, depth):
                 continue
             block = ("node", d, p) if d <= depth - 2 else tuple((c << (depth - d)) >> 2 for c in p)
             area = 1.0 if texel.meta["model"] == "neyret" else sigma(v, w)
+            area *= faced(v, w) if eye else 1.0
             tau = 2 ** ((v["rate"] - 144) / 16) * area * (span[1] - span[0]) / edge
             pieces.append((span[0], block, tau, v["block"] / 15))
     total, inside, current = 1.0, 1.0, None
@@ -390,6 +410,10 @@ def text(texel, rays=()):
     names = list(texel.streams)
     values = []
     lines = [f"depths {len(texel.voxels)} up {texel.up} cyclic {texel.cyclic} model {texel.meta['model']}"]
+    surfaces = texel.meta.get("surfaces", [])
+    for i, s in enumerate(surfaces):
+        numbers = [*s.get("transmission", [0, 0, 0]), s.get("unlit", 0), s.get("oneSided", 0)]
+        lines.append(" ".join(map(str, ["surface", i, *(half_up(1e4 * x) for x in numbers)])))
     for d in range(len(texel.voxels)):
         lines.append(f"depth {d} voxels {len(texel.voxels[d])}")
         values.append({})
@@ -398,13 +422,18 @@ def text(texel, rays=()):
             v = values[d][p] = decode(codes, texel.streams)
             row = [*p, v["rate"], *v["root"], *v["corr"], v["block"], *v["low"], *v["high"], v["side"], *v["mean"], *v["albedo"]]
             if "MATL" in codes:
-                row += shares(codes["MATL"], texel.streams["MATL"], texel.meta["materials"], v["albedo"])
+                mix = shares(codes["MATL"], texel.streams["MATL"], texel.meta["materials"], v["albedo"])
+                v["one_sided"] = sum(m / 63 * s.get("oneSided", 0) for m, s in zip(mix, surfaces))
+                row += mix
             end = " t" if d + 1 < len(texel.voxels) and not texel.mask(d, p) else ""
             lines.append(" ".join(map(str, row)) + end)
     for origin, direction in rays:
         for d in range(len(texel.voxels)):
             t = transmittance(texel, values, origin, direction, d)
             lines.append(" ".join(["ray", *map(repr, origin), *map(repr, direction), str(d), f"{t:.7f}"]))
+            if surfaces:
+                t = transmittance(texel, values, origin, direction, d, eye=True)
+                lines.append(" ".join(["eye", *map(repr, origin), *map(repr, direction), str(d), f"{t:.7f}"]))
     return "\n".join(lines) + "\n"
 
 
@@ -495,6 +524,17 @@ def good(dice):
     top.update(RATE=[2], NDFD=[0, 1, 2], NDFC=[0, 1, 2], SUPP=[1, 2, 3])
     least = dict(RATE=2, NDFD=2, NDFC=2, CORR=1, SUPP=3, SIDE=1, MEAN=1, ALBD=1)
     yield "least-codes", Texel(least, [{(0, 0, 0): top}, {(0, 0, 0): top, (1, 1, 1): dict(top, RATE=[1])}]), rays
+    sheets = [{"oneSided": 1}, {"oneSided": 0.25, "transmission": [0.1, 0.3, 0.05], "unlit": 0.5}, {}]
+    meta = dict(Texel({}, []).meta, materials=three, surfaces=sheets)
+    facing = grown(dice, {n: q for n, q in dict(FULL, MATL=2).items() if n != "SUPP"}, 3, 0.75, meta=meta)
+    for depth in range(3):
+        for n, p in enumerate(facing.order(depth)):
+            # Thin enough for sides to tell, of facets that have one; some are the inside of a solid.
+            inside = n % 23 == 7
+            facing.voxels[depth][p].update(RATE=[128] if inside else [60 + n % 9], SIDE=[0 if inside else 9 + n % 7])
+    ends = [[[round(dice.uniform(low, low + 0.6), 3) for low in (side, 0.2, 0.2)] for side in (-0.7, 1.1)] for _ in range(6)]
+    lines = [(a, [round(y - x, 3) for x, y in zip(a, b)]) for a, b in ends + [e[::-1] for e in ends]]
+    yield "one-sided", facing, lines
 
 
 def bad(dice):

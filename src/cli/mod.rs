@@ -35,6 +35,8 @@ mod error;
 mod expand;
 #[cfg(feature = "bake")]
 mod export;
+#[cfg(feature = "render")]
+mod exposure;
 #[cfg(all(feature = "bake", feature = "render"))]
 mod farm;
 mod fetched;

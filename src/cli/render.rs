@@ -6,6 +6,7 @@ use std::time::Instant;
 use serde_json::{Value, json};
 
 use super::depfile::{self, DepfileArgs};
+use super::exposure::{Exposure, exposure};
 use super::download::{self, DownloadArgs, Need};
 use super::quantity::{bytes, finite, positive};
 use super::render_stats::{self, PerPixel};
@@ -80,8 +81,8 @@ pub struct Args {
     lanes: u32,
     /// Brightness: so many stops brighter than what the file says, its lights read as W/m² and W/sr; or `auto`: lights so
     /// strong that they must be lux and candela (a median of more than 100 over the scene) are divided by 683 lm/W, which
-    /// is said, as Blender shows what it exports. By default `auto` for .png, 0 for .exr, whose numbers are for measuring
-    #[arg(long, value_name = "auto|STOPS", value_parser = exposure, allow_hyphen_values = true)]
+    /// is said, as Blender shows what it exports, and auto+1 is a stop brighter than that. By default `auto` for .png, 0 for .exr, whose numbers are for measuring
+    #[arg(long, value_name = "auto|STOPS|auto+STOPS", value_parser = exposure, allow_hyphen_values = true)]
     exposure: Option<Exposure>,
     /// Tone curve of a .png: Khronos PBR Neutral, which leaves colours alone and presses what is bright; AgX, in which bright
     /// colours run to white as on film; or none, clipped at white, for measuring. An .exr has none
@@ -128,16 +129,6 @@ pub struct Args {
     motion: MotionArgs,
     #[command(flatten)]
     download: DownloadArgs,
-}
-
-/// Irradiance from which on light is that of a real day, not of a display's: ten times what makes white of white.
-const PHYSICAL: f64 = 30.0;
-
-/// How bright the picture is.
-#[derive(Debug, Clone, Copy, PartialEq)]
-enum Exposure {
-    Auto,
-    Stops(f64),
 }
 
 #[derive(Clone, Copy, clap::ValueEnum)]
@@ -209,14 +200,6 @@ fn sun(text: &str) -> std::result::Result<SunPosition, String> {
     Ok(SunPosition { elevation, azimuth })
 }
 
-fn exposure(text: &str) -> std::result::Result<Exposure, String> {
-    if text.trim().eq_ignore_ascii_case("auto") {
-        return Ok(Exposure::Auto);
-    }
-    let stops = text.trim().parse().ok().filter(|stops: &f64| stops.is_finite());
-    stops.map(Exposure::Stops).ok_or_else(|| format!("{text:?} is neither a number of stops nor auto"))
-}
-
 fn colour(text: &str) -> std::result::Result<[f64; 3], String> {
     let rgb = triple(text)?;
     if rgb.iter().all(|&v| v >= 0.0) { Ok(rgb) } else { Err("a radiance is not negative".into()) }
@@ -238,17 +221,7 @@ impl Args {
             Some(size) => size,
             None => render::picture_size(scene, &camera)?,
         };
-        let said = self.exposure.unwrap_or(if is_exr(output) { Exposure::Stops(0.0) } else { Exposure::Auto });
-        let (exposure, light_scale) = match (said, render::photometric(scene)) {
-            (Exposure::Stops(stops), _) => (stops, 1.0),
-            (Exposure::Auto, None) => (0.0, 1.0),
-            (Exposure::Auto, Some(lux)) => {
-                // A sun as bright as the real one is brought to what suits a display: a white surface that faces it to 1.
-                let irradiance = lux / render::LUMENS_PER_WATT;
-                let stops = if irradiance > PHYSICAL { (std::f64::consts::PI / irradiance).log2() } else { 0.0 };
-                (stops, 1.0 / render::LUMENS_PER_WATT)
-            }
-        };
+        let (exposure, light_scale) = self.exposure_of(output).of(render::photometric(scene));
         Ok(Options {
             size,
             crop: self.tile,
@@ -275,6 +248,10 @@ impl Args {
             sun_angle: self.sun_angle.map(f64::to_radians),
             haze: self.haze,
         })
+    }
+
+    fn exposure_of(&self, output: &Path) -> Exposure {
+        self.exposure.unwrap_or(if is_exr(output) { Exposure::Stops(0.0) } else { Exposure::AUTO })
     }
 
     /// The picture of the sky, if one is asked for.
@@ -309,8 +286,10 @@ impl Args {
         let irradiance = render::photometric(scene)?;
         let what = format!("the file's lights are in lux and candela (a median of {} lx)", short(irradiance.round()));
         if options.light_scale != 1.0 {
-            let darker = if options.exposure < 0.0 {
-                let by = short((1e3 * (-options.exposure).exp2()).round() / 1e3);
+            // Stops that were asked for besides are known to who asked.
+            let (own, _) = Exposure::AUTO.of(Some(irradiance));
+            let darker = if own < 0.0 {
+                let by = short((1e3 * (-own).exp2()).round() / 1e3);
                 format!(", and by {by} so that a white surface in that light is 1")
             } else {
                 String::new()
@@ -408,6 +387,11 @@ pub struct Look {
     pub scene: Scene,
     pub options: Options,
     pub tone: Tone,
+    pub exposure: Exposure,
+    /// Whether the command line says the exposure.
+    pub is_exposed: bool,
+    /// The irradiance of the lights, where the file has them in lux and candela.
+    pub lux: Option<f64>,
 }
 
 /// A landscape of which pictures are made by cameras that others choose.
@@ -429,7 +413,8 @@ pub fn look(args: &Args, ui: &Ui) -> Result<Look> {
     let shown = Path::new("view.png");
     let options = args.options(&scene, shown)?;
     args.said_of_lights(&scene, &options).iter().for_each(|line| ui.say(line));
-    Ok(Look { scene, options, tone: args.tone(shown) })
+    let (lux, exposure) = (render::photometric(&scene), args.exposure_of(shown));
+    Ok(Look { scene, options, tone: args.tone(shown), exposure, is_exposed: args.exposure.is_some(), lux })
 }
 
 /// The landscape at a time of a sequence, or as asked for.

@@ -73,7 +73,7 @@ impl Prepared<'_> {
         Viewpoint { eye: view.place(), ahead: view.ahead(), projection: view.projection() }
     }
 
-    /// Change the picture: from now on the camera, `size`, `lanes` and `source_lod` are those of `options`, whose other fields have to be as
+    /// Change the picture: from now on the camera, `size`, `lanes`, `exposure` and `source_lod` are those of `options`, whose other fields have to be as
     /// before. Nothing is prepared anew. If the camera has moved, pictures may differ by rounding from those of a scene that is prepared for
     /// the new position, the more so the further it has moved (see [`Prepared::distance`]).
     ///
@@ -214,7 +214,14 @@ mod tests {
         assert_eq!(prepared.distance(&other).unwrap(), 0.0);
         prepared.look(other.clone()).unwrap();
         let made = render(&scene, &other, &Quiet).unwrap().film;
-        assert!(prepared.film(whole([33, 20])).unwrap().pixels == made.pixels);
+        let prepared_before = made.pixels;
+        assert!(prepared.film(whole([33, 20])).unwrap().pixels == prepared_before);
+        // As bright as others want it, again the same.
+        let brighter = Options { exposure: 1.5, ..other.clone() };
+        prepared.look(brighter.clone()).unwrap();
+        let made = render(&scene, &brighter, &Quiet).unwrap().film;
+        let film = prepared.film(whole([33, 20])).unwrap();
+        assert!(film.pixels == made.pixels && film.pixels[300] != prepared_before[300]);
         // From another: but for roundings.
         let moved = look(DVec3::new(0.7, 2.5, -0.4), DVec3::new(0.2, 1.0, 0.0), [40, 30]);
         assert!(prepared.distance(&moved).unwrap() > 0.1);

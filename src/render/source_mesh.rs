@@ -7,6 +7,7 @@ use std::sync::Arc;
 use crate::geom::{Aabb, DAffine3, DMat3, DVec3, Ray, Vec3};
 use crate::scene::shell::{Pose, TexelRef};
 use crate::scene::{Instance, Model, Texture, Transmission, files, gltf};
+use crate::volume::axes::source_to_uvw;
 use crate::volume::surface::{SurfaceTable, mean_transmission};
 use crate::volume::{Info, Octree, Palette, Style};
 use crate::{Error, Result, Warnings};
@@ -186,10 +187,7 @@ fn shifts(bounds: &Aabb, cyclic: [bool; 3]) -> Vec<DVec3> {
 
 /// Source space → texel space, as the bake placed it.
 fn to_texel(bounds: &Aabb, up: u8) -> DAffine3 {
-    let turn = match up {
-        1 => DMat3::from_cols(DVec3::X, DVec3::Z, DVec3::NEG_Y),
-        _ => DMat3::IDENTITY,
-    };
+    let turn = source_to_uvw(up);
     let (a, b) = (turn * bounds.min, turn * bounds.max);
     let scale = DMat3::from_diagonal(1.0 / (a - b).abs());
     DAffine3 { matrix3: scale * turn, translation: -(scale * a.min(b)) }
@@ -239,5 +237,6 @@ mod tests {
         assert_eq!(map.transform_point3(DVec3::new(3.0, 4.0, 3.0)), DVec3::ONE);
         assert_eq!(map.transform_vector3(DVec3::NEG_Z), 0.5 * DVec3::Y);
         assert_eq!(to_texel(&bounds, 2).transform_point3(DVec3::new(1.0, 4.0, 4.0)), DVec3::new(0.0, 1.0, 0.5));
+        assert_eq!(to_texel(&bounds, 0).transform_point3(DVec3::new(1.0, 4.0, 4.0)), DVec3::new(1.0, 0.5, 0.0));
     }
 }

@@ -6,6 +6,7 @@ use super::shell::Variant;
 use super::wind::WindField;
 use crate::geom::{DAffine3, DMat3, DVec3};
 use crate::volume::Info;
+use crate::volume::axes::{UVW_TO_SCENE, to_uvw};
 
 /// Copies that one node places. Copies beyond the end of a list of properties have the default, so that a million copies without such
 /// properties take 12 MB.
@@ -76,16 +77,9 @@ impl CopySet {
 pub fn to_texel(info: &Info) -> DAffine3 {
     let metres = if info.metres_per_unit > 0.0 { info.metres_per_unit } else { 1.0 };
     let (min, max) = (info.bounds.min * metres, info.bounds.max * metres);
-    let (low, high) = match info.up {
-        // (u, v, w) = (y, z, x) of the source.
-        0 => (DVec3::new(min.y, min.z, min.x), DVec3::new(max.y, max.z, max.x)),
-        // (u, v, w) = (x, −z, y) of the source.
-        1 => (DVec3::new(min.x, -max.z, min.y), DVec3::new(max.x, -min.z, max.y)),
-        _ => (min, max),
-    };
-    let turn = DMat3::from_cols(DVec3::X, DVec3::Z, DVec3::NEG_Y);
-    let scale = 1.0 / (high - low);
-    DAffine3 { matrix3: DMat3::from_diagonal(scale) * turn, translation: -(scale * low) }
+    let (a, b) = (to_uvw(info.up, min), to_uvw(info.up, max));
+    let scale = 1.0 / (b - a).abs();
+    DAffine3 { matrix3: DMat3::from_diagonal(scale) * UVW_TO_SCENE.transpose(), translation: -(scale * a.min(b)) }
 }
 
 #[cfg(test)]

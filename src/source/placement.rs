@@ -2,6 +2,7 @@
 
 use crate::geom::{Aabb, DAffine3, DMat3, DVec3};
 use crate::volume::Info;
+use crate::volume::axes::{source_to_uvw, to_uvw};
 
 /// log2 of the width of a region in voxels. A smaller texel is a single region.
 pub const REGION_LOG2: usize = 4;
@@ -41,15 +42,14 @@ impl Placement {
 
     /// Map a point from source space to grid space, [0, 2^depth]^3.
     pub fn to_grid(&self, p: DVec3) -> DVec3 {
-        let p = self.turn(self.transform.transform_point3(p));
+        let p = to_uvw(self.up, self.transform.transform_point3(p));
         (p - self.turned_min()) * self.scale
     }
 
     /// [`Placement::to_grid`] as a map.
     pub fn grid_map(&self) -> DAffine3 {
-        let turned = DMat3::from_cols(self.turn(DVec3::X), self.turn(DVec3::Y), self.turn(DVec3::Z));
         let scaled = DMat3::from_diagonal(DVec3::splat(self.scale));
-        DAffine3::from_mat3_translation(scaled * turned, -self.scale * self.turned_min()) * self.transform
+        DAffine3::from_mat3_translation(scaled * source_to_uvw(self.up), -self.scale * self.turned_min()) * self.transform
     }
 
     /// Placement of a source that is placed by `transform` in the space of the source that this placement is of.
@@ -57,17 +57,8 @@ impl Placement {
         Placement { transform: self.transform * transform, ..*self }
     }
 
-    /// Rotate a direction of the space of `bounds` to the axes u, v, w.
-    fn turn(&self, p: DVec3) -> DVec3 {
-        match self.up {
-            0 => DVec3::new(p.y, p.z, p.x),
-            1 => DVec3::new(p.x, -p.z, p.y),
-            _ => p,
-        }
-    }
-
     fn turned_min(&self) -> DVec3 {
-        self.turn(self.bounds.min).min(self.turn(self.bounds.max))
+        to_uvw(self.up, self.bounds.min).min(to_uvw(self.up, self.bounds.max))
     }
 
     /// Translations (grid space) under which matter in the box `extent` appears in the cube: along cyclic axes all multiples of the

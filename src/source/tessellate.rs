@@ -7,9 +7,10 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use super::placement::Placement;
 use super::traits::{Source, Staged};
 use crate::geom::polygon::Polygon;
-use crate::geom::{DAffine3, DMat3, DVec3};
+use crate::geom::{DAffine3, DVec3};
 use crate::progress::Progress;
 use crate::scene::{Alpha, Instance, Material, Model, Part, Transmission};
+use crate::volume::axes::{UVW_TO_SCENE, source_to_uvw};
 use crate::volume::surface::SurfaceMeans;
 use crate::{Error, Result, Warnings, morton, par};
 
@@ -126,11 +127,7 @@ fn model_of(source: &dyn Source, place: &Placement, found: Vec<RegionFacets>) ->
     }
     let mut model = Model { metres_per_unit: source.metres_per_unit(), ..Model::default() };
     // Back into the source's own space, and +Y up.
-    let turn = match source.up() {
-        0 => DMat3::from_cols(DVec3::Y, DVec3::Z, DVec3::X),
-        1 => DMat3::IDENTITY,
-        _ => DMat3::from_cols(DVec3::X, DVec3::NEG_Z, DVec3::Y),
-    };
+    let turn = UVW_TO_SCENE * source_to_uvw(source.up());
     let to_source = place.grid_map().inverse();
     let stands = DAffine3::from_mat3(turn) * DAffine3::from_translation(source.origin());
     for (kind, welded) in kinds {

@@ -2,6 +2,7 @@
 //!
 //! Texel space is the cube \[0,1\]^3 with axes (u, v, w), w up; at depth d it is cut into (2^d)^3 voxels. Depth 0 is the root.
 
+pub mod axes;
 pub mod brightness;
 pub mod cells;
 #[cfg(feature = "bake")]

@@ -76,7 +76,6 @@ pub fn run(mut args: Args, ui: &Ui) -> Result<()> {
     if source::is_meant(&args.file) {
         return source::run(&args, ui);
     }
-    args.mesh.check_unused(&args.file)?;
     let writes = [Some(args.output.as_path()), args.depfile.path()];
     let kind = args.output.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
     let export = match kind.as_str() {
@@ -92,7 +91,7 @@ pub fn run(mut args: Args, ui: &Ui) -> Result<()> {
             return Err(Error::Options(format!("{}: give it a name that ends in {known}", args.output.display())));
         }
     };
-    args.are_of(&kind)?;
+    args.check_used(Some(&kind))?;
     outputs::check(std::slice::from_ref(&args.file), writes.into_iter().flatten())?;
     let downloads = download::local(std::slice::from_mut(&mut args.file), Need::Whole, &args.download, ui)?;
     downloads.no_depfile(args.depfile.path())?;
@@ -121,21 +120,36 @@ impl Args {
         self.least_opacity.unwrap_or(0.1)
     }
 
-    /// Fails where an option was given that says nothing to a file of this kind: who gave it expects something else.
-    fn are_of(&self, kind: &str) -> Result<()> {
-        let splats = kind == "glb" && self.form() == Form::Splats;
+    /// Fails where an option was given that has no effect: who gave it expects something else. `kind`: the extension of what a
+    /// texel is written to; `None` where a source becomes a mesh.
+    fn check_used(&self, kind: Option<&str>) -> Result<()> {
+        let file = self.file.display();
+        let splats = kind == Some("glb") && self.form() == Form::Splats;
+        let is_mesh = kind == Some("glb") && !splats;
         for (name, given, is_of) in [
-            ("--title", self.title.is_some(), kind == "html"),
-            ("--depth", self.depth.is_some(), kind != "html"),
-            ("--form", self.form.is_some(), kind == "glb"),
-            ("--least-opacity", self.least_opacity.is_some(), kind == "usda" || kind == "glb" && !splats),
+            ("--title", self.title.is_some(), kind == Some("html")),
+            ("--depth", self.depth.is_some(), kind != Some("html")),
+            ("--form", self.form.is_some(), kind == Some("glb")),
+            ("--least-opacity", self.least_opacity.is_some(), kind == Some("usda") || is_mesh),
         ] {
-            if given && !is_of {
-                let what = if splats { "splats in a .glb".into() } else { format!("a .{kind}") };
-                return Err(Error::Options(format!("{name} is no option of {what}: leave it out")));
+            match kind {
+                _ if !given => {}
+                None => {
+                    let what = format!("{name} says how texels are written, and {file} is a source: leave it out");
+                    return Err(Error::Options(what));
+                }
+                Some(kind) if !is_of => {
+                    let what = if splats { "splats in a .glb".into() } else { format!("a .{kind}") };
+                    return Err(Error::Options(format!("{name} is no option of {what}: leave it out")));
+                }
+                Some(_) => {}
             }
         }
-        Ok(())
+        if let Some(name) = self.mesh.given().next().filter(|_| kind.is_some()) {
+            let what = format!("{name} says how sources become meshes, and {file} is a texel: leave it out");
+            return Err(Error::Options(what));
+        }
+        self.mesh.check_kind(&self.file)
     }
 }
 

@@ -17,6 +17,8 @@ use crate::{Error, Result, Warnings};
 
 /// Voxels along the cube's edge where nobody says.
 const RESOLUTION: u32 = 512;
+/// Most triangles where nobody says.
+const MAX_TRIANGLES: u64 = 20_000_000;
 
 /// How a source becomes a mesh.
 #[derive(clap::Args)]
@@ -25,9 +27,9 @@ pub struct MeshArgs {
     /// How fine curved things are cut, and masks: as for a texel of so many voxels along its edge [default: 512]
     #[arg(long, short, value_name = "N")]
     resolution: Option<u32>,
-    /// Most triangles of the mesh
-    #[arg(long, value_name = "N", default_value_t = 20_000_000)]
-    max_triangles: u64,
+    /// Most triangles of the mesh [default: 20000000]
+    #[arg(long, value_name = "N")]
+    max_triangles: Option<u64>,
     /// Most bytes of memory to read the source, and to lay it out
     #[arg(long, value_name = "BYTES", value_parser = super::super::quantity::bytes)]
     memory: Option<u64>,
@@ -38,12 +40,18 @@ pub struct MeshArgs {
 }
 
 impl MeshArgs {
-    /// Check that nothing was asked for that says nothing of a texel.
-    pub fn check_unused(&self, file: &Path) -> Result<()> {
-        if let Some(option) = self.resolution.map(|_| "-r").or(self.paint.given()) {
-            let file = file.display();
-            return Err(Error::Options(format!("{option} says how sources become meshes, and {file} is a texel")));
-        }
+    /// Names of the options that were given and say how a source becomes a mesh, whatever the source.
+    pub fn given(&self) -> impl Iterator<Item = &'static str> + use<> {
+        let own = [
+            ("-r", self.resolution.is_some()),
+            ("--max-triangles", self.max_triangles.is_some()),
+            ("--memory", self.memory.is_some()),
+        ];
+        own.into_iter().filter(|(_, given)| *given).map(|(name, _)| name).chain(self.paint.given())
+    }
+
+    /// Check that each option that was given and is of some kinds of sources alone says something of `file`.
+    pub fn check_kind(&self, file: &Path) -> Result<()> {
         self.how.check(&json!({}), &[file.to_path_buf()])
     }
 }
@@ -61,19 +69,13 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
             "{output}: {input} is a source, which becomes a mesh (.glb or .gltf); of a texel that is baked from it there is more"
         )));
     }
-    if args.title.is_some() || args.depth.is_some() {
-        return Err(Error::Options(format!(
-            "--title and --depth say something of texels, and {} is none",
-            input.display()
-        )));
-    }
+    args.check_used(None)?;
     let mut files: Vec<PathBuf> = dependencies(input);
     files.extend(paint_files(&args.mesh.paint.options()));
     files.extend(args.mesh.how.files());
     let writes = [Some(output.as_path()), args.depfile.path()];
     outputs::check(&files, writes.into_iter().flatten())?;
     let how = &args.mesh;
-    how.how.check(&json!({}), std::slice::from_ref(input))?;
     let options = how.how.options(how.memory);
     let source = apply_paint(open(input, &options)?, &how.paint.options(), &options.read)?;
     source.notes().iter().for_each(|note| ui.say(note));
@@ -82,7 +84,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
     let options = Options { resolution, up: source.up(), memory: how.memory.unwrap_or(0), ..Options::default() };
     let place: Placement = plan(source.bounds(), &options)?;
     let mut warnings = Warnings::default();
-    let model = tessellate(&*source, &place, how.max_triangles, ui, &mut warnings)?;
+    let model = tessellate(&*source, &place, how.max_triangles.unwrap_or(MAX_TRIANGLES), ui, &mut warnings)?;
     ui.finish();
     let triangles: usize = model.parts.iter().map(|part| part.triangles.len()).sum();
     if triangles == 0 {

@@ -10,6 +10,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use serde_json::{Value, json};
 
+use super::super::exposure::{Exposure, exposure};
 use super::super::flags;
 use super::super::render::{self, Look};
 use super::super::ui::Ui;
@@ -72,6 +73,7 @@ struct Camera {
     size: [u32; 2],
     /// The coarsest pixel, in pixels: a power of two.
     step: u32,
+    exposure: Exposure,
 }
 
 /// Why a picture ended early.
@@ -104,6 +106,11 @@ impl<'a> Landscape<'a> {
         let (camera, radius) = first_camera(&first);
         let about = json!({
             "name": name, "command": command, "camera": camera, "radius": radius, "lanes": look.options.lanes.max(LANES),
+            "exposure": {
+                "said": look.is_exposed,
+                "auto": look.lux.is_some() && matches!(look.exposure, Exposure::Auto(_)),
+                "stops": look.exposure.stops(),
+            },
         });
         Ok(Landscape { session, look, about, turn: Mutex::new(Some(Arc::new(Mutex::new(first)))) })
     }
@@ -121,11 +128,11 @@ impl<'a> Landscape<'a> {
             "/" => client.answer("200 OK", "text/html; charset=utf-8", POLICY, PAGE.as_bytes()),
             "/landscape.css" => client.answer("200 OK", "text/css; charset=utf-8", NOTHING, STYLE.as_bytes()),
             "/scene" => json_answer(client, &self.about),
-            "/picture" => match camera_of(request) {
+            "/picture" => match self.camera_of(request) {
                 Ok(camera) => self.picture(&camera, client),
                 Err(what) => bad(client, &what),
             },
-            "/point" => match (camera_of(request), pixel_of(request)) {
+            "/point" => match (self.camera_of(request), pixel_of(request)) {
                 (Ok(camera), Ok([x, y])) => {
                     let found = self.point(&camera, [x, y]);
                     json_answer(client, &json!(found.ok().flatten().map(|p| p.to_array())))
@@ -134,6 +141,16 @@ impl<'a> Landscape<'a> {
             },
             _ => client.missing(),
         }
+    }
+
+    fn camera_of(&self, request: &Request) -> Result<Camera, String> {
+        let camera = camera_of(request, self.look.exposure)?;
+        // The scene is prepared with its lights as they are, or for what suits them.
+        let (_, scale) = camera.exposure.of(self.look.lux);
+        if scale == self.look.options.light_scale {
+            return Ok(camera);
+        }
+        Err("exposure: the command line says whether it begins at auto, and no page changes that".into())
     }
 
     fn turn(&self) -> MutexGuard<'_, Option<Place<'a>>> {
@@ -169,6 +186,7 @@ impl<'a> Landscape<'a> {
     fn options(&self, camera: &Camera, step: u32) -> Options {
         let mut options = self.look.options.clone();
         options.size = camera.size.map(|side| side.div_ceil(step));
+        options.exposure = camera.exposure.of(self.look.lux).0;
         options.camera = CameraChoice::LookAt { eye: camera.eye, target: camera.target, yfov: camera.yfov };
         if step > 1 {
             // What pixels as wide as these see of a source's triangles is not worth reading them.
@@ -267,7 +285,8 @@ fn first_camera(prepared: &Prepared<'_>) -> (Value, f64) {
     (json!({ "eye": eye.to_array(), "target": target.to_array(), "fov": fov }), radius)
 }
 
-fn camera_of(request: &Request) -> Result<Camera, String> {
+/// As the query of a request has it; `otherwise`: the exposure of one that says none.
+fn camera_of(request: &Request, otherwise: Exposure) -> Result<Camera, String> {
     let value = |name: &str| request.value(name).ok_or_else(|| format!("{name} is missing"));
     let point = |name: &str| value(name).and_then(|text| render::triple(text).map_err(|e| format!("{name}: {e}")));
     let fov: f64 = value("fov")?.parse().map_err(|_| "fov is no number of degrees".to_owned())?;
@@ -283,7 +302,8 @@ fn camera_of(request: &Request) -> Result<Camera, String> {
         return Err(format!("step is a power of two up to {COARSEST}"));
     }
     let (eye, target) = (DVec3::from_array(point("eye")?), DVec3::from_array(point("target")?));
-    Ok(Camera { eye, target, yfov: fov.to_radians(), size, step })
+    let exposure = request.value("exposure").map_or(Ok(otherwise), exposure).map_err(|e| format!("exposure: {e}"))?;
+    Ok(Camera { eye, target, yfov: fov.to_radians(), size, step, exposure })
 }
 
 fn pixel_of(request: &Request) -> Result<[u32; 2], String> {

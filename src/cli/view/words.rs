@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
-/// Options that the page says, by the camera and the size that it has.
-const OWN: [&str; 6] = ["--eye", "--look-at", "--fov", "--camera", "--size", "--lanes"];
+/// Options that the page says, by the camera, the exposure and the size that it has.
+const OWN: [&str; 7] = ["--eye", "--look-at", "--fov", "--camera", "--size", "--lanes", "--exposure"];
 
 /// The beginning of the command: the landscape, and those of the options that no page changes.
 pub fn command(landscape: &Path, options: &[String]) -> String {
@@ -39,7 +39,7 @@ mod tests {
     #[test]
     fn what_the_page_says_is_left_out() {
         let options =
-            ["--eye", "-1,2,3", "--sun", "-5,240", "--size=4x4", "--frame", "--look-at", "0,0,0", "--no-shadows"];
+            ["--eye", "-1,2,3", "--sun", "-5,240", "--size=4x4", "--frame", "--exposure", "-1", "--look-at", "0,0,0", "--no-shadows"];
         let command = command(Path::new("it's a/land.gltf"), &options.map(String::from));
         assert_eq!(command, r"vtex render 'it'\''s a/land.gltf' --sun -5,240 --no-shadows");
         assert_eq!(super::command(Path::new("a.glb"), &[]), "vtex render a.glb");

@@ -10,6 +10,8 @@ const FIRST_DEPTH = 4;
 // Light is what foliage of this luminance looks well in; more for darker matter and less for brighter, though not wholly.
 const FOLIAGE = 0.136;
 const CHANNELS = ["shaded", "albedo", "normal", "opacity", "materials"];
+// Stops by which a key changes the exposure.
+const STOPS = 0.25;
 const $ = (id) => document.getElementById(id);
 
 function bytesOf(base64) {
@@ -18,6 +20,7 @@ function bytesOf(base64) {
   return out;
 }
 
+const signed = (x) => (x > 0 ? `+${x}` : String(x));
 const digits = (x) => Number(x.toPrecision(4)).toString();
 
 function row(list, name, value) {
@@ -91,7 +94,7 @@ function start() {
     if (axis < 3) high[axis] = low[axis] + at * (high[axis] - low[axis]);
     const channel = CHANNELS.indexOf($("channel").value), isotropic = texel.meta.model === "neyret";
     const began = performance.now();
-    picture.draw({ ...orbit.shader(), sun, low, high, channel, samples, isotropic, palette, exposure });
+    picture.draw({ ...orbit.shader(), sun, low, high, channel, samples, isotropic, palette, exposure: exposure * 2 ** $("exposure").value });
     window.texelView.pictures += 1;
     return performance.now() - began;
   };
@@ -123,10 +126,13 @@ function start() {
     const chosen = Number($("depth").value);
     $("depth-value").textContent = chosen > finest ? "auto" : `${2 ** chosen}³`;
     for (const id of ["azimuth", "height"]) $(`${id}-value`).textContent = `${$(id).value}°`;
+    $("exposure-value").textContent = signed($("exposure").value);
     $("slice").disabled = $("axis").value === "3";
+    // What is not lit has neither a sun nor an exposure.
+    for (const id of ["azimuth", "height", "exposure"]) $(id).disabled = $("channel").value !== "shaded";
   };
   told();
-  for (const id of ["depth", "channel", "azimuth", "height", "axis", "slice"]) {
+  for (const id of ["depth", "channel", "azimuth", "height", "exposure", "axis", "slice"]) {
     $(id).addEventListener("input", () => {
       document.body.dataset.state = "moved";
       told();
@@ -134,10 +140,14 @@ function start() {
     });
   }
   if (!texel.streams.some((s) => s.semantic === "MATL")) $("channel").querySelector("[value=materials]").remove();
+  const expose = (stops) => () => {
+    $("exposure").value = Number($("exposure").value) + stops;
+    told();
+  };
   listen(canvas, orbit, () => {
     document.body.dataset.state = "moved";
     moved();
-  });
+  }, { ",": expose(-STOPS), ".": expose(STOPS) });
   // The texel stands in the part of the window that an open panel leaves free: beside it, or above it on a narrow screen.
   const fit = () => {
     const [width, height] = [Math.max(1, canvas.clientWidth), Math.max(1, canvas.clientHeight)];

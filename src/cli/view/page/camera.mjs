@@ -10,8 +10,11 @@ const STEEPEST = 1.55;
 // How far the head turns, against a turn around what is seen.
 const PACE = 0.25;
 
+// How far the exposure goes from the first one, stops.
+export const MOST_STOPS = 8;
+
 export class Camera {
-  // `first`: {eye, target, fov}, fov in degrees; `radius`: half of the scene's extent.
+  // `first`: {eye, target, fov, exposure}, fov in degrees, exposure in stops; `radius`: half of the scene's extent.
   constructor(first, radius) {
     this.first = first;
     this.radius = radius;
@@ -21,6 +24,7 @@ export class Camera {
 
   reset() {
     this.fov = this.first.fov;
+    this.exposure = this.first.exposure;
     this.look(this.first.eye, this.first.target);
   }
 
@@ -44,6 +48,10 @@ export class Camera {
 
   get target() {
     return add(this.eye, this.ahead, this.distance);
+  }
+
+  expose(stops) {
+    this.exposure = clamp(this.exposure + stops, this.first.exposure - MOST_STOPS, this.first.exposure + MOST_STOPS);
   }
 
   // Around the target, or of the head: what is seen follows the hand in both.

@@ -43,8 +43,8 @@ export class Pictures {
     }
   }
 
-  async picture({ eye, target, fov, size }, signal) {
-    const query = new URLSearchParams({ eye, target, fov, size: size.join("x"), step: this.step });
+  async picture({ eye, target, fov, exposure, size }, signal) {
+    const query = new URLSearchParams({ eye, target, fov, exposure, size: size.join("x"), step: this.step });
     const began = performance.now(), answer = await fetch(`picture?${query}`, { signal });
     if (!answer.ok) throw new Error((await answer.text()).trim());
     const reader = answer.body.getReader();
