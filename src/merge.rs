@@ -4,6 +4,7 @@
 //! there, is kept byte for byte instead.
 
 use crate::bake::{MAX_RESOLUTION, Options, Report, calibrate, measure_and_fit};
+use crate::error::short;
 use crate::geom::{Aabb, DAffine3, DMat3, DVec3};
 use crate::progress::Progress;
 use crate::source::Source;
@@ -14,13 +15,15 @@ use crate::source::materials::{UNNAMED, renamed};
 use crate::source::texel::{TexelSource, codes, own_grid, snapped};
 use crate::volume::axes::source_to_uvw;
 use crate::volume::brightness::{self, BrightnessFactors};
-use crate::volume::{Info, MAX_DEPTH, Volume};
+use crate::volume::surface::{self, SurfaceParams};
+use crate::volume::{Info, MAX_DEPTH, Material, Volume};
 use crate::{Error, Result, Warnings, morton};
 
 /// Options of [`merge`].
 #[derive(Debug, Clone, Default)]
 pub struct MergeOptions {
-    /// Placement of each input: from the space of its bounds to the result's. Inputs without one are not moved.
+    /// Placement of each input: from the space of its bounds to the result's, which has the unit of the first input. Inputs without
+    /// one are placed by [`to_unit_of`].
     pub transforms: Vec<DAffine3>,
     /// Voxels along the result's cube; by default the finest input's voxel size is kept.
     pub resolution: Option<u32>,
@@ -34,8 +37,17 @@ pub struct MergeOptions {
 
 /// Most copies by tiling.
 const MAX_TILES: u64 = 1 << 12;
+/// Most voxels that a result may have whose resolution nobody asked for: some minutes of work.
+const MAX_VOXELS: f64 = (1u64 << 27) as f64;
 /// Distance, in voxels, by which matter may reach beyond a voxel's border and still count as within it: more than rounding errors.
 const GRID_TOLERANCE: f64 = 1e-6;
+
+/// The map from the unit of one texel to that of another; the identity where one of them is not known.
+pub fn to_unit_of(info: &Info, other: &Info) -> DAffine3 {
+    let scale = info.metres_per_unit / other.metres_per_unit;
+    let is_known = scale.is_normal() && scale != 1.0;
+    if is_known { DAffine3::from_scale(DVec3::splat(scale)) } else { DAffine3::IDENTITY }
+}
 
 /// One texel of `inputs`, each with the warnings that it was read with.
 ///
@@ -52,8 +64,10 @@ pub fn merge(
     if inputs.iter().any(|(v, _)| v.info.up != first.up || v.info.model != first.model) {
         return Err(Error::Options("texels of different up axes or models cannot be merged: bake them alike".into()));
     }
-    let placed: Vec<DAffine3> =
-        (0..inputs.len()).map(|i| options.transforms.get(i).copied().unwrap_or(DAffine3::IDENTITY)).collect();
+    let own = |(i, (volume, _)): (usize, &(Volume, Warnings))| {
+        options.transforms.get(i).copied().unwrap_or_else(|| to_unit_of(&volume.info, &first))
+    };
+    let placed: Vec<DAffine3> = inputs.iter().enumerate().map(own).collect();
     let voxel = finest_voxel(&inputs, &placed);
     let offsets = tile_offsets(&first, options.tile)?;
     let volumes: Vec<Volume> = inputs.iter().map(|(v, _)| v.clone()).collect();
@@ -68,7 +82,11 @@ pub fn merge(
         source = cropped(source, crop, first.metres_per_unit)?;
     }
     let grid = match options.resolution {
-        None => Some(result_grid(source.bounds(), first.bounds, voxel)?),
+        None => {
+            let grid = result_grid(source.bounds(), first.bounds, voxel)?;
+            check_work(&volumes, &placed, offsets.len(), grid.cube.size().x / f64::from(grid.side))?;
+            Some(grid)
+        }
         Some(_) => None,
     };
     let is_whole = offsets.len() == 1 && options.crop.is_none();
@@ -87,8 +105,68 @@ pub fn merge(
     if options.crop.is_none() {
         keep_voxels(&mut volume, &volumes, &parts);
     }
+    keep_materials(&mut volume, &volumes, &parts, options.crop.is_none());
     let finest = inherited_factors(&volume, &volumes, &parts);
     Ok((calibrate(volume, finest)?, report))
+}
+
+/// Give the materials the colours and properties that they have in the inputs. A voxel has one colour for all of its materials, so what
+/// was measured of voxels is a mixture of those of its neighbours. Where a material is in several inputs, it gets the mean by visible area.
+fn keep_materials(volume: &mut Volume, inputs: &[Volume], parts: &[Part], is_whole: bool) {
+    let area = |part: &Part| {
+        let input = &inputs[part.source];
+        let voxels = input.depths.last().map_or(0, |depth| depth.voxels.len());
+        voxels as f64 * voxel_edge(input, &part.transform).powi(2)
+    };
+    // Parts that show it: area, material and properties; nothing where an input does not know its colour.
+    let shown = |name: &str| -> Option<Vec<(f64, Material, SurfaceParams)>> {
+        let mut found = Vec::new();
+        for part in parts {
+            let info = &inputs[part.source].info;
+            match info.materials.iter().position(|m| m.name == name) {
+                Some(i) => {
+                    let surface = surface::read(info).get(i).copied().unwrap_or_default();
+                    found.push((area(part) * info.materials[i].share, info.materials[i].clone(), surface));
+                }
+                None if info.materials.is_empty() && name == UNNAMED => return None,
+                None => {}
+            }
+        }
+        (!found.is_empty()).then_some(found)
+    };
+    let measured = surface::read(&volume.info);
+    let mut surfaces = Vec::new();
+    let alone = parts.iter().all(|part| part.source == parts[0].source) && is_whole;
+    for (i, material) in volume.info.materials.iter_mut().enumerate() {
+        let Some(found) = shown(&material.name) else {
+            surfaces.push(measured.get(i).copied().unwrap_or_default());
+            continue;
+        };
+        let whole: f64 = found.iter().map(|(area, ..)| area).sum();
+        let is_same = found.iter().all(|(_, m, s)| m.albedo == found[0].1.albedo && *s == found[0].2);
+        if is_same || whole <= 0.0 {
+            material.albedo = found[0].1.albedo;
+            surfaces.push(found[0].2);
+        } else {
+            let mean = |get: &dyn Fn(&Material, &SurfaceParams) -> f64| {
+                let mean = found.iter().map(|(area, m, s)| area * get(m, s)).sum::<f64>() / whole;
+                (mean * 1e4).round() / 1e4
+            };
+            material.albedo = [0, 1, 2].map(|k| mean(&|m, _| m.albedo[k]));
+            surfaces.push(SurfaceParams {
+                transmission: [0, 1, 2].map(|k| mean(&|_, s| s.transmission[k])),
+                unlit: mean(&|_, s| s.unlit),
+                one_sided: mean(&|_, s| s.one_sided),
+            });
+        }
+        if alone {
+            material.share = found[0].1.share;
+        }
+    }
+    if !surfaces.is_empty() {
+        volume.info.meta.remove(surface::META_KEY);
+        surface::store(&surfaces, &mut volume.info.meta);
+    }
 }
 
 /// Brightness factors of the result's finest depth: the mean of those that the parts have at the depth whose voxels are nearest in
@@ -108,12 +186,32 @@ fn inherited_factors(volume: &Volume, inputs: &[Volume], parts: &[Part]) -> Brig
     if weights > 0.0 { BrightnessFactors::new(sum.map(|s| s / weights)) } else { BrightnessFactors::PLAIN }
 }
 
+/// Edge of a voxel of an input that is placed by `map`, in the result's units.
+fn voxel_edge(volume: &Volume, map: &DAffine3) -> f64 {
+    volume.info.bounds.size().x / f64::from(volume.resolution()) * libm::cbrt(map.matrix3.determinant().abs())
+}
+
 /// Edge of the smallest voxel of all inputs, in the result's units.
 fn finest_voxel(inputs: &[(Volume, Warnings)], placed: &[DAffine3]) -> f64 {
-    let edge = |v: &Volume, t: &DAffine3| {
-        v.info.bounds.size().x / f64::from(v.resolution()) * libm::cbrt(t.matrix3.determinant().abs())
+    inputs.iter().zip(placed).map(|((v, _), t)| voxel_edge(v, t)).fold(f64::INFINITY, f64::min)
+}
+
+/// Refuse what would cut large voxels into very many small ones, since nobody asked for as many.
+fn check_work(volumes: &[Volume], placed: &[DAffine3], copies: usize, voxel: f64) -> Result<()> {
+    let pieces = |v: &Volume, map: &DAffine3| {
+        let own = v.depths.last().map_or(0, |depth| depth.voxels.len());
+        own as f64 * (voxel_edge(v, map) / voxel).powi(3).min(f64::MAX)
     };
-    inputs.iter().zip(placed).map(|((v, _), t)| edge(v, t)).fold(f64::INFINITY, f64::min)
+    let all = copies as f64 * volumes.iter().zip(placed).map(|(v, map)| pieces(v, map)).sum::<f64>();
+    if all <= MAX_VOXELS {
+        return Ok(());
+    }
+    let widest = volumes.iter().zip(placed).map(|(v, map)| voxel_edge(v, map)).fold(0.0, f64::max);
+    Err(Error::Options(format!(
+        "voxels of {} a side, the smallest of the inputs, would cut others of up to {} into about {all:.1e}: give a resolution (-r)",
+        short(voxel),
+        short(widest)
+    )))
 }
 
 /// Offsets of the copies of a tiling, in source units; they are as far apart as the texel `first` is wide.
@@ -232,8 +330,12 @@ mod tests {
     use crate::source::field::Sphere;
 
     fn ball(centre: DVec3) -> (Volume, Warnings) {
-        let source = FieldSource::new(Box::new(Sphere { centre, radius: 1.0 }), None).unwrap();
-        let options = Options { resolution: 32, ..Options::default() };
+        ball_of(centre, 1.0, 32)
+    }
+
+    fn ball_of(centre: DVec3, radius: f64, resolution: u32) -> (Volume, Warnings) {
+        let source = FieldSource::new(Box::new(Sphere { centre, radius }), None).unwrap();
+        let options = Options { resolution, ..Options::default() };
         (bake(&source, &options, &Quiet, &mut |_| {}).unwrap().0, Warnings::default())
     }
 
@@ -308,11 +410,79 @@ mod tests {
         assert!(merge(Vec::new(), &MergeOptions::default(), &Quiet).is_err());
     }
 
+    /// A texel of two materials, whose leaves let light through.
+    fn tree() -> (Volume, Warnings) {
+        let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("samples/tree.glb");
+        let source = crate::source::open(&path, &crate::source::OpenOptions::default()).unwrap();
+        let options = Options { resolution: 16, refine: 0, ..Options::default() };
+        let mut volume = bake(&*source, &options, &Quiet, &mut |_| {}).unwrap().0;
+        let leaf = SurfaceParams { transmission: [0.02, 0.05, 0.01], unlit: 0.25, one_sided: 0.5 };
+        surface::store(&[SurfaceParams::default(), leaf], &mut volume.info.meta);
+        (volume, Warnings::default())
+    }
+
+    #[test]
+    fn materials_keep_their_colours_and_properties() {
+        let a = tree();
+        assert_eq!(a.0.info.materials.len(), 2);
+        for tile in [[1; 3], [2, 1, 1]] {
+            let options = MergeOptions { tile, ..MergeOptions::default() };
+            let again = merge(vec![a.clone()], &options, &Quiet).unwrap().0;
+            assert_eq!(again.info.materials, a.0.info.materials, "{tile:?}");
+            assert_eq!(surface::read(&again.info), surface::read(&a.0.info), "{tile:?}");
+        }
+        // Of a brighter one of the same size: half of both.
+        let mut b = a.clone();
+        b.0.info.materials[0].albedo = a.0.info.materials[0].albedo.map(|c| (3e4 * c).round() / 1e4);
+        surface::store(&[SurfaceParams { unlit: 0.5, ..SurfaceParams::default() }], &mut b.0.info.meta);
+        let beside = DAffine3::from_translation(2.0 * a.0.info.bounds.size().x * DVec3::X);
+        let transforms = vec![DAffine3::IDENTITY, beside];
+        let both =
+            merge(vec![a.clone(), b], &MergeOptions { transforms, ..MergeOptions::default() }, &Quiet).unwrap().0;
+        for k in 0..3 {
+            let (found, own) = (both.info.materials[0].albedo[k], a.0.info.materials[0].albedo[k]);
+            assert!((found - 2.0 * own).abs() < 2e-4, "{found} {own}");
+        }
+        let surfaces = surface::read(&both.info);
+        assert_eq!((surfaces[0].unlit, surfaces[1].one_sided, surfaces[1].unlit), (0.25, 0.25, 0.125));
+    }
+
+    /// A texel in centimetres is as large as it is beside one in metres, and keeps its voxels.
+    #[test]
+    fn units_are_those_of_the_first() {
+        let (mut a, mut b) = (ball(DVec3::ZERO), ball_of(DVec3::new(400.0, 0.0, 0.0), 100.0, 32));
+        (a.0.info.metres_per_unit, b.0.info.metres_per_unit) = (1.0, 0.01);
+        let both = merge(vec![a.clone(), b.clone()], &MergeOptions::default(), &Quiet).unwrap().0;
+        assert_eq!(both.resolution(), 128);
+        assert_eq!(both.info.metres_per_unit, 1.0);
+        let sorted = |volumes: &[&Volume]| {
+            let mut all: Vec<String> =
+                volumes.iter().flat_map(|v| &v.depths.last().unwrap().voxels).map(|v| format!("{v:?}")).collect();
+            all.sort_unstable();
+            all
+        };
+        assert!(sorted(&[&both]) == sorted(&[&a.0, &b.0]), "byte for byte");
+        // Where a unit is not known, numbers are taken as they are.
+        let unknown = Info { metres_per_unit: 0.0, ..Info::default() };
+        assert_eq!(to_unit_of(&unknown, &Info::default()), DAffine3::IDENTITY);
+        assert_eq!(to_unit_of(&Info::default(), &unknown), DAffine3::IDENTITY);
+    }
+
+    /// A texel beside one that is a hundred times as large is no work of hours that nobody asked for.
+    #[test]
+    fn what_would_be_cut_into_very_many_voxels_is_refused() {
+        let inputs = || vec![ball_of(DVec3::ZERO, 1.0, 16), ball_of(DVec3::new(300.0, 0.0, 0.0), 100.0, 16)];
+        let refused = merge(inputs(), &MergeOptions::default(), &Quiet).unwrap_err().to_string();
+        assert!(refused.contains("give a resolution"), "{refused}");
+        let options = MergeOptions { resolution: Some(16), ..MergeOptions::default() };
+        assert_eq!(merge(inputs(), &options, &Quiet).unwrap().0.resolution(), 16);
+    }
+
     /// Whatever source axis is up: copies beside each other along u, v or w do not meet.
     #[test]
     fn tiles_follow_the_axes_of_the_texel() {
         for up in 0..3 {
-            let mut a = ball(DVec3::ZERO);
+            let mut a = ball_of(DVec3::ZERO, 1.0, 8);
             a.0.info.up = up;
             for (axis, tile) in [[2, 1, 1], [1, 2, 1], [1, 1, 2]].into_iter().enumerate() {
                 let options = MergeOptions { tile, ..MergeOptions::default() };
@@ -321,7 +491,7 @@ mod tests {
                 // The result's cube has twice the edge.
                 let mut wanted = DVec3::splat(0.5);
                 wanted[axis] = 1.0;
-                assert!((size - wanted).abs().max_element() < 0.1, "{up} {tile:?}: {size}");
+                assert!((size - wanted).abs().max_element() < 0.15, "{up} {tile:?}: {size}");
             }
         }
     }

@@ -271,7 +271,38 @@ fn a_landscape_brings_nothing_from_outside_its_folder() {
         std::fs::write(inside.join("g.gltf"), ground(&uri, "grass.png")).unwrap();
         assert!(folder.fails(1, &args).contains("is not a relative path"), "{uri}");
     }
+    // A name is decoded once: what is then a name with percent signs does not lead anywhere else.
+    let twice = "%252e%252e/secret";
+    std::fs::write(inside.join("g.gltf"), ground(twice, "grass.png")).unwrap();
+    assert!(folder.fails(1, &["render", "in/g.gltf", "--frame", "-o", "o.png"]).contains("%2e%2e/secret"));
+    std::fs::write(inside.join("g.gltf"), ground("ground.bin", twice)).unwrap();
+    let args = ["map", "in/g.gltf", "--texel", "quad.vtex", "--planar", "y", "-o", "out/o.gltf"];
+    let (code, _, err) = folder.run(&args);
+    assert!(code == 0 && err.contains("is missing beside the input"), "{err}");
+    assert!(!folder.path("out/secret").exists());
+    // Nor does the picture of the sky, which a landscape names in the extension.
+    folder.succeeds(&["map", "in/g.gltf", "--texel", "quad.vtex", "--planar", "y", "-o", "in/land.gltf"]);
+    let mut land: serde_json::Value =
+        serde_json::from_slice(&std::fs::read(inside.join("land.gltf")).unwrap()).unwrap();
+    let mut sky = |uri: &str| {
+        land["extensions"]["VTEX_volumetric_texture"]["environment"] = serde_json::json!({ "image": { "uri": uri } });
+        std::fs::write(inside.join("sky.gltf"), land.to_string()).unwrap();
+    };
+    let args = ["map", "in/sky.gltf", "--texel", "quad.vtex", "--add", "-o", "out/sky.gltf"];
+    for uri in ["../secret", "%2e%2e/secret"] {
+        sky(uri);
+        assert!(folder.fails(1, &args).contains("is not a relative path"), "{uri}");
+        assert!(
+            folder.fails(1, &["render", "in/sky.gltf", "--frame", "-o", "o.png"]).contains("relative path"),
+            "{uri}"
+        );
+    }
+    sky("grass.png");
+    folder.succeeds(&args);
+    assert!(folder.path("out/grass.png").is_file(), "the sky goes with the landscape");
     // What lies inside is copied as before.
+    std::fs::remove_dir_all(folder.path("out")).unwrap();
+    std::fs::create_dir(folder.path("out")).unwrap();
     std::fs::write(inside.join("g.gltf"), ground("ground.bin", "grass.png")).unwrap();
     folder.succeeds(&["map", "in/g.gltf", "--texel", "quad.vtex", "--planar", "y", "-o", "out/o.gltf"]);
     assert!(folder.path("out/ground.bin").is_file() && folder.path("out/grass.png").is_file());

@@ -44,7 +44,8 @@ fn every_good_vector_holds_what_its_text_says() {
         verify(&path).unwrap_or_else(|e| panic!("{e}"));
         let reader = Reader::open(&path, &Limits::default()).unwrap();
         let text = std::fs::read_to_string(path.with_extension("txt")).unwrap();
-        let wanted: Vec<&str> = text.lines().filter(|line| !line.starts_with("ray ") && !line.starts_with("eye ")).collect();
+        let wanted: Vec<&str> =
+            text.lines().filter(|line| !line.starts_with("ray ") && !line.starts_with("eye ")).collect();
         let found = listing(&reader.read_all().unwrap());
         for (i, (found, wanted)) in found.iter().zip(&wanted).enumerate() {
             assert_eq!(found, wanted, "{} line {}", path.display(), i + 1);

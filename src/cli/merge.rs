@@ -11,7 +11,7 @@ use super::{Ui, outputs};
 use crate::format;
 use crate::format::{Limits, Quality, Reader, WriteOptions};
 use crate::geom::{Aabb, DAffine3, DMat3, DVec3};
-use crate::merge::{MergeOptions, merge};
+use crate::merge::{MergeOptions, merge, to_unit_of};
 use crate::progress::Progress;
 use crate::{Error, Result};
 
@@ -118,6 +118,12 @@ fn make(inputs: &[PathBuf], output: &Path, common: &Common, options: MergeOption
         let reader = Reader::open(path, &Limits { decoded_bytes: limit })?;
         volumes.push((reader.read_all()?, reader.warnings()));
     }
+    // Each was moved in its own unit.
+    let Some(first) = volumes.first().map(|(v, _)| v.info.clone()) else { return Ok(()) };
+    let transforms = volumes.iter().enumerate().map(|(i, (v, _))| {
+        to_unit_of(&v.info, &first) * options.transforms.get(i).copied().unwrap_or(DAffine3::IDENTITY)
+    });
+    let options = MergeOptions { transforms: transforms.collect(), ..options };
     let options = MergeOptions { resolution: common.resolution, memory: common.memory.unwrap_or(0), ..options };
     let (mut volume, report) = merge(volumes, &options, ui)?;
     ui.warn(&report.warnings)?;

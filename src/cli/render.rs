@@ -6,8 +6,8 @@ use std::time::Instant;
 use serde_json::{Value, json};
 
 use super::depfile::{self, DepfileArgs};
-use super::exposure::{Exposure, exposure};
 use super::download::{self, DownloadArgs, Need};
+use super::exposure::{Exposure, exposure};
 use super::quantity::{bytes, finite, positive};
 use super::render_stats::{self, PerPixel};
 use super::results::{each, output_for, shown};

@@ -109,10 +109,18 @@ fn data(rest: &str) -> Result<Vec<u8>, String> {
 
 /// The existing file that `name` stands for beside `dir`: as it is, with `%XX` decoded, with `\` for `/`; where
 /// `anywhere`, also the file of that last name in `dir`, because many exporters write paths of the machine they ran on.
+#[cfg_attr(not(feature = "bake"), allow(dead_code))]
 pub fn find(dir: &Path, name: &str, anywhere: bool) -> Option<PathBuf> {
-    let forward = name.replace('\\', "/");
-    let last = forward.rsplit('/').next().unwrap_or_default();
-    [Some(name), Some(&percent_decoded(name)), Some(&forward), anywhere.then_some(last)]
+    find_either(dir, name, &percent_decoded(name), anywhere)
+}
+
+/// The existing file that `written` stands for, or `decoded`, which is `written` with `%XX` decoded once. Nothing is decoded a
+/// second time: `%252e%252e` is a name with percent signs, and not the folder above.
+fn find_either(dir: &Path, written: &str, decoded: &str, anywhere: bool) -> Option<PathBuf> {
+    let forward = [written, decoded].map(|name| name.replace('\\', "/"));
+    let last = forward.each_ref().map(|name| name.rsplit('/').next().unwrap_or_default());
+    let [own, other] = last.map(|name| anywhere.then_some(name));
+    [Some(written), Some(decoded), Some(&forward[0]), Some(&forward[1]), own, other]
         .into_iter()
         .flatten()
         .filter(|n| !n.is_empty())
@@ -122,7 +130,7 @@ pub fn find(dir: &Path, name: &str, anywhere: bool) -> Option<PathBuf> {
 
 /// The file that `uri`, whose path is `name`, stands for beside `dir`; see [`find`]. It may not be there.
 pub fn locate(dir: &Path, uri: &str, name: &str, anywhere: bool) -> PathBuf {
-    find(dir, uri, anywhere).or_else(|| find(dir, name, anywhere)).unwrap_or_else(|| dir.join(name))
+    find_either(dir, uri, name, anywhere).unwrap_or_else(|| dir.join(name))
 }
 
 #[cfg(test)]
@@ -188,5 +196,11 @@ mod tests {
         assert!(found("tex\\c.png", false) && found("./tex/../tex/c.png", false));
         assert!(!found("C:\\work\\a b.png", false) && found("C:\\work\\a b.png", true));
         assert!(!found("tex", true) && !found("", true));
+        let located = |uri: &str| locate(dir.path(), uri, &percent_decoded(uri), false);
+        assert_eq!(located("a%20b.png"), dir.path().join("a b.png"));
+        // What is decoded once is not decoded again.
+        std::fs::write(dir.path().join("secret"), b"x").unwrap();
+        assert_eq!(located("tex/%252e%252e/secret"), dir.path().join("tex/%2e%2e/secret"));
+        assert!(!found("tex/%252e%252e/secret", false) && found("100%2525.png", false));
     }
 }

@@ -49,7 +49,8 @@ impl Placement {
     /// [`Placement::to_grid`] as a map.
     pub fn grid_map(&self) -> DAffine3 {
         let scaled = DMat3::from_diagonal(DVec3::splat(self.scale));
-        DAffine3::from_mat3_translation(scaled * source_to_uvw(self.up), -self.scale * self.turned_min()) * self.transform
+        DAffine3::from_mat3_translation(scaled * source_to_uvw(self.up), -self.scale * self.turned_min())
+            * self.transform
     }
 
     /// Placement of a source that is placed by `transform` in the space of the source that this placement is of.

@@ -38,8 +38,19 @@ mod tests {
 
     #[test]
     fn what_the_page_says_is_left_out() {
-        let options =
-            ["--eye", "-1,2,3", "--sun", "-5,240", "--size=4x4", "--frame", "--exposure", "-1", "--look-at", "0,0,0", "--no-shadows"];
+        let options = [
+            "--eye",
+            "-1,2,3",
+            "--sun",
+            "-5,240",
+            "--size=4x4",
+            "--frame",
+            "--exposure",
+            "-1",
+            "--look-at",
+            "0,0,0",
+            "--no-shadows",
+        ];
         let command = command(Path::new("it's a/land.gltf"), &options.map(String::from));
         assert_eq!(command, r"vtex render 'it'\''s a/land.gltf' --sun -5,240 --no-shadows");
         assert_eq!(super::command(Path::new("a.glb"), &[]), "vtex render a.glb");

@@ -356,7 +356,7 @@ impl Editor {
         for slot in uris(&mut self.json) {
             let Some(uri) = slot.as_str() else { continue };
             let Ok(UriTarget::File(name)) = files::target(uri) else { continue };
-            let Some(source) = files::find(&from, &name, false) else {
+            let Some(source) = Some(files::locate(&from, uri, &name, false)).filter(|path| path.is_file()) else {
                 saved.warnings.add(format!("{name} is missing beside the input; its reference was left as it is"));
                 continue;
             };
@@ -374,23 +374,32 @@ fn uris(json: &mut Value) -> Vec<&mut Value> {
         match key.as_str() {
             "buffers" | "images" => uris.extend(entries(value).filter_map(|v| v.get_mut("uri"))),
             "extensions" => {
-                for texel in value
-                    .get_mut(super::extension::NAME)
-                    .and_then(|e| e.get_mut("texels"))
-                    .into_iter()
-                    .flat_map(entries)
-                {
-                    let Some(texel) = texel.as_object_mut() else { continue };
-                    for (key, value) in texel.iter_mut() {
-                        match key.as_str() {
-                            "frames" => uris.extend(entries(value).filter_map(|v| v.get_mut("uri"))),
-                            "geometry" => uris.extend(value.get_mut("uri")),
-                            _ => {}
-                        }
-                    }
+                if let Some(own) = value.get_mut(super::extension::NAME).and_then(Value::as_object_mut) {
+                    uris.extend(own_uris(own));
                 }
             }
             _ => {}
+        }
+    }
+    uris
+}
+
+/// The URIs of our own extension: of texels, their meshes, and a picture of the sky.
+fn own_uris(own: &mut serde_json::Map<String, Value>) -> Vec<&mut Value> {
+    let mut uris: Vec<&mut Value> = Vec::new();
+    for (key, value) in own.iter_mut() {
+        if key == "environment" {
+            uris.extend(value.pointer_mut("/image/uri"));
+        } else if key == "texels" {
+            for texel in entries(value).filter_map(Value::as_object_mut) {
+                for (key, value) in texel.iter_mut() {
+                    match key.as_str() {
+                        "frames" => uris.extend(entries(value).filter_map(|v| v.get_mut("uri"))),
+                        "geometry" => uris.extend(value.get_mut("uri")),
+                        _ => {}
+                    }
+                }
+            }
         }
     }
     uris
