@@ -97,10 +97,26 @@ impl TexelLayer {
         let many = (q1 - q0).abs().max_element() > f64::from(MAX_CELLS);
         match &self.jitter {
             Some(jitter) if !many => {
-                jitter.for_each_chord(&placed, height_stretch(self.layer.continuous.as_ref()), tolerance, each)
+                // The noise is costly, and a shell may be many times as high as this layer.
+                let placed = match self.layer.wrap[2] {
+                    CellWrap::Empty => jitter.within_reach(&placed, self.height_range()).map(|span| placed.part(span)),
+                    _ => Some(placed),
+                };
+                let stretch = height_stretch(self.layer.continuous.as_ref());
+                placed.is_none_or(|placed| jitter.for_each_chord(&placed, stretch, tolerance, each))
             }
             _ => each(&placed),
         }
+    }
+
+    /// The w coordinates between which there may be matter, where w is empty beyond [0, 1].
+    fn height_range(&self) -> [f64; 2] {
+        if self.layer.discrete.is_some() {
+            return [0.0, 1.0];
+        }
+        let ends = |low: f64, high: f64, c: &Aabb| (low.min(c.min.z), high.max(c.max.z));
+        let (low, high) = self.choices.iter().fold((1.0, 0.0), |(low, high), c| ends(low, high, &c.content));
+        [(low - CONTENT_PAD).max(0.0), (high + CONTENT_PAD).min(1.0)]
     }
 
     /// Call `each` for the copies that a segment (in the layer's texel coordinates) hits, in order of where it enters them, until

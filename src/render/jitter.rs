@@ -20,6 +20,8 @@ const FIRST_CHORD: f64 = 0.5;
 const MAX_CHORDS: f64 = 4096.0;
 /// Most halvings of a first chord.
 const MAX_DEPTH: u32 = 8;
+/// Margin of w coordinates against rounding, in cells.
+const REACH_SLACK: f64 = 1e-6;
 /// Distance between the seeds of the six noises; octaves take up to eight seeds each.
 const SEED_STRIDE: u32 = 16;
 
@@ -107,6 +109,34 @@ impl JitterNoise {
             )
         };
         DMat3::from_cols(DVec3::X + along(0), DVec3::Y + along(1), DVec3::new(-lean_u.0, -lean_v.0, 1.0 / longer))
+    }
+
+    /// The part of a segment, as an interval of t, outside of which no jitter can bring the ray to w coordinates in `range`; `None` where
+    /// that is nowhere.
+    pub fn within_reach(&self, segment: &ShellSegment, range: [f64; 2]) -> Option<[f64; 2]> {
+        let rises = segment.end_heights.map(|end| end.rise);
+        let least = 1.0 - NOISE_MAX * self.scale.abs();
+        // Points below the base lean the other way, and heights without a bound reach anywhere.
+        if rises.iter().any(|&rise| rise.is_nan() || rise < -REACH_SLACK) || least <= 0.0 {
+            return Some([segment.t0, segment.t1]);
+        }
+        let moved = NOISE_MAX * self.amplitude.z.abs() + REACH_SLACK;
+        let bases = [segment.q0.z - rises[0], segment.q1.z - rises[1]];
+        // Both are linear along the segment, as the base and the height are.
+        let highest = [0, 1].map(|k| bases[k] + rises[k] / least + moved - range[0]);
+        let lowest = [0, 1].map(|k| range[1] - (bases[k] + rises[k] / (2.0 - least) - moved));
+        let (mut near, mut far) = (0.0f64, 1.0f64);
+        for [a, b] in [highest, lowest] {
+            let zero = a / (a - b);
+            match (a < 0.0, b < 0.0) {
+                (true, true) => return None,
+                (true, false) => near = near.max(zero),
+                (false, true) => far = far.min(zero),
+                (false, false) => {}
+            }
+        }
+        let at = |share: f64| segment.t0 + share * (segment.t1 - segment.t0);
+        (near < far).then(|| [at(near), if far == 1.0 { segment.t1 } else { at(far) }])
     }
 
     /// Call `each` for chords of the jittered curve of a segment, in the layer's texel coordinates and in order, until it returns false.
@@ -294,6 +324,35 @@ mod tests {
         });
         let height = bend.at(&segment.at(end)).height * height_stretch;
         assert!(end < 10.0 && (height - 1.0).abs() < 1e-3, "{end} {height}");
+    }
+
+    /// What is left out is out of reach, and no more than the noise's bound is kept.
+    #[test]
+    fn segments_end_where_nothing_is_in_reach() {
+        let bend = JitterNoise::new(&continuous());
+        let end = |rise: f64| HeightInShell { rise, height: rise / 9.0, mask: 1.0 };
+        let mut shares = [0.0; 2];
+        for i in 0..200 {
+            let (foot, top) = (0.02 * f64::from(i % 10), 9.0 - 0.03 * f64::from(i));
+            let (q0, q1) = (DVec3::new(0.13 * f64::from(i), 0.4, foot), DVec3::new(4.0, 0.21 * f64::from(i), top));
+            let end_heights = [end(foot), end(top)];
+            let segment = ShellSegment { t0: 1.0, t1: 3.0, q0, q1, to_texel: DMat3::IDENTITY, end_heights };
+            let range = if i % 2 == 0 { [0.0, 1.0] } else { [3.0, 3.5] };
+            let [t0, t1] = bend.within_reach(&segment, range).unwrap();
+            assert!((1.0..3.0).contains(&t0) && t0 < t1 && t1 <= 3.0);
+            shares[i as usize % 2] += (t1 - t0) / 2.0;
+            for k in 0..=400 {
+                let t = 1.0 + 2.0 * f64::from(k) / 400.0;
+                let w = bend.at(&segment.at(t)).q.z;
+                assert!((t0..=t1).contains(&t) || !(range[0]..=range[1]).contains(&w), "{i} {t} {w}");
+            }
+        }
+        // Of a way of about 6 cells: 1 cell is up to 1.4 high, and 3 to 3.5 are 2.0 to 4.7.
+        assert!(shares[0] < 50.0 && shares[1] < 80.0, "{shares:?}");
+        let end_heights = [end(5.0), end(6.0)];
+        let (q0, q1) = (DVec3::new(0.0, 0.0, 5.0), DVec3::new(1.0, 0.0, 6.0));
+        let segment = ShellSegment { t0: 1.0, t1: 3.0, q0, q1, to_texel: DMat3::IDENTITY, end_heights };
+        assert!(bend.within_reach(&segment, [0.0, 1.0]).is_none());
     }
 
     #[test]

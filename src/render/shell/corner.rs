@@ -54,6 +54,16 @@ pub struct ShellPoint {
 }
 
 impl ShellSegment {
+    /// The part from t0 to t1, which lie between the ends.
+    pub fn part(&self, [t0, t1]: [f64; 2]) -> ShellSegment {
+        if (t0, t1) == (self.t0, self.t1) {
+            return *self;
+        }
+        let (a, b) = (self.at(t0), self.at(t1));
+        let foot = |p: ShellPoint| HeightInShell { rise: p.rise, height: p.height, mask: p.mask };
+        ShellSegment { t0, t1, q0: a.q, q1: b.q, end_heights: [foot(a), foot(b)], ..*self }
+    }
+
     /// The point at t, between the ends.
     pub fn at(&self, t: f64) -> ShellPoint {
         let share = (t - self.t0) / (self.t1 - self.t0);
