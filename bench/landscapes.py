@@ -73,6 +73,10 @@ class Landscape:
         if done.returncode == 0:
             self.meshes[output] = mesh
 
+    def export(self, words):
+        _, seconds = self.run(words + ["-q"])
+        self.seconds += seconds
+
     def map(self, words):
         _, words = options(words, {"--geometry": 1})
         texels = [words[i + 1] for i, word in enumerate(words) if word == "--texel"]

@@ -118,13 +118,14 @@ class File:
         return self.push("materials", {"name": name, "doubleSided": True, "pbrMetallicRoughness": {
             "baseColorFactor": [*color, 1], "metallicFactor": 0, "roughnessFactor": 1}})
 
-    def mesh(self, name, parts, colours=None):
+    def mesh(self, name, parts, colours=None, whole=None):
         """parts: (positions, normals, uvs or None, triangles, material, and height vectors if there are some); colours: of each
-        part's vertices, red, green, blue and alpha, linear, from 0 to 255."""
+        part's vertices, red, green, blue and alpha, linear, from 0 to 255; whole: round normals to this share of 1, which packs better."""
         primitives = []
+        shorter = lambda n: [round(v * whole) / whole for v in n] if whole else n
         for part, (positions, normals, uvs, triangles, material, *heights) in enumerate(parts):
             attributes = {"POSITION": self.array(positions, "VEC3", "f", 34962, True),
-                          "NORMAL": self.array([unit(n) for n in normals], "VEC3", "f", 34962)}
+                          "NORMAL": self.array([shorter(unit(n)) for n in normals], "VEC3", "f", 34962)}
             if uvs:
                 attributes["TEXCOORD_0"] = self.array(uvs, "VEC2", "f", 34962)
             if colours:
@@ -177,7 +178,10 @@ def grid(columns, rows, size, height, material, keep=lambda x, z: True):
             if i < columns and j < rows and keep(*at(i + 0.5, j + 0.5)):
                 k = j * (columns + 1) + i
                 triangles += [[k, k + columns + 1, k + columns + 2], [k, k + columns + 2, k + 1]]
-    return positions, normals, uvs, triangles, material
+    used = sorted({k for t in triangles for k in t})
+    new = {k: n for n, k in enumerate(used)}
+    pick = lambda rows: [rows[k] for k in used]
+    return pick(positions), pick(normals), pick(uvs), [[new[k] for k in t] for t in triangles], material
 
 
 def lawn(folder):
@@ -186,7 +190,7 @@ def lawn(folder):
     soil = f.material("lawn", [0.035, 0.05, 0.015])
     top = lambda x, z: 0.75 * math.exp(-((x - 0.4) ** 2 + (z + 0.55) ** 2) / 1.6) + 0.12 * math.sin(1.7 * x + 0.6) * math.cos(1.3 * z)
     f.mesh("lawn", [grid(38, 37, (3.8, 3.7), top, soil)])
-    f.camera("lawn", [-0.75, 0.47, 1.62], [0.16, 0.52, -0.4], 38)
+    f.camera("lawn", [-0.32, 0.48, 1.55], [0.38, 0.6, -0.4], 35)
     f.sun([-0.62, 0.34, -0.55])
     f.save(folder / "lawn.glb")
 
@@ -278,30 +282,125 @@ def teddy(folder):
     f.save(folder / "teddy.glb")
 
 
-def mountains(folder):
+def eroded(columns, rows, cell, uplift, steps, seed):
+    """Heights in metres of columns × rows points, `cell` metres apart: a land that rises while rivers cut into it (stream power law:
+    J. Braun, S. Willett, *A very efficient O(n), implicit and parallel method to solve the stream power equation*, 2013; G. Cordonnier
+    et al., *Large Scale Terrain Generation from Tectonic Uplift and Fluvial Erosion*, 2016). uplift(i, j): its rate in [0, 1]; the
+    border stays at 0. Square roots and sums alone, so the same everywhere."""
+    count = columns * rows
+    border = [k for k in range(count) if k % columns in (0, columns - 1) or k // columns in (0, rows - 1)]
+    rise = [85 * uplift(k % columns, k // columns) for k in range(count)]
+    h = [40 * fractal(seed, k % columns / 5, k // columns / 5, 3) for k in range(count)]
+    for k in border:
+        rise[k] = h[k] = 0.0
+    inside = [k for k in range(count) if columns <= k < count - columns and 0 < k % columns < columns - 1]
+    near = [(d, cell * (1 if abs(d) in (1, columns) else math.sqrt(2)))
+            for d in (-columns - 1, -columns, -columns + 1, -1, 1, columns - 1, columns, columns + 1)]
+    for step in range(steps):
+        lower, far = list(range(count)), [cell] * count
+        for k in inside:
+            steepest, own = 0.0, h[k]
+            for d, length in near:
+                slope = (own - h[k + d]) / length
+                if slope > steepest:
+                    steepest, lower[k], far[k] = slope, k + d, length
+        order = sorted(inside, key=lambda k: h[k])
+        area = [cell * cell] * count
+        for k in reversed(order):
+            if lower[k] != k:
+                area[lower[k]] += area[k]
+        for k in order:
+            risen, to = h[k] + rise[k], lower[k]
+            if to != k:
+                cut = 0.2 * math.sqrt(area[k]) / far[k]
+                # Scree: no slope is steeper than 1.15.
+                risen = min((risen + cut * h[to]) / (1 + cut), h[to] + 1.15 * far[k])
+            h[k] = risen
+    return h
+
+
+ALPS = (232, 96, 30)
+
+
+def alps():
+    """A chain of mountains of 7 by 2.9 km, its middle at the origin, foot at 0: (positions, normals, triangles, colours). Bare rock
+    and snow above, woods below."""
+    columns, rows, cell = ALPS
+    def uplift(i, j):
+        u, v = 2 * i / (columns - 1) - 1, 2 * j / (rows - 1) - 1
+        massif = 0.35 + 1.5 * fractal(23, 3.6 * u + 4.2, 1.7 * v + 8.4, 2) ** 2
+        return massif * max(0, 1 - u ** 8) * min(1, 1.15 * max(0, 1 - abs(v + 0.12 + 0.25 * math.sin(4 * u))) ** 0.8)
+    h = eroded(columns, rows, cell, uplift, 90, 9)
+    at = lambda i, j: h[min(rows - 1, max(0, j)) * columns + min(columns - 1, max(0, i))]
+    positions, normals, colours, triangles = [], [], [], []
+    for j in range(rows):
+        for i in range(columns):
+            k = j * columns + i
+            p = [(i - (columns - 1) / 2) * cell, at(i, j), (j - (rows - 1) / 2) * cell]
+            n = [at(i - 1, j) - at(i + 1, j), 2 * cell, at(i, j - 1) - at(i, j + 1)]
+            steep = 1 - unit(n)[1]
+            patchy = fractal(3, p[0] / 170, p[2] / 170, 3) - 0.5
+            snow = min(1, max(0, (p[1] - 520 - 1500 * max(0, steep - 0.2) + 520 * patchy) / 60))
+            wood = min(1, max(0, (430 - p[1] + 260 * patchy) / 110))
+            strata = 0.45 + 0.6 * noise(6, 0.7, p[1] / 55 + 2 * patchy) + 0.7 * noise(8, p[0] / 47, p[2] / 47)
+            bare = [(0.07 - 0.058 * wood) * strata, (0.068 - 0.042 * wood) * strata, (0.069 - 0.058 * wood) * strata]
+            colours.append([round(255 * (b + snow * (w - b))) for b, w in zip(bare, [0.86, 0.88, 0.92])] + [255])
+            positions.append([p[0], round(8 * p[1]) / 8, p[2]])
+            normals.append(n)
+            if i + 1 < columns and j + 1 < rows:
+                triangles += [[k, k + columns, k + columns + 1], [k, k + columns + 1, k + 1]]
+    return positions, normals, triangles, colours
+
+
+def show_alps(f, chain, scale, shift):
+    """Place the chain in a file: `scale` times as large, moved by `shift`."""
+    positions, normals, triangles, colours = chain
+    f.mesh("alps", [(positions, normals, None, triangles, f.material("rock", [1, 1, 1]))], [colours], 256)
+    f.json["nodes"][-1].update({"translation": list(shift), "scale": [scale] * 3})
+
+
+def mountains(folder, chain):
     """1 404 quads of 36 m, forest, on both sides of a valley; bare mountains with snow behind them."""
     f = File()
-    forest, rock = f.material("forest", [0.03, 0.035, 0.012]), f.material("rock", [1, 1, 1])
+    forest = f.material("forest", [0.03, 0.035, 0.012])
     def top(x, z):
         valley = math.exp(-((z - 270 + 130 * math.sin(x / 330 + 0.8)) / 240) ** 2)
         return (70 + 520 * crests(13, x / 1100 + 0.35, z / 1100 + 5.2, 5) + 0.2 * max(0, 100 - z)) * (1 - 0.72 * valley)
     f.mesh("forest", [grid(39, 36, (1404, 1296), top, forest)])
-    def far(x, z):
-        d = max(0, -z - 800)
-        return min(1, d / 1500) * (80 + 1900 * crests(35, x / 4300 + 4.6, z / 4300 + 8.9, 8) * min(1, 0.35 + d / 5500)) - 100
-    positions, normals, uvs, triangles, _ = grid(124, 56, (9300, 5040), lambda x, z: far(x, z - 3150), rock)
-    positions = [[x, y, z - 3150] for x, y, z in positions]
-    def shade(p, n):
-        steep = 1 - unit(n)[1]
-        snow = min(1, max(0, (p[1] - 620 - 620 * steep + 420 * (fractal(3, p[0] / 330, p[2] / 330, 3) - 0.5)) / 90))
-        wood = min(1, max(0, (480 - p[1]) / 160))
-        bare = [0.16 - 0.11 * wood, 0.15 - 0.09 * wood, 0.14 - 0.115 * wood]
-        return [round(255 * (b + snow * (w - b))) for b, w in zip(bare, [0.82, 0.85, 0.9])] + [255]
-    f.mesh("rock", [(positions, normals, None, triangles, rock)], [[shade(p, n) for p, n in zip(positions, normals)]])
+    show_alps(f, chain, 1.25, [-200, -80, -3200])
     eye = [120, top(120, 610) + 55, 610]
-    f.camera("ridge", eye, [-60, eye[1] - 28, -200], 34)
+    f.camera("ridge", eye, [-60, eye[1] - 14, -200], 36)
     f.sun([-0.8, 0.34, 0.05])
     f.save(folder / "mountains.glb")
+
+
+def valley(folder, chain):
+    """A valley of meadows between wooded slopes, 1.1 km long, and the mountains that close it."""
+    f = File(polygons=False)
+    forest, meadow = f.material("forest", [0.045, 0.05, 0.02]), f.material("meadow", [0.07, 0.09, 0.025])
+    centre = lambda z: 26 * math.sin(z / 95 + 0.9) + 22 * math.sin(z / 260 + 2.2)
+    def top(x, z):
+        across = x - centre(z)
+        side = max(0, abs(across) - 14)
+        slope = 0.0048 * side * side / (1 + side / 90) * (0.75 + 0.5 * fractal(61, x / 140 + 9, z / 140 + 3, 3))
+        return slope + 0.02 * max(0, -z) + 3.2 * (fractal(67, x / 45 + 2, z / 45 + 8, 2) - 0.5)
+    def open(x, z):
+        edge = 10 * (noise(69, x / 21, z / 21) - 0.5)
+        glade = fractal(73, x / 110 + 5.7, z / 110 + 4.4, 3)
+        return abs(x - centre(z)) < 17 + edge or glade > 0.66
+    size = (640, 1120)
+    shifted = lambda part: ([[x, y, z - 440] for x, y, z in part[0]], *part[1:])
+    height = lambda x, z: top(x, z - 440)
+    f.mesh("valley", [shifted(grid(80, 140, size, height, forest, lambda x, z: not open(x, z - 440))),
+                      shifted(grid(80, 140, size, height, meadow, lambda x, z: open(x, z - 440)))])
+    show_alps(f, chain, 1, [150, -50, -2650])
+    x = centre(84) + 7
+    eye = [x, top(x, 84) + 1.9, 84]
+    f.camera("near", eye, [centre(-60) + 2, eye[1] + 12, -60], 48)
+    eye = [centre(112) + 30, 62, 112]
+    f.camera("far", eye, [centre(-300) + 8, 66, -300], 42)
+    f.sun([-0.8, 0.34, 0.05], (1, 0.93, 0.82), 3.4)
+    f.save(folder / "valley.glb")
 
 
 def picture(path, size, share):
@@ -328,7 +427,7 @@ def wedge(rows, columns, angle, height, material):
     return positions, normals, None, triangles, material
 
 
-def million(folder):
+def million(folder, chain):
     """What is seen from a hill, up to 7 km: for 1 000 000 trees, and where they stand."""
     # As triangles: small and nearly flat, they look the same, and take a quarter of the time.
     f = File(polygons=False)
@@ -345,7 +444,10 @@ def million(folder):
     angle = 34
     f.mesh("land", [wedge(rows, 48, angle, top, land)])
     eye = [0, top(0, 0) + 5, 0]
-    f.camera("view", eye, [0, eye[1] - 11, -100], 34)
+    f.camera("view", eye, [3, eye[1] - 8.5, -100], 34)
+    # An oak and two birches on the hill, at the picture's sides.
+    (folder / "million.csv").write_text("texel,x,y,scale,turn\noak,-21,42,1,70\nbirch,16.5,33,0.8,0\nbirch,20.5,39,1,140\n")
+    show_alps(f, chain, 1.75, [-500, -60, -9300])
     # From 2 km to the leaf of a tree that stands on a corner of the ground.
     r = next(r for r in rows if r > 1900)
     leaf = [0.871, top(0, -r) + 6.736, 3.532 - r]
@@ -411,5 +513,8 @@ def crypt(folder):
 
 if __name__ == "__main__":
     folder = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent
-    for make in (lawn, orchard, meadow, teddy, mountains, million, crypt):
+    for make in (lawn, orchard, meadow, teddy, crypt):
         make(folder)
+    chain = alps()
+    for make in (mountains, valley, million):
+        make(folder, chain)

@@ -4,7 +4,9 @@
 set -e
 S=${S:-$(dirname "$0")/..}
 
-vtex bake $S/recipes/lawn.toml -r 128 --cyclic u,v -o lawn.vtex
-vtex bake $S/recipes/lawn-grass.toml -r 128 --cyclic u,v -o lawn-grass.vtex
-vtex map $S/landscapes/lawn.glb --texel lawn.vtex --texel lawn-grass.vtex --cell 0.1 -o landscape.glb
-vtex render landscape.glb --camera lawn --exposure 1.6 --size 1280x720 -o lawn.png
+vtex bake $S/recipes/lawn.toml -r 128 --cyclic u,v --translucency 0.35 -o lawn.vtex
+vtex bake $S/recipes/lawn-grass.toml -r 128 --cyclic u,v --translucency 0.35 -o lawn-grass.vtex
+vtex export $S/recipes/lawn.toml --translucency 0.35 -o blades.glb
+vtex export $S/recipes/lawn-grass.toml --translucency 0.35 -o grass-blades.glb
+vtex map $S/landscapes/lawn.glb --texel lawn.vtex --geometry blades.glb --texel lawn-grass.vtex --geometry grass-blades.glb --cell 0.1 -o landscape.glb
+vtex render landscape.glb --camera lawn --sun 35,250 --exposure 1.9 --size 1280x720 -o lawn.png

@@ -5,5 +5,5 @@ set -e
 S=${S:-$(dirname "$0")/..}
 
 vtex bake $S/recipes/forest.toml --voxel-size 0.046875 -r 256 --translucency leaf=0.4 --cyclic u,v -o forest.vtex
-vtex map $S/landscapes/mountains.glb --material forest --texel forest.vtex --repeat 3 --jitter wild --orientations w8 --tint '0.6,0.9,0.7..3.6,1.3,0.3' --tint-patches 70 -o landscape.glb
-vtex render landscape.glb --camera ridge --sun 19,278 --haze 40000 --exposure 1.5 --size 1280x720 -o mountains.png
+vtex map $S/landscapes/mountains.glb --material forest --texel forest.vtex --repeat 3 --jitter wild --orientations w8 --tint '0.7,0.95,0.7..3,1.3,0.45' --tint-patches 90 -o landscape.glb
+vtex render landscape.glb --camera ridge --sun 22,246 --haze 60000 --exposure 1.8 --size 1280x720 -o mountains.png
