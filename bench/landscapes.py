@@ -20,8 +20,9 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 SCRIPTS = ROOT / "samples" / "landscapes"
-# Of bake's options, those that a mesh of the source knows, and how many words they take.
-OF_SOURCES = {"-r": 1, "--albedo": 1, "--tint": 0, "--material": 1, "--translucency": 1, "--define": 1, "--seed": 1}
+# Of bake's options, those that a mesh of the source knows, and how many words they take. Light that comes through is the texel's: a
+# mesh has one colour of it for each material, and a texel that of each place.
+OF_SOURCES = {"-r": 1, "--albedo": 1, "--tint": 0, "--material": 1, "--define": 1, "--seed": 1}
 # What a picture has of its own, and a measurement not.
 LEFT_OUT = {"--size": 1, "--lanes": 1, "--haze": 1, "-o": 1, "--tonemap": 1, "--frames": 1, "--fps": 1, "--exposure": 1}
 

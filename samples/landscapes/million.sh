@@ -15,8 +15,8 @@ vtex bake $S/lsystems/pine.lsys -r 128 -o pine.vtex
 vtex bake $S/lsystems/larch.lsys -r 128 -o larch.vtex
 vtex bake $S/recipes/undergrowth.toml -r 128 --translucency leaf=0.4 -o undergrowth.vtex
 vtex bake $S/recipes/meadow.toml -r 128 --cyclic u,v --translucency 0.3 -o meadow.vtex
-vtex export $S/lsystems/oak.lsys --translucency leaf=0.4 -o oak.glb
-vtex export $S/lsystems/birch.lsys --translucency leaf=0.4 -o birch.glb
+vtex export $S/lsystems/oak.lsys -o oak.glb
+vtex export $S/lsystems/birch.lsys -o birch.glb
 
 vtex map $S/landscapes/million.glb --material land --texel meadow.vtex --cell 1.4 --tint '0.8,0.95,0.9..1.3,1.05,0.65' --tint-patches 40 -o landscape.glb
 vtex map landscape.glb --material land --add --texel oak.vtex --geometry oak.glb --texel birch.vtex --geometry birch.glb --points $S/landscapes/million.csv -o landscape.glb
