@@ -19,6 +19,31 @@ pub enum Packing {
     Text,
 }
 
+impl Packing {
+    /// The packing of a file whose header and samples are compressed as one, if at all.
+    pub fn of_whole(bytes: &[u8]) -> Packing {
+        if bytes.starts_with(&[0x1f, 0x8b]) { Packing::Deflate } else { Packing::Raw }
+    }
+
+    /// `offset` of the samples in such a file as [`Data::skip`] and [`Data::skip_unpacked`].
+    pub fn skips_of_whole(self, offset: u64) -> (Option<u64>, u64) {
+        if self == Packing::Raw { (Some(offset), 0) } else { (Some(0), offset) }
+    }
+}
+
+/// The first bytes, at most `count`, of a header, unpacked where its file is compressed as a whole; and how that is.
+pub fn binary_header(path: &Path, count: usize) -> Result<(Vec<u8>, Packing)> {
+    let map = map_file(path)?;
+    let packing = Packing::of_whole(&map);
+    if packing == Packing::Raw {
+        return Ok((map[..map.len().min(count)].to_vec(), packing));
+    }
+    let mut bytes = Vec::new();
+    let cut = |e| Error::input(path, "", format!("its packed header is broken: {e}"));
+    inflate(&map).take(count as u64).read_to_end(&mut bytes).map_err(cut)?;
+    Ok((bytes, packing))
+}
+
 /// Place of the samples, as a header gives it.
 pub struct Data<'a> {
     /// The header, for messages about sizes.

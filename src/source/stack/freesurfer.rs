@@ -2,15 +2,12 @@
 //!
 //! Based on: B. Fischl, *FreeSurfer*, NeuroImage 62, 2012, and FreeSurfer's description of its file formats.
 
-use std::io::Read;
-
 use byteorder::{BigEndian, ByteOrder};
 
 use super::Stack;
-use super::bytes::map_file;
 use super::choice::{Choice, OuterAxes};
 use super::coding::{Coding, Kind};
-use super::data::{Data, Packing, inflate};
+use super::data::{Data, binary_header};
 
 use crate::geom::{DAffine3, DMat3, DVec3};
 use crate::{Error, Result, Warnings};
@@ -21,16 +18,7 @@ const HEADER: usize = 284;
 /// Read the stack `choice.path`.
 pub fn read(choice: &Choice, in_memory: u64) -> Result<Stack> {
     let path = choice.path;
-    let map = map_file(path)?;
-    let packing = if map.starts_with(&[0x1f, 0x8b]) { Packing::Deflate } else { Packing::Raw };
-    let mut h = Vec::new();
-    match packing {
-        Packing::Deflate => {
-            let cut = |e| Error::input(path, "", format!("its packed header is broken: {e}"));
-            inflate(&map).take(HEADER as u64).read_to_end(&mut h).map_err(cut)?;
-        }
-        _ => h.extend_from_slice(&map[..map.len().min(HEADER)]),
-    }
+    let (h, packing) = binary_header(path, HEADER)?;
     if h.len() < HEADER || BigEndian::read_i32(&h) != 1 {
         return Err(Error::input(path, "", "not a FreeSurfer volume: it does not begin with a header of version 1"));
     }
@@ -47,11 +35,12 @@ pub fn read(choice: &Choice, in_memory: u64) -> Result<Stack> {
     let mut warnings = Warnings::default();
     let outer = OuterAxes { axes: vec![(usize::try_from(int(16)).unwrap_or(1).max(1), false)] };
     let volume = outer.choose(choice, &mut warnings)?;
+    let (skip, skip_unpacked) = packing.skips_of_whole(HEADER as u64);
     let samples = Data {
         header: path,
         files: vec![path.to_path_buf()],
-        skip: Some(if packing == Packing::Raw { HEADER as u64 } else { 0 }),
-        skip_unpacked: if packing == Packing::Raw { 0 } else { HEADER as u64 },
+        skip,
+        skip_unpacked,
         packing,
         coding: Coding { kind, big_endian: true, channels: 1 },
         dims,

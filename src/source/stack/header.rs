@@ -8,6 +8,24 @@ use crate::{Error, Result};
 /// Files that a header may name.
 const MAX_FILES: i64 = 1 << 16;
 
+/// The fields of a text header: name, value, and number of the line.
+pub struct Fields<'a> {
+    pub path: &'a Path,
+    pub list: Vec<(String, String, usize)>,
+}
+
+impl Fields<'_> {
+    /// The value of the first field whose name is one of `names`, with its line for messages.
+    pub fn get(&self, names: &[&str]) -> Option<(&str, String)> {
+        let (_, value, line) = self.list.iter().find(|f| names.contains(&f.0.as_str()))?;
+        Some((value, format!("line {line}")))
+    }
+
+    pub fn wrong<T>(&self, at: String, what: impl Into<String>) -> Result<T> {
+        Err(Error::input(self.path, at, what))
+    }
+}
+
 /// Numbers apart by spaces; `None` where one is none, or not finite.
 pub fn numbers(text: &str) -> Option<Vec<f64>> {
     text.split_whitespace().map(|w| w.parse().ok().filter(|v: &f64| v.is_finite())).collect()
@@ -38,6 +56,12 @@ pub fn metres(unit: &str) -> Option<f64> {
 /// A side of a lattice.
 pub fn size(word: &str) -> Option<usize> {
     word.parse().ok().filter(|&n| n > 0)
+}
+
+/// The sides of a lattice of up to 16 axes, apart by spaces.
+pub fn sizes(text: &str) -> Option<Vec<usize>> {
+    let sizes: Option<Vec<usize>> = text.split_whitespace().map(size).collect();
+    sizes.filter(|s| (1..=16).contains(&s.len()))
 }
 
 /// The files that a header's entry stands for: a name, `PATTERN FIRST LAST STEP` where the pattern has one `%d` or `%03d`, or

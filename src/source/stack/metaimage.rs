@@ -5,10 +5,10 @@
 use std::path::{Path, PathBuf};
 
 use super::bytes::map_file;
-use super::choice::{Choice, OuterAxes};
+use super::choice::{Choice, OuterAxes, StoredVolume};
 use super::coding::{Coding, Kind};
 use super::data::{Data, Packing};
-use super::header::{file_list, is_utf16, numbers, size};
+use super::header::{Fields, file_list, is_utf16, numbers, size, sizes};
 use super::{Channels, Stack};
 
 use crate::geom::{DAffine3, DMat3, DVec3};
@@ -34,29 +34,28 @@ fn kind(name: &str) -> Option<Kind> {
 }
 
 /// The lines `Key = value` up to `ElementDataFile`, which ends the header.
-struct Fields<'a> {
-    path: &'a Path,
-    list: Vec<(String, String, usize)>,
+struct Header<'a> {
+    fields: Fields<'a>,
     /// Byte at which the data begin, if they are in the same file.
     end: usize,
 }
 
-impl<'a> Fields<'a> {
-    fn read(path: &'a Path) -> Result<Fields<'a>> {
+impl<'a> Header<'a> {
+    fn read(path: &'a Path) -> Result<Header<'a>> {
         let map = map_file(path)?;
         let head = &map[..map.len().min(MAX_HEADER)];
         if is_utf16(head) {
             return Err(Error::input(path, "", "not a MetaImage header: is UTF-16: save it as UTF-8"));
         }
+        let mut fields = Fields { path, list: Vec::new() };
         // Editors put a byte-order mark before a text.
-        let end = if head.starts_with(b"\xef\xbb\xbf") { 3 } else { 0 };
-        let mut fields = Fields { path, list: Vec::new(), end };
+        let mut end = if head.starts_with(b"\xef\xbb\xbf") { 3 } else { 0 };
         let mut row = 0;
-        while fields.end < head.len() {
-            let rest = &head[fields.end..];
+        while end < head.len() {
+            let rest = &head[end..];
             let length = rest.iter().position(|&c| c == b'\n').unwrap_or(rest.len());
             let line = String::from_utf8_lossy(&rest[..length]).into_owned();
-            fields.end = (fields.end + length + 1).min(map.len());
+            end = (end + length + 1).min(map.len());
             row += 1;
             // MetaIO takes a colon for the equals sign, too.
             let Some((key, value)) = line.split_once('=').or_else(|| line.split_once(':')) else {
@@ -68,119 +67,130 @@ impl<'a> Fields<'a> {
             let (key, mut value) = (key.trim().to_owned(), value.trim().to_owned());
             let last = key == "ElementDataFile";
             if last && value.starts_with("LIST") {
-                value += &format!("\n{}", String::from_utf8_lossy(&head[fields.end.min(head.len())..]));
+                value += &format!("\n{}", String::from_utf8_lossy(&head[end.min(head.len())..]));
             }
             fields.list.push((key, value, row));
             if last {
-                return Ok(fields);
+                return Ok(Header { fields, end });
             }
         }
         Err(Error::input(path, "", "not a MetaImage header: it names no ElementDataFile"))
     }
 
-    fn get(&self, names: &[&str]) -> Option<(&str, String)> {
-        let (_, value, line) = self.list.iter().find(|f| names.contains(&f.0.as_str()))?;
-        Some((value, format!("line {line}")))
+    /// The value of a field that must be there, with its line.
+    fn need(&self, name: &str) -> Result<(&str, String)> {
+        let missing = || Error::input(self.fields.path, "", format!("its header has no {name}"));
+        self.fields.get(&[name]).ok_or_else(missing)
     }
 
     fn is_true(&self, names: &[&str]) -> bool {
-        self.get(names).is_some_and(|v| v.0.eq_ignore_ascii_case("true"))
-    }
-
-    fn wrong<T>(&self, at: String, what: impl Into<String>) -> Result<T> {
-        Err(Error::input(self.path, at, what))
+        self.fields.get(names).is_some_and(|v| v.0.eq_ignore_ascii_case("true"))
     }
 
     /// A list of `count` numbers, if the header has it.
     fn list(&self, names: &[&str], count: usize) -> Result<Option<Vec<f64>>> {
-        let Some((text, at)) = self.get(names) else { return Ok(None) };
+        let Some((text, at)) = self.fields.get(names) else { return Ok(None) };
         match numbers(text).filter(|l| l.len() >= count) {
             Some(list) => Ok(Some(list)),
-            None => self.wrong(at, format!("{} = {text}: {count} numbers are needed", names.join(" or "))),
+            None => self.fields.wrong(at, format!("{} = {text}: {count} numbers are needed", names.join(" or "))),
         }
     }
 
     /// The files of the samples; `None`: they follow the header.
     fn files(&self) -> Result<Option<Vec<PathBuf>>> {
-        let (text, at) = self.get(&["ElementDataFile"]).unwrap_or_default();
-        if text.eq_ignore_ascii_case("local") { Ok(None) } else { file_list(self.path, text, &at).map(Some) }
+        let (text, at) = self.fields.get(&["ElementDataFile"]).unwrap_or_default();
+        if text.eq_ignore_ascii_case("local") { Ok(None) } else { file_list(self.fields.path, text, &at).map(Some) }
+    }
+
+    /// Number of samples along each axis.
+    fn sizes(&self) -> Result<Vec<usize>> {
+        let (text, at) = self.need("DimSize")?;
+        match sizes(text) {
+            Some(sizes) => Ok(sizes),
+            None => self.fields.wrong(at, format!("DimSize = {text}: whole numbers from 1 on are needed")),
+        }
+    }
+
+    fn coding(&self) -> Result<Coding> {
+        let (name, at) = self.need("ElementType")?;
+        let Some(kind) = kind(name.trim_end_matches("_ARRAY")) else {
+            return self.fields.wrong(at, format!("ElementType = {name}: not one of numbers"));
+        };
+        let channels = match self.fields.get(&["ElementNumberOfChannels"]) {
+            Some((text, at)) => match size(text) {
+                Some(n) => n,
+                None => {
+                    return self.fields.wrong(at, format!("ElementNumberOfChannels = {text}: a count is needed"));
+                }
+            },
+            None => 1,
+        };
+        let big_endian = self.is_true(&["BinaryDataByteOrderMSB", "ElementByteOrderMSB"]);
+        Ok(Coding { kind, big_endian, channels })
+    }
+
+    /// Place of the samples: behind the header, or in other files.
+    fn data(&self, coding: Coding, dims: [usize; 3], volume: StoredVolume) -> Result<Data<'a>> {
+        let header = self.fields.path;
+        let is_text = self.fields.get(&["BinaryData"]).is_some_and(|v| v.0.eq_ignore_ascii_case("false"));
+        let packing = match () {
+            () if is_text => Packing::Text,
+            () if self.is_true(&["CompressedData"]) => Packing::Deflate,
+            () => Packing::Raw,
+        };
+        let named = self.files()?;
+        let header_size = self.list(&["HeaderSize"], 1)?.and_then(|l| l.first().copied()).unwrap_or(0.0);
+        let skip = match &named {
+            None => Some(self.end as u64),
+            Some(_) if header_size < 0.0 => None,
+            Some(_) => Some(header_size as u64),
+        };
+        let files = named.unwrap_or_else(|| vec![header.to_path_buf()]);
+        Ok(Data { header, files, skip, skip_unpacked: 0, packing, coding, dims, volume })
+    }
+
+    /// Index → space, of a lattice of `rank` axes.
+    fn affine(&self, rank: usize) -> Result<DAffine3> {
+        let spacing = self.list(&["ElementSpacing", "ElementSize"], rank)?.unwrap_or_else(|| vec![1.0; rank]);
+        let matrix = self.list(&["TransformMatrix", "Rotation", "Orientation"], rank * rank)?;
+        // Row n is the direction of axis n.
+        let column = |n: usize| {
+            let along = match &matrix {
+                Some(m) => DVec3::from(std::array::from_fn(|c| if c < rank { m[n * rank + c] } else { 0.0 })),
+                None => DVec3::AXES[n],
+            };
+            along * spacing[n]
+        };
+        let columns: [DVec3; 3] = std::array::from_fn(|n| if n < rank { column(n) } else { DVec3::ZERO });
+        let offset = self.list(&["Offset", "Position", "Origin"], rank)?.unwrap_or_default();
+        let translation = DVec3::from(std::array::from_fn(|c| offset.get(c).copied().unwrap_or(0.0)));
+        if let Some(bad) = spacing.iter().take(3).find(|s| **s <= 0.0) {
+            return self.fields.wrong(String::new(), format!("ElementSpacing {bad}: distances are above 0"));
+        }
+        Ok(DAffine3 { matrix3: DMat3::from_cols(columns[0], columns[1], columns[2]), translation })
     }
 }
 
 /// Read the stack whose header is `path`.
 pub fn read(choice: &Choice, in_memory: u64) -> Result<Stack> {
-    let path = choice.path;
-    let fields = Fields::read(path)?;
+    let header = Header::read(choice.path)?;
     let mut warnings = Warnings::default();
-    let Some((text, at)) = fields.get(&["DimSize"]) else {
-        return fields.wrong(String::new(), "its header has no DimSize");
-    };
-    let sizes: Option<Vec<usize>> = text.split_whitespace().map(size).collect();
-    let Some(sizes) = sizes.filter(|s| (1..=16).contains(&s.len())) else {
-        return fields.wrong(at, format!("DimSize = {text}: whole numbers from 1 on are needed"));
-    };
-    let rank = sizes.len();
-    let side = |n: usize| sizes.get(n).copied().unwrap_or(1);
-    let dims = [side(0), side(1), side(2)];
+    let sizes = header.sizes()?;
+    let dims = std::array::from_fn(|n| sizes.get(n).copied().unwrap_or(1));
     let outer = OuterAxes { axes: sizes.iter().skip(3).map(|&size| (size, false)).collect() };
     let volume = outer.choose(choice, &mut warnings)?;
-    let Some((name, at)) = fields.get(&["ElementType"]) else {
-        return fields.wrong(String::new(), "its header has no ElementType");
-    };
-    let Some(kind) = kind(name.trim_end_matches("_ARRAY")) else {
-        return fields.wrong(at, format!("ElementType = {name}: not one of numbers"));
-    };
-    let channels = match fields.get(&["ElementNumberOfChannels"]) {
-        Some((text, at)) => match size(text) {
-            Some(n) => n,
-            None => return fields.wrong(at, format!("ElementNumberOfChannels = {text}: a count is needed")),
-        },
-        None => 1,
-    };
-    let big_endian = fields.is_true(&["BinaryDataByteOrderMSB", "ElementByteOrderMSB"]);
-    let packing = match () {
-        () if fields.get(&["BinaryData"]).is_some_and(|v| v.0.eq_ignore_ascii_case("false")) => Packing::Text,
-        () if fields.is_true(&["CompressedData"]) => Packing::Deflate,
-        () => Packing::Raw,
-    };
-    let named = fields.files()?;
-    let header_size = fields.list(&["HeaderSize"], 1)?.and_then(|l| l.first().copied()).unwrap_or(0.0);
-    let skip = match &named {
-        None => Some(fields.end as u64),
-        Some(_) if header_size < 0.0 => None,
-        Some(_) => Some(header_size as u64),
-    };
-    let files = named.unwrap_or_else(|| vec![path.to_path_buf()]);
-    let coding = Coding { kind, big_endian, channels };
-    let samples =
-        Data { header: path, files, skip, skip_unpacked: 0, packing, coding, dims, volume }.load(in_memory)?;
-
-    let spacing = fields.list(&["ElementSpacing", "ElementSize"], rank)?.unwrap_or_else(|| vec![1.0; rank]);
-    let matrix = fields.list(&["TransformMatrix", "Rotation", "Orientation"], rank * rank)?;
-    // Row n is the direction of axis n.
-    let column = |n: usize| {
-        let along = match &matrix {
-            Some(m) => DVec3::from(std::array::from_fn(|c| if c < rank { m[n * rank + c] } else { 0.0 })),
-            None => DVec3::AXES[n],
-        };
-        along * spacing[n]
-    };
-    let columns: [DVec3; 3] = std::array::from_fn(|n| if n < rank { column(n) } else { DVec3::ZERO });
-    let offset = fields.list(&["Offset", "Position", "Origin"], rank)?.unwrap_or_default();
-    let translation = DVec3::from(std::array::from_fn(|c| offset.get(c).copied().unwrap_or(0.0)));
-    if let Some(bad) = spacing.iter().take(3).find(|s| **s <= 0.0) {
-        return fields.wrong(String::new(), format!("ElementSpacing {bad}: distances are above 0"));
-    }
-    let affine = DAffine3 { matrix3: DMat3::from_cols(columns[0], columns[1], columns[2]), translation };
-    let mut stack = Stack::new(path, samples, super::with_thickness(affine, dims), 1e-3, warnings)?;
+    let coding = header.coding()?;
+    let samples = header.data(coding, dims, volume)?.load(in_memory)?;
+    let affine = super::with_thickness(header.affine(sizes.len())?, dims);
+    let mut stack = Stack::new(choice.path, samples, affine, 1e-3, warnings)?;
     // Three or four channels are taken for colours.
-    if !matches!(channels, 1 | 3 | 4) {
-        stack.channels = Channels::Values(vec![String::new(); channels]);
+    if !matches!(coding.channels, 1 | 3 | 4) {
+        stack.channels = Channels::Values(vec![String::new(); coding.channels]);
     }
     Ok(stack)
 }
 
 /// The files that the header `path` names.
 pub fn named(path: &Path) -> Vec<PathBuf> {
-    Fields::read(path).and_then(|f| f.files()).ok().flatten().unwrap_or_default()
+    Header::read(path).and_then(|h| h.files()).ok().flatten().unwrap_or_default()
 }

@@ -2,7 +2,6 @@
 //!
 //! Based on: R. W. Cox et al., *A (sort of) new image data format standard: NIfTI-1*, 2004; the NIfTI-2 header, 2011.
 
-use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use byteorder::{BigEndian, ByteOrder, LittleEndian};
@@ -10,20 +9,58 @@ use byteorder::{BigEndian, ByteOrder, LittleEndian};
 use super::bytes::map_file;
 use super::choice::{Choice, OuterAxes};
 use super::coding::{Coding, Kind};
-use super::data::{Data, Packing, inflate};
+use super::data::{Data, Packing, binary_header};
 use super::{Channels, Stack};
 
 use crate::geom::{DAffine3, DMat3, DVec3};
 use crate::{Error, Result, Warnings};
+
+/// What the magic number says of the file.
+#[derive(PartialEq, Eq)]
+enum Form {
+    /// Header and samples in one.
+    Whole,
+    /// The header of a pair.
+    Pair,
+    /// The header of a pair, as it was before NIfTI.
+    Analyze,
+}
 
 /// A header's bytes in its byte order, and where its fields are: NIfTI-2 has wider ones in other places.
 struct Header {
     bytes: Vec<u8>,
     big: bool,
     two: bool,
+    form: Form,
 }
 
 impl Header {
+    /// Bytes of the longest one.
+    const MOST: usize = 544;
+
+    /// The header that a file begins with, of either version in either byte order.
+    fn parse(bytes: Vec<u8>) -> Result<Header, String> {
+        let first = bytes.get(..4);
+        let (big, two) = match (first.map(LittleEndian::read_i32), first.map(BigEndian::read_i32)) {
+            (Some(348), _) => (false, false),
+            (_, Some(348)) => (true, false),
+            (Some(540), _) => (false, true),
+            (_, Some(540)) => (true, true),
+            _ => return Err("not a NIfTI file: it does not begin with the length of a header, 348 or 540".into()),
+        };
+        if bytes.len() < if two { 540 } else { 348 } {
+            return Err("its header is cut short".into());
+        }
+        let magic = if two { &bytes[4..8] } else { &bytes[344..348] };
+        let form = match magic {
+            b"n+1\0" | b"n+2\0" => Form::Whole,
+            b"ni1\0" | b"ni2\0" => Form::Pair,
+            _ if two => return Err("not a NIfTI-2 file: its magic number is wrong".into()),
+            _ => Form::Analyze,
+        };
+        Ok(Header { bytes, big, two, form })
+    }
+
     /// A field in the header's byte order, by `little` or `big`; 0 beyond the header's end.
     fn field<T: Default>(&self, at: usize, little: fn(&[u8]) -> T, big: fn(&[u8]) -> T) -> T {
         let there = self.bytes.get(at..at + size_of::<T>());
@@ -63,9 +100,65 @@ impl Header {
         if self.two { self.i64(16 + 8 * n) } else { i64::from(self.i16(40 + 2 * n)) }
     }
 
+    /// Number of samples along each of the seven axes; 0 where it cannot be one.
+    fn sizes(&self) -> Result<[usize; 7], String> {
+        let rank = self.dim(0);
+        if !(1..=7).contains(&rank) {
+            return Err(format!("{rank} dimensions; 1 to 7 are possible"));
+        }
+        let size = |n: usize| if n as i64 <= rank { self.dim(n) } else { 1 };
+        Ok([1, 2, 3, 4, 5, 6, 7].map(|n| usize::try_from(size(n)).unwrap_or(0)))
+    }
+
+    /// Type of the numbers, and how many there are per sample.
+    fn kind(&self) -> Result<(Kind, usize), String> {
+        kind(i32::from(self.i16(if self.two { 12 } else { 70 })))
+    }
+
+    fn metres_per_unit(&self) -> f64 {
+        let units = if self.two { self.i32(500) } else { i32::from(self.bytes[123]) };
+        match units & 7 {
+            1 => 1.0,
+            3 => 1e-6,
+            _ => 1e-3,
+        }
+    }
+
+    /// Bytes before the samples.
+    fn offset(&self) -> Result<u64, String> {
+        let offset = match () {
+            () if self.form == Form::Analyze => 0.0,
+            () if self.two => self.i64(168) as f64,
+            () => f64::from(self.f32(108)),
+        };
+        if (0.0..1e15).contains(&offset) { Ok(offset as u64) } else { Err("its samples begin nowhere".into()) }
+    }
+
+    /// Slope and intercept that take samples to values, where there are any.
+    fn rescale(&self) -> Option<(f64, f64)> {
+        let (slope, intercept) = (self.float(112, 176), self.float(116, 184));
+        let is_given = self.form != Form::Analyze && slope != 0.0 && slope.is_finite() && intercept.is_finite();
+        is_given.then_some((slope, intercept))
+    }
+
     /// Distance of samples along an axis, or what else the header keeps in that list.
     fn pixdim(&self, n: usize) -> f64 {
         self.float(76 + 4 * n, 104 + 8 * n)
+    }
+
+    /// Index → space, by the first of three ways that the header uses.
+    fn affine(&self, warnings: &mut Warnings) -> DAffine3 {
+        let along_axes = || DAffine3::from_scale(DVec3::from([1, 2, 3].map(|n| self.pixdim(n).abs())));
+        if self.form == Form::Analyze {
+            warnings.add("an ANALYZE header does not say how the stack lies; along the axes");
+            along_axes()
+        } else if self.code(254, 348) > 0 {
+            self.sform()
+        } else if self.code(252, 344) > 0 {
+            self.qform()
+        } else {
+            along_axes()
+        }
     }
 
     fn sform(&self) -> DAffine3 {
@@ -142,96 +235,40 @@ pub fn files(path: &Path) -> (PathBuf, PathBuf) {
 /// Read the stack `path`, a header or its samples.
 pub fn read(choice: &Choice, in_memory: u64) -> Result<Stack> {
     let (header_path, data_path) = files(choice.path);
-    let wrong = |what: &str| Error::input(&header_path, "", what);
-    let map = map_file(&header_path)?;
-    let packed = map.starts_with(&[0x1f, 0x8b]);
-    let mut bytes = Vec::new();
-    if packed {
-        let cut = |e| Error::input(&header_path, "", format!("its packed header is broken: {e}"));
-        inflate(&map).take(544).read_to_end(&mut bytes).map_err(cut)?;
-    } else {
-        bytes.extend_from_slice(&map[..map.len().min(544)]);
-    }
-    let first = bytes.get(..4);
-    let (big, two) = match (first.map(LittleEndian::read_i32), first.map(BigEndian::read_i32)) {
-        (Some(348), _) => (false, false),
-        (_, Some(348)) => (true, false),
-        (Some(540), _) => (false, true),
-        (_, Some(540)) => (true, true),
-        _ => return Err(wrong("not a NIfTI file: it does not begin with the length of a header, 348 or 540")),
-    };
-    if bytes.len() < if two { 540 } else { 348 } {
-        return Err(wrong("its header is cut short"));
-    }
-    let h = Header { bytes, big, two };
-    let magic = if two { &h.bytes[4..8] } else { &h.bytes[344..348] };
-    let (attached, analyze) = match magic {
-        b"n+1\0" | b"n+2\0" => (true, false),
-        b"ni1\0" | b"ni2\0" => (false, false),
-        _ if two => return Err(wrong("not a NIfTI-2 file: its magic number is wrong")),
-        _ => (false, true),
-    };
-    if !attached && header_path == data_path {
-        let need = if packed { ".img or .img.gz" } else { ".img" };
-        return Err(wrong(&format!("a header without samples: put the {need} file of the same name beside it")));
+    let wrong = |what: String| Error::input(&header_path, "", what);
+    let (bytes, header_packing) = binary_header(&header_path, Header::MOST)?;
+    let header = Header::parse(bytes).map_err(wrong)?;
+    if header.form != Form::Whole && header_path == data_path {
+        let need = if header_packing == Packing::Raw { ".img" } else { ".img or .img.gz" };
+        return Err(wrong(format!("a header without samples: put the {need} file of the same name beside it")));
     }
     let mut warnings = Warnings::default();
-    let rank = h.dim(0);
-    if !(1..=7).contains(&rank) {
-        return Err(wrong(&format!("{rank} dimensions; 1 to 7 are possible")));
-    }
-    let dim = |n: usize| if n as i64 <= rank { h.dim(n) } else { 1 };
-    let dims = [1, 2, 3].map(|n| usize::try_from(dim(n)).unwrap_or(0));
+    let [x, y, z, outer @ ..] = header.sizes().map_err(wrong)?;
     // The fourth axis is time, the fifth the components of a vector; what is beyond counts as time.
-    let axis = |n: usize| (usize::try_from(dim(n)).unwrap_or(1).max(1), n == 5);
-    let outer = OuterAxes { axes: (4..=7).map(axis).collect() };
-    let volume = outer.choose(choice, &mut warnings)?;
-    let (kind, channels) =
-        kind(i32::from(h.i16(if two { 12 } else { 70 }))).map_err(|what| Error::unsupported(&header_path, what))?;
-    let units = if two { h.i32(500) } else { i32::from(h.bytes[123]) };
-    let metres_per_unit = match units & 7 {
-        1 => 1.0,
-        3 => 1e-6,
-        _ => 1e-3,
-    };
-    let affine = if analyze {
-        warnings.add("an ANALYZE header does not say how the stack lies; along the axes");
-        DAffine3::from_scale(DVec3::from([1, 2, 3].map(|n| h.pixdim(n).abs())))
-    } else if h.code(254, 348) > 0 {
-        h.sform()
-    } else if h.code(252, 344) > 0 {
-        h.qform()
-    } else {
-        DAffine3::from_scale(DVec3::from([1, 2, 3].map(|n| h.pixdim(n).abs())))
-    };
-    // A single slice need not say how thick it is.
-    let affine = super::with_thickness(affine, dims);
-    let offset = match () {
-        () if analyze => 0.0,
-        () if two => h.i64(168) as f64,
-        () => f64::from(h.f32(108)),
-    };
-    let offset =
-        if (0.0..1e15).contains(&offset) { offset as u64 } else { return Err(wrong("its samples begin nowhere")) };
-    let packing = if map_file(&data_path)?.starts_with(&[0x1f, 0x8b]) { Packing::Deflate } else { Packing::Raw };
-    let (skip, skip_unpacked) = if packing == Packing::Raw { (offset, 0) } else { (0, offset) };
+    let axes = outer.iter().enumerate().map(|(n, size)| (*size.max(&1), n == 1));
+    let volume = OuterAxes { axes: axes.collect() }.choose(choice, &mut warnings)?;
+    let (kind, channels) = header.kind().map_err(|what| Error::unsupported(&header_path, what))?;
+    let affine = super::with_thickness(header.affine(&mut warnings), [x, y, z]);
+    let offset = header.offset().map_err(wrong)?;
+    let packing = Packing::of_whole(&map_file(&data_path)?);
+    let (skip, skip_unpacked) = packing.skips_of_whole(offset);
     let data = Data {
         header: &header_path,
         files: vec![data_path.clone()],
-        skip: Some(skip),
+        skip,
         skip_unpacked,
         packing,
-        coding: Coding { kind, big_endian: big, channels },
-        dims,
+        coding: Coding { kind, big_endian: header.big, channels },
+        dims: [x, y, z],
         volume,
     };
     let mut samples = data.load(in_memory)?;
-    let (slope, intercept) = (h.float(112, 176), h.float(116, 184));
-    if !analyze && slope != 0.0 && slope.is_finite() && intercept.is_finite() && channels == 1 {
-        samples.rescale = (slope, intercept);
+    if let Some(rescale) = header.rescale().filter(|_| channels == 1) {
+        samples.rescale = rescale;
     }
-    let mut stack = Stack::new(&header_path, samples, affine, metres_per_unit, warnings)?;
-    if dim(5) > 1 {
+    let mut stack = Stack::new(&header_path, samples, affine, header.metres_per_unit(), warnings)?;
+    let [_, components, ..] = outer;
+    if components > 1 {
         stack.channels = Channels::Chosen;
     }
     Ok(stack)

@@ -8,7 +8,7 @@ use super::bytes::map_file;
 use super::choice::{Choice, OuterAxes, StoredVolume};
 use super::coding::{Coding, Kind};
 use super::data::{Data, Packing};
-use super::header::{file_list, is_utf16, metres, numbers, size};
+use super::header::{Fields, file_list, is_utf16, metres, numbers, sizes};
 use super::{Channels, Stack};
 
 use crate::geom::{DAffine3, DMat3, DVec3};
@@ -38,28 +38,6 @@ fn kind(name: &str) -> Option<Kind> {
         "double" => Kind::F64,
         _ => return None,
     })
-}
-
-/// The fields of a header, each with its line.
-struct Fields<'a> {
-    path: &'a Path,
-    list: Vec<(String, String, usize)>,
-}
-
-impl Fields<'_> {
-    /// The value of the first of `names` that there is; with its line for messages.
-    fn get(&self, names: &[&str]) -> Option<(&str, String)> {
-        let (_, value, line) = self.list.iter().find(|f| names.contains(&f.0.as_str()))?;
-        Some((value, format!("line {line}")))
-    }
-
-    fn need(&self, name: &str) -> Result<(&str, String)> {
-        self.get(&[name]).ok_or_else(|| Error::input(self.path, "", format!("its header has no field {name:?}")))
-    }
-
-    fn wrong<T>(&self, at: String, what: impl Into<String>) -> Result<T> {
-        Err(Error::input(self.path, at, what))
-    }
 }
 
 /// `(1,0,0) (0,1,0) none`: vectors, and `None` where one is missing, or points along axes beyond the first three alone.
@@ -212,49 +190,68 @@ pub fn read(choice: &Choice, in_memory: u64) -> Result<Stack> {
 }
 
 fn stack(fields: &Fields, choice: &Choice, body: Option<usize>, in_memory: u64) -> Result<Stack> {
-    let path = fields.path;
     let mut warnings = Warnings::default();
-    let (name, at) = fields.need("type")?;
+    let (name, at) = need(fields, "type")?;
     let Some(kind) = kind(&name.to_ascii_lowercase()) else {
         return fields.wrong(at, format!("type {name:?}: not one of numbers"));
     };
-    let (text, at) = fields.need("sizes")?;
-    let sizes: Option<Vec<usize>> = text.split_whitespace().map(size).collect();
-    let Some(sizes) = sizes.filter(|s| (1..=16).contains(&s.len())) else {
+    let (text, at) = need(fields, "sizes")?;
+    let Some(sizes) = sizes(text) else {
         return fields.wrong(at, format!("sizes {text:?}: whole numbers from 1 on are needed"));
     };
     let words = |text: &str| text.split_whitespace().map(str::to_ascii_lowercase).collect();
     let kinds: Vec<String> = fields.get(&["kinds"]).map_or(Vec::new(), |k| words(k.0));
-    let directions = match fields.get(&["space directions"]) {
-        Some((text, at)) => match vectors(text).filter(|v| v.len() == sizes.len()) {
-            Some(v) => Some(v),
-            None => return fields.wrong(at, format!("space directions {text:?}: {} vectors are needed", sizes.len())),
-        },
-        None => None,
-    };
+    let directions = directions(fields, sizes.len())?;
     let Some(axes) = Axes::new(&sizes, &kinds, directions.as_deref()) else {
         return fields.wrong(at, "an axis that is not of space lies between those of space: put it first or last");
     };
     let (channel, volume) = axes.choose(choice, &mut warnings)?;
-    let (first, channels, dims) = (axes.first, axes.channels(), axes.dims());
+    let (channels, dims) = (axes.channels(), axes.dims());
     let coding = Coding { kind, big_endian: big_endian(fields, kind)?, channels };
     let samples = Data { volume, ..data(fields, body, coding, dims)? }.load(in_memory)?;
-    let axis =
-        |n: usize| directions.as_ref().filter(|_| n < axes.space).and_then(|d| d.get(first + n).copied().flatten());
-    let extents = Extents::new(fields);
-    let spacing = |n: usize| extents.spacing(first + n, dims[n]);
-    let mut unit = None;
-    let columns: [DVec3; 3] = std::array::from_fn(|n| match (axis(n), spacing(n)) {
-        (Some(direction), _) => direction,
-        (None, distance) => DVec3::AXES[n] * if n < axes.space { distance.unwrap_or(1.0) } else { 0.0 },
-    });
-    let mut placed = directions.is_some();
-    if let Some((text, _)) = fields.get(&["space units", "units"]) {
-        unit = text.split_whitespace().find_map(metres);
-        placed |= unit.is_some();
+    let unit = fields.get(&["space units", "units"]).and_then(|(text, _)| text.split_whitespace().find_map(metres));
+    // Without a unit and directions, nothing says that distances are in millimetres.
+    let metres_per_unit = unit.unwrap_or(if directions.is_some() { 1e-3 } else { 0.0 });
+    let affine = super::with_thickness(affine(fields, &axes, directions.as_deref())?, dims);
+    let mut stack = Stack::new(fields.path, samples, affine, metres_per_unit, warnings)?;
+    if axes.interleaves_frames() {
+        stack.samples.choose_channel(channel);
+        stack.channels = Channels::Chosen;
+    } else if channels > 1 && !axes.colour {
+        stack.channels = Channels::Values(vec![String::new(); channels]);
     }
+    if axes.roles[axes.first..].contains(&Role::Channel) {
+        stack.channels = Channels::Chosen;
+    }
+    Ok(stack)
+}
+
+/// The value of a field that must be there, with its line.
+fn need<'a>(fields: &'a Fields, name: &str) -> Result<(&'a str, String)> {
+    fields.get(&[name]).ok_or_else(|| Error::input(fields.path, "", format!("its header has no field {name:?}")))
+}
+
+/// The direction of each of `count` axes, where the header gives them; `None` of an axis that is not of space.
+fn directions(fields: &Fields, count: usize) -> Result<Option<Vec<Option<DVec3>>>> {
+    let Some((text, at)) = fields.get(&["space directions"]) else { return Ok(None) };
+    match vectors(text).filter(|v| v.len() == count) {
+        Some(directions) => Ok(Some(directions)),
+        None => fields.wrong(at, format!("space directions {text:?}: {count} vectors are needed")),
+    }
+}
+
+/// Index → space: by directions, or by the distances along the axes, or by numbers alone.
+fn affine(fields: &Fields, axes: &Axes, directions: Option<&[Option<DVec3>]>) -> Result<DAffine3> {
+    let extents = Extents::new(fields);
+    let (first, dims) = (axes.first, axes.dims());
+    let spacing = |n: usize| extents.spacing(first + n, dims[n]);
+    let direction = |n: usize| directions.filter(|_| n < axes.space).and_then(|d| d.get(first + n).copied().flatten());
+    let columns: [DVec3; 3] = std::array::from_fn(|n| match direction(n) {
+        Some(direction) => direction,
+        None => DVec3::AXES[n] * if n < axes.space { spacing(n).unwrap_or(1.0) } else { 0.0 },
+    });
     let along = |n: usize| extents.first(first + n, spacing(n).unwrap_or(1.0)).unwrap_or(0.0);
-    let mut origin = match directions {
+    let mut translation = match directions {
         Some(_) => DVec3::ZERO,
         None => DVec3::from(std::array::from_fn(|n| if n < axes.space { along(n) } else { 0.0 })),
     };
@@ -263,24 +260,12 @@ fn stack(fields: &Fields, choice: &Choice, body: Option<usize>, in_memory: u64) 
         let inner = text.trim().strip_prefix('(').and_then(|t| t.strip_suffix(')'));
         match inner.and_then(|t| numbers(&t.replace(',', " "))).as_deref() {
             Some([x, rest @ ..]) => {
-                origin = DVec3::new(*x, *rest.first().unwrap_or(&0.0), *rest.get(1).unwrap_or(&0.0));
+                translation = DVec3::new(*x, *rest.first().unwrap_or(&0.0), *rest.get(1).unwrap_or(&0.0));
             }
             _ => return fields.wrong(at, format!("space origin {text:?}: one vector is needed")),
         }
     }
-    let affine = DAffine3 { matrix3: DMat3::from_cols(columns[0], columns[1], columns[2]), translation: origin };
-    let metres_per_unit = unit.unwrap_or(if placed { 1e-3 } else { 0.0 });
-    let mut stack = Stack::new(path, samples, super::with_thickness(affine, dims), metres_per_unit, warnings)?;
-    if axes.interleaves_frames() {
-        stack.samples.choose_channel(channel);
-        stack.channels = Channels::Chosen;
-    } else if channels > 1 && !axes.colour {
-        stack.channels = Channels::Values(vec![String::new(); channels]);
-    }
-    if axes.roles[first..].contains(&Role::Channel) {
-        stack.channels = Channels::Chosen;
-    }
-    Ok(stack)
+    Ok(DAffine3 { matrix3: DMat3::from_cols(columns[0], columns[1], columns[2]), translation })
 }
 
 /// Where samples lie along each axis, where no directions say so.
@@ -344,14 +329,14 @@ fn big_endian(fields: &Fields, kind: Kind) -> Result<bool> {
             _ => fields.wrong(at, format!("endian {order:?}: little or big")),
         },
         None if kind.bytes() == 1 || text => Ok(false),
-        None => fields.need("endian").map(|_| false),
+        None => need(fields, "endian").map(|_| false),
     }
 }
 
 /// Place of the samples: behind the header, or in other files.
 fn data<'a>(fields: &Fields<'a>, body: Option<usize>, coding: Coding, dims: [usize; 3]) -> Result<Data<'a>> {
     let path = fields.path;
-    let (encoding, _) = fields.need("encoding")?;
+    let (encoding, _) = need(fields, "encoding")?;
     let packing = match encoding.to_ascii_lowercase().as_str() {
         "raw" => Packing::Raw,
         "gz" | "gzip" => Packing::Deflate,
