@@ -42,74 +42,39 @@ struct Row {
 pub fn read(text: &str) -> Result<Content, Fault> {
     let all: Vec<(usize, Cow<str>)> = logical_lines(text).collect();
     let lines = all.iter().map(|(number, line)| (*number, &**line));
-    let mut lines = lines.filter(|(_, l)| !l.trim().is_empty() && !l.trim_start().starts_with('#'));
+    let mut lines = lines.filter(|(_, l)| !l.trim().is_empty() && !l.trim_start().starts_with('#')).peekable();
     let mut content = Content { decimals: Decimals::new(), ..Content::default() };
-    let Some((number, first)) = lines.clone().next() else { return Ok(content) };
-    let separator = [',', '\t', ';'].into_iter().find(|s| first.contains(*s)).unwrap_or(' ');
-    let names: Vec<&str> = fields(first, separator).map(|f| f.1).collect();
-    let columns = if names.iter().all(|n| n.parse::<f64>().is_ok()) {
-        let known = UNNAMED.iter().find(|u| u.0 == names.len());
-        let columns = known.ok_or_else(|| {
-            let what = "columns without names are read as id,t,x,y,z[,radius][,r,g,b]; name these in a first line";
-            (format!("line {number}"), format!("{} {what}", names.len()))
-        })?;
-        columns.1.iter().map(|c| Some(*c)).collect()
-    } else {
+    let Some((number, first)) = lines.peek() else { return Ok(content) };
+    let layout = Layout::new(first).map_err(|what| (format!("line {number}"), what))?;
+    if !layout.names.is_empty() {
         lines.next();
-        named(&names).map_err(|what| (format!("line {number}"), what))?
-    };
-    let ignored = columns.iter().filter(|c| c.is_none()).count();
+    }
+    let ignored = layout.columns.iter().filter(|c| c.is_none()).count();
     content.warnings.add_many("columns of other names are ignored", ignored as u64);
-    let has = |c: Column| columns.contains(&Some(c));
-    let coloured = has(Colour(0)) || has(Colour(3));
     let (mut ids, mut tracks): (BTreeMap<&str, usize>, Vec<Vec<Row>>) = (BTreeMap::new(), Vec::new());
-    let mut brightest = 0.0f32;
     for (number, line) in lines {
-        let mut row = Row { time: 0.0, at: DVec3::ZERO, radius: f32::NAN, colour: [1.0; 4] };
-        let (mut id, mut count) = ("", 0);
-        for ((at, field), column) in fields(line, separator).zip(&columns) {
-            count += 1;
-            let Some(column) = column else { continue };
-            if *column == Id {
-                id = field;
-                continue;
-            }
-            let value = if field.is_empty() { Ok(f64::NAN) } else { field.parse::<f64>() };
-            let value = value.map_err(|_| {
-                let column_name =
-                    names.get(count - 1).filter(|n| n.parse::<f64>().is_err()).copied().unwrap_or("value");
-                (format!("line {number}, column {at}"), format!("{column_name} is `{field}` and not a number"))
-            })?;
-            match *column {
-                Id => {}
-                Time => row.time = value,
-                Place(axis) => {
-                    row.at[axis] = value;
-                    content.decimals.see(field);
-                }
-                Radius => row.radius = value as f32,
-                Width => row.radius = 0.5 * value as f32,
-                Colour(part) => row.colour[part] = value as f32,
-            }
-        }
-        if count < columns.len() {
-            let what = format!("{count} values where there are {} columns", columns.len());
-            return Err((format!("line {number}, column {}", line.chars().count() + 1), what));
-        }
+        let row = layout.row(line, &mut content.decimals);
+        let (id, row) = row.map_err(|(column, what)| (format!("line {number}, column {column}"), what))?;
         if row.at.is_nan() || row.time.is_nan() {
             content.warnings.add("rows without a place or a time are left out");
             continue;
         }
-        brightest = row.colour[..3].iter().fold(brightest, |a, b| a.max(*b));
         let track = *ids.entry(id).or_insert(tracks.len());
         if track == tracks.len() {
             tracks.push(Vec::new());
         }
         tracks[track].push(row);
     }
+    content.strands = strands(tracks, layout.is_coloured());
+    Ok(content)
+}
+
+/// The tracks as strands in order of time, with a colour a point where they are coloured.
+fn strands(tracks: Vec<Vec<Row>>, coloured: bool) -> Vec<Strand> {
+    let brightest = tracks.iter().flatten().flat_map(|row| &row.colour[..3]).fold(0.0f32, |a, b| a.max(*b));
     // 0 … 1, or 0 … 255 where any is more.
     let scale = if brightest > 1.0 { 1.0 / 255.0 } else { 1.0 };
-    for mut track in tracks {
+    let strand = |mut track: Vec<Row>| {
         track.sort_by(|a, b| a.time.total_cmp(&b.time));
         let mut strand = Strand::default();
         for row in track {
@@ -120,9 +85,73 @@ pub fn read(text: &str) -> Result<Content, Fault> {
                 strand.colours.push([scale * r, scale * g, scale * b, a]);
             }
         }
-        content.strands.push(strand);
+        strand
+    };
+    tracks.into_iter().map(strand).collect()
+}
+
+/// What the first line of a table says of all.
+struct Layout<'a> {
+    separator: char,
+    /// Names of the columns; none where the first line is a row already.
+    names: Vec<&'a str>,
+    /// Meaning of each column; `None`: it is ignored.
+    columns: Vec<Option<Column>>,
+}
+
+impl<'a> Layout<'a> {
+    fn new(first: &'a str) -> Result<Layout<'a>, String> {
+        let separator = [',', '\t', ';'].into_iter().find(|s| first.contains(*s)).unwrap_or(' ');
+        let names: Vec<&str> = fields(first, separator).map(|f| f.1).collect();
+        if !names.iter().all(|n| n.parse::<f64>().is_ok()) {
+            let columns = named(&names)?;
+            return Ok(Layout { separator, names, columns });
+        }
+        let Some((_, known)) = UNNAMED.iter().find(|u| u.0 == names.len()) else {
+            let what = "columns without names are read as id,t,x,y,z[,radius][,r,g,b]; name these in a first line";
+            return Err(format!("{} {what}", names.len()));
+        };
+        Ok(Layout { separator, names: Vec::new(), columns: known.iter().map(|c| Some(*c)).collect() })
     }
-    Ok(content)
+
+    fn is_coloured(&self) -> bool {
+        [Colour(0), Colour(3)].iter().any(|c| self.columns.contains(&Some(*c)))
+    }
+
+    /// A row with its id, or what is wrong and the column of the line's text.
+    fn row<'l>(&self, line: &'l str, decimals: &mut Decimals) -> Result<(&'l str, Row), (usize, String)> {
+        let mut row = Row { time: 0.0, at: DVec3::ZERO, radius: f32::NAN, colour: [1.0; 4] };
+        let (mut id, mut count) = ("", 0);
+        for ((at, field), column) in fields(line, self.separator).zip(&self.columns) {
+            count += 1;
+            let Some(column) = column else { continue };
+            if *column == Id {
+                id = field;
+                continue;
+            }
+            let value = if field.is_empty() { Ok(f64::NAN) } else { field.parse::<f64>() };
+            let value = value.map_err(|_| {
+                let name = self.names.get(count - 1).filter(|n| n.parse::<f64>().is_err());
+                (at, format!("{} is `{field}` and not a number", name.unwrap_or(&"value")))
+            })?;
+            match *column {
+                Id => {}
+                Time => row.time = value,
+                Place(axis) => {
+                    row.at[axis] = value;
+                    decimals.see(field);
+                }
+                Radius => row.radius = value as f32,
+                Width => row.radius = 0.5 * value as f32,
+                Colour(part) => row.colour[part] = value as f32,
+            }
+        }
+        if count < self.columns.len() {
+            let what = format!("{count} values where there are {} columns", self.columns.len());
+            return Err((line.chars().count() + 1, what));
+        }
+        Ok((id, row))
+    }
 }
 
 /// Meaning of each column by its name; `None` for an unknown name.

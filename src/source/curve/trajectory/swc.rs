@@ -29,48 +29,77 @@ struct Node {
 /// point is a ball, and one of three points, as NeuroMorpho.org writes it, a cylinder as long as it is wide: its area is that of
 /// the ball of that radius.
 pub fn read(text: &str) -> Result<Content, Fault> {
-    let mut nodes: Vec<Node> = Vec::new();
-    let mut parents: Vec<(i64, usize)> = Vec::new();
-    let mut names: BTreeMap<i64, usize> = BTreeMap::new();
     let mut content = Content { metres_per_unit: 1e-6, decimals: Decimals::new(), ..Content::default() };
+    let mut nodes = nodes(text, &mut content)?;
+    inherit_radii(&mut nodes, &mut content);
+    continue_branches(&mut nodes);
+    let (strands, reached) = strands(&nodes);
+    content.strands = strands;
+    if reached < nodes.len() {
+        content.warnings.add_many("nodes that are their own ancestors are left out", (nodes.len() - reached) as u64);
+    }
+    Ok(content)
+}
+
+/// The nodes in the order of the file, each with its parent.
+fn nodes(text: &str, content: &mut Content) -> Result<Vec<Node>, Fault> {
+    let mut nodes: Vec<Node> = Vec::new();
+    let mut parents: Vec<i64> = Vec::new();
+    let mut names: BTreeMap<i64, usize> = BTreeMap::new();
     for (number, line) in logical_lines(text) {
-        let fault = |what: String| (format!("line {number}"), what);
         let line = line.split('#').next().unwrap_or_default().trim();
         if line.is_empty() {
             continue;
         }
-        let words: Vec<&str> = line.split_whitespace().collect();
-        let [id, kind, x, y, z, radius, parent, ..] = words[..] else {
-            return Err(fault(format!("{} words where a node has seven: id type x y z radius parent", words.len())));
-        };
-        let number = |name: &str, word: &str| {
-            let value = word.parse::<f64>().ok().filter(|v| v.is_finite());
-            value.ok_or_else(|| fault(format!("{name} is `{word}` and not a number")))
-        };
-        let whole = |name: &str, word: &str| number(name, word).map(|v| v as i64);
-        [x, y, z].iter().for_each(|word| content.decimals.see(word));
-        let at = DVec3::new(number("x", x)?, number("y", y)?, number("z", z)?);
-        let radius = number("the radius", radius)? as f32;
-        let id = whole("the id", id)?;
+        let fault = |what: String| (format!("line {number}"), what);
+        let Line { id, parent, node } = Line::parse(line, &mut content.decimals).map_err(fault)?;
         if names.insert(id, nodes.len()).is_some() {
             return Err(fault(format!("node {id} was there before")));
         }
-        parents.push((whole("the parent", parent)?, nodes.len()));
-        // A radius that was not measured is written as 0 or −1.
-        let radius = if radius > 0.0 { radius } else { f32::NAN };
-        nodes.push(Node { at, radius, is_soma: kind.parse() == Ok(SOMA), parent: None, next: None });
+        parents.push(parent);
+        nodes.push(node);
     }
-    for &(parent, node) in &parents {
-        if parent < 0 {
-            continue;
-        }
+    for (i, parent) in parents.into_iter().enumerate().filter(|(_, parent)| *parent >= 0) {
         match names.get(&parent) {
-            Some(&p) if p != node => nodes[node].parent = Some(p),
+            Some(&p) if p != i => nodes[i].parent = Some(p),
             _ => content.warnings.add("nodes whose parent is not there begin a tree of their own"),
         }
     }
-    inherit_radii(&mut nodes, &mut content);
-    // The thickest child goes on; the first of equals. Nothing but a cell body goes on from a cell body.
+    Ok(nodes)
+}
+
+/// A node with the numbers by which nodes name each other.
+struct Line {
+    id: i64,
+    /// Negative of a root.
+    parent: i64,
+    node: Node,
+}
+
+impl Line {
+    fn parse(line: &str, decimals: &mut Decimals) -> Result<Line, String> {
+        let words: Vec<&str> = line.split_whitespace().collect();
+        let [id, kind, x, y, z, radius, parent, ..] = words[..] else {
+            return Err(format!("{} words where a node has seven: id type x y z radius parent", words.len()));
+        };
+        let number = |name: &str, word: &str| {
+            let value = word.parse::<f64>().ok().filter(|v| v.is_finite());
+            value.ok_or_else(|| format!("{name} is `{word}` and not a number"))
+        };
+        let whole = |name: &str, word: &str| number(name, word).map(|v| v as i64);
+        [x, y, z].iter().for_each(|word| decimals.see(word));
+        let at = DVec3::new(number("x", x)?, number("y", y)?, number("z", z)?);
+        let radius = number("the radius", radius)? as f32;
+        // A radius that was not measured is written as 0 or −1.
+        let radius = if radius > 0.0 { radius } else { f32::NAN };
+        let node = Node { at, radius, is_soma: kind.parse() == Ok(SOMA), parent: None, next: None };
+        Ok(Line { id: whole("the id", id)?, parent: whole("the parent", parent)?, node })
+    }
+}
+
+/// Choose the child with which each branch goes on: the thickest, the first of equals. Nothing but a cell body goes on from a
+/// cell body.
+fn continue_branches(nodes: &mut [Node]) {
     for i in 0..nodes.len() {
         let Some(parent) = nodes[i].parent else { continue };
         if nodes[parent].is_soma && !nodes[i].is_soma {
@@ -80,14 +109,18 @@ pub fn read(text: &str) -> Result<Content, Fault> {
             nodes[parent].next = Some(i);
         }
     }
-    let (mut seen, cylinders) = (0, cylinders(&nodes));
+}
+
+/// The branches, and the cylinders of cell bodies, as strands; and how many nodes are in them.
+fn strands(nodes: &[Node]) -> (Vec<Strand>, usize) {
+    let (mut strands, mut reached, cylinders) = (Vec::new(), 0, cylinders(nodes));
     for (i, node) in nodes.iter().enumerate() {
         let mut strand = Strand::default();
         if let Some(&[below, above]) = cylinders.get(&i) {
             strand.points = [below, i, above].map(|n| nodes[n].at).to_vec();
             strand.radii.push(node.radius);
-            content.strands.push(strand);
-            seen += 3;
+            strands.push(strand);
+            reached += 3;
             continue;
         }
         if node.parent.is_some_and(|p| cylinders.get(&p).is_some_and(|ends| ends.contains(&i))) {
@@ -105,15 +138,12 @@ pub fn read(text: &str) -> Result<Content, Fault> {
         while let Some(n) = at.and_then(|n| nodes.get(n)) {
             strand.points.push(n.at);
             strand.radii.push(n.radius);
-            seen += 1;
+            reached += 1;
             at = n.next;
         }
-        content.strands.push(strand);
+        strands.push(strand);
     }
-    if seen < nodes.len() {
-        content.warnings.add_many("nodes that are their own ancestors are left out", (nodes.len() - seen) as u64);
-    }
-    Ok(content)
+    (strands, reached)
 }
 
 /// Where some nodes have a radius, those without one take that of the nearest node towards the root that has.

@@ -21,6 +21,55 @@ struct Header {
     nb_streamlines: u64,
 }
 
+/// The archive, and how much of it may still be unpacked.
+struct Archive<'a> {
+    zip: zip::ZipArchive<std::io::Cursor<&'a [u8]>>,
+    names: Vec<String>,
+    left: u64,
+    max_bytes: u64,
+}
+
+impl<'a> Archive<'a> {
+    fn new(bytes: &'a [u8], max_bytes: u64) -> Result<Archive<'a>, Fault> {
+        let zip = zip::ZipArchive::new(std::io::Cursor::new(bytes));
+        let zip = zip.map_err(|e| (String::new(), format!("is not a zip archive, as a .trx file is ({e})")))?;
+        let names = zip.file_names().filter_map(|name| name.ok().map(Cow::into_owned)).collect();
+        Ok(Archive { zip, names, left: max_bytes, max_bytes })
+    }
+
+    fn unpack(&mut self, name: &str) -> Result<Vec<u8>, Fault> {
+        let at = |what: String| (name.to_owned(), what);
+        let file = self.zip.by_name(name).map_err(|e| at(e.to_string()))?;
+        let mut out = Vec::new();
+        file.take(self.left.saturating_add(1)).read_to_end(&mut out).map_err(|e| at(e.to_string()))?;
+        self.left = self.left.checked_sub(out.len() as u64).ok_or_else(|| {
+            at(format!("unpacking the archive takes more than {} bytes; raise option `memory`", self.max_bytes))
+        })?;
+        Ok(out)
+    }
+
+    fn header(&mut self) -> Result<Header, Fault> {
+        serde_json::from_slice(&self.unpack("header.json")?)
+            .map_err(|e| ("header.json".to_owned(), e.to_string().replace('\n', " ")))
+    }
+
+    /// The first array with such a name.
+    fn array(&mut self, wanted: impl Fn(&str) -> bool) -> Result<Option<Array>, Fault> {
+        let Some(name) = self.names.iter().find(|name| wanted(name)).cloned() else { return Ok(None) };
+        let mut words = name.rsplit('.');
+        let kind = words.next().unwrap_or_default().to_owned();
+        let columns = words.next().and_then(|word| word.parse().ok()).unwrap_or(1);
+        Ok(Some(Array { kind, columns, bytes: self.unpack(&name)? }))
+    }
+
+    /// The array whose name begins with that of `example`.
+    fn required(&mut self, example: &str) -> Result<Array, Fault> {
+        let begin = example.split_inclusive('.').next().unwrap_or_default();
+        let missing = || (String::new(), format!("the archive has no {example}"));
+        self.array(|name| name.starts_with(begin))?.ok_or_else(missing)
+    }
+}
+
 /// An array: what it holds is told by its name, as in `positions.3.float16`.
 struct Array {
     kind: String,
@@ -30,58 +79,17 @@ struct Array {
 
 /// Colours of points are those of `dpv/` arrays of three columns that are named as such. At most `max_bytes` are unpacked.
 pub fn read(bytes: &[u8], max_bytes: u64) -> Result<Content, Fault> {
-    let broken = |what: String| (String::new(), what);
-    let archive = zip::ZipArchive::new(std::io::Cursor::new(bytes));
-    let mut archive = archive.map_err(|e| broken(format!("is not a zip archive, as a .trx file is ({e})")))?;
-    let names: Vec<String> = archive.file_names().filter_map(|name| name.ok().map(Cow::into_owned)).collect();
-    let mut left = max_bytes;
-    let mut unpack = |name: &str| -> Result<Vec<u8>, Fault> {
-        let at = |what: String| (name.to_owned(), what);
-        let file = archive.by_name(name).map_err(|e| at(e.to_string()))?;
-        let mut out = Vec::new();
-        file.take(left.saturating_add(1)).read_to_end(&mut out).map_err(|e| at(e.to_string()))?;
-        left = left.checked_sub(out.len() as u64).ok_or_else(|| {
-            at(format!("unpacking the archive takes more than {max_bytes} bytes; raise option `memory`"))
-        })?;
-        Ok(out)
-    };
-    let header: Header = serde_json::from_slice(&unpack("header.json")?)
-        .map_err(|e| ("header.json".to_owned(), e.to_string().replace('\n', " ")))?;
-    let mut array = |wanted: &dyn Fn(&str) -> bool| -> Result<Option<Array>, Fault> {
-        let Some(name) = names.iter().find(|name| wanted(name)) else { return Ok(None) };
-        let mut words = name.rsplit('.');
-        let kind = words.next().unwrap_or_default().to_owned();
-        let columns = words.next().and_then(|word| word.parse().ok()).unwrap_or(1);
-        Ok(Some(Array { kind, columns, bytes: unpack(name)? }))
-    };
-    let missing = |name: &str| (String::new(), format!("the archive has no {name}"));
-    let positions = array(&|name| name.starts_with("positions."))?.ok_or_else(|| missing("positions.3.float32"))?;
-    let offsets = array(&|name| name.starts_with("offsets."))?.ok_or_else(|| missing("offsets.uint64"))?;
+    let mut archive = Archive::new(bytes, max_bytes)?;
+    let header = archive.header()?;
+    let positions = archive.required("positions.3.float32")?;
+    let offsets = archive.required("offsets.uint64")?;
     let is_colour = |name: &str| {
         let own = name.strip_prefix("dpv/").map(str::to_ascii_lowercase);
         own.is_some_and(|own| (own.contains("color") || own.contains("rgb")) && own.split('.').nth(1) == Some("3"))
     };
-    let colours = array(&is_colour)?;
-    if positions.columns != 3 {
-        return Err(("positions".into(), format!("has {} columns and should have 3", positions.columns)));
-    }
-    let values = positions.values("positions")?;
-    let points: Vec<DVec3> = values.as_chunks::<3>().0.iter().map(|p| DVec3::from(*p)).collect();
-    if !values.len().is_multiple_of(3) || points.len() as u64 != header.nb_vertices {
-        let what = format!("has {} numbers, the header counts {} points", values.len(), header.nb_vertices);
-        return Err(("positions".into(), what));
-    }
-    let mut starts = offsets.values("offsets")?;
-    // Some writers end the list with the number of points.
-    if starts.len() as u64 == header.nb_streamlines {
-        starts.push(points.len() as f64);
-    }
-    let ascending = starts.windows(2).all(|w| w[0] <= w[1]) && starts.last() == Some(&(points.len() as f64));
-    if starts.len() as u64 != header.nb_streamlines.saturating_add(1) || !ascending {
-        let what =
-            format!("does not part {} points into the {} tracts of the header", points.len(), header.nb_streamlines);
-        return Err(("offsets".into(), what));
-    }
+    let colours = archive.array(is_colour)?;
+    let points = header.points(&positions)?;
+    let starts = header.starts(&offsets, points.len())?;
     let colours = colours.map(|c| Ok::<_, Fault>((c.values("colours")?, c.kind.starts_with("uint")))).transpose()?;
     let colour = |i: usize| {
         let (values, is_byte) = colours.as_ref()?;
@@ -102,6 +110,37 @@ pub fn read(bytes: &[u8], max_bytes: u64) -> Result<Content, Fault> {
         }
     }
     Ok(content)
+}
+
+impl Header {
+    fn points(&self, positions: &Array) -> Result<Vec<DVec3>, Fault> {
+        if positions.columns != 3 {
+            return Err(("positions".into(), format!("has {} columns and should have 3", positions.columns)));
+        }
+        let values = positions.values("positions")?;
+        let points: Vec<DVec3> = values.as_chunks::<3>().0.iter().map(|p| DVec3::from(*p)).collect();
+        if !values.len().is_multiple_of(3) || points.len() as u64 != self.nb_vertices {
+            let what = format!("has {} numbers, the header counts {} points", values.len(), self.nb_vertices);
+            return Err(("positions".into(), what));
+        }
+        Ok(points)
+    }
+
+    /// The first of the points of each tract, and their number as the end of the last.
+    fn starts(&self, offsets: &Array, points: usize) -> Result<Vec<f64>, Fault> {
+        let tracts = self.nb_streamlines;
+        let mut starts = offsets.values("offsets")?;
+        // Some writers end the list with the number of points.
+        if starts.len() as u64 == tracts {
+            starts.push(points as f64);
+        }
+        let ascending = starts.windows(2).all(|w| w[0] <= w[1]) && starts.last() == Some(&(points as f64));
+        if starts.len() as u64 != tracts.saturating_add(1) || !ascending {
+            let what = format!("does not part {points} points into the {tracts} tracts of the header");
+            return Err(("offsets".into(), what));
+        }
+        Ok(starts)
+    }
 }
 
 impl Array {
