@@ -53,37 +53,47 @@ pub fn read(
         tints.as_ref().map(Vec::len),
         phases.as_ref().map(Vec::len),
     ];
-    let Some(count) = lengths.iter().flatten().copied().next() else { return Ok(set) };
-    if lengths.iter().flatten().any(|&n| n != count) {
-        return Err(instancing.error("attributes", "have different numbers of elements"));
-    }
+    let Some(count) = instancing.count(&lengths)? else { return Ok(set) };
     set.translations = translations.unwrap_or_else(|| vec![[0.0; 3]; count]);
     set.rotations = rotations.unwrap_or_default();
     set.scales = scales.unwrap_or_default();
-    let most = set.variants.len();
+    set.choices = sound_choices(choices.unwrap_or_default(), set.variants.len(), warnings);
+    set.tints = sound_tints(tints.unwrap_or_default(), warnings);
+    set.phases = sound_phases(phases.unwrap_or_default(), warnings);
+    drop_broken(&mut set, warnings);
+    Ok(set)
+}
+
+fn sound_choices(choices: Vec<[f32; 1]>, variants: usize, warnings: &mut Warnings) -> Vec<u8> {
     let mut beyond = 0;
-    let mut choice = |[v]: [f32; 1]| {
-        let inside = v >= 0.0 && v.fract() == 0.0 && (v as usize) < most;
+    let choice = |[v]: [f32; 1]| {
+        let inside = v >= 0.0 && v.fract() == 0.0 && (v as usize) < variants;
         beyond += u64::from(!inside);
         if inside { v as u8 } else { 0 }
     };
-    set.choices = choices.unwrap_or_default().into_iter().map(&mut choice).collect();
+    let out = choices.into_iter().map(choice).collect();
     warnings.add_many("a copy's _VTEX_VARIANT is none of its variants; it is shown as the first", beyond);
+    out
+}
+
+fn sound_tints(tints: Vec<[f32; 4]>, warnings: &mut Warnings) -> Vec<[f32; 3]> {
     let mut mended = 0;
-    let mut tint = |[r, g, b, _]: [f32; 4]| {
+    let tint = |[r, g, b, _]: [f32; 4]| {
         [r, g, b].map(|v| {
             let valid = v.is_finite() && v >= 0.0;
             mended += u64::from(!valid);
             if valid { v } else { 1.0 }
         })
     };
-    set.tints = tints.unwrap_or_default().into_iter().map(&mut tint).collect();
+    let out = tints.into_iter().map(tint).collect();
     warnings.add_many("a copy's _VTEX_TINT is not at least 0; it is read as 1", mended);
-    let broken = phases.iter().flatten().filter(|[p]| !p.is_finite()).count();
+    out
+}
+
+fn sound_phases(phases: Vec<[f32; 1]>, warnings: &mut Warnings) -> Vec<f32> {
+    let broken = phases.iter().filter(|[p]| !p.is_finite()).count();
     warnings.add_many("a copy's _VTEX_PHASE is not a number; it is read as 0", broken as u64);
-    set.phases = phases.unwrap_or_default().into_iter().map(|[p]| if p.is_finite() { p } else { 0.0 }).collect();
-    drop_broken(&mut set, warnings);
-    Ok(set)
+    phases.into_iter().map(|[p]| if p.is_finite() { p } else { 0.0 }).collect()
 }
 
 /// Remove copies whose transform is not finite or has no volume.

@@ -72,27 +72,13 @@ fn material(
     let at = format!("materials[{i}]");
     let json = &document.root.materials[i];
     let name = json.name.clone().unwrap_or_else(|| format!("material {i}"));
-    let alpha = match &json.alpha_mode {
-        Checked::Valid(AlphaMode::Opaque) => Alpha::Opaque,
-        Checked::Valid(AlphaMode::Mask) => Alpha::Mask(json.alpha_cutoff.map_or(0.5, |c| c.0)),
-        Checked::Valid(AlphaMode::Blend) => Alpha::Blend,
-        Checked::Invalid => return Err(document.error(at, "has an unknown alphaMode")),
-    };
-    let pbr = &json.pbr_metallic_roughness;
-    let mut base_color = pbr.base_color_factor.0;
-    let mut info = pbr.base_color_texture.clone();
-    let extensions = json.extensions.as_ref();
-    if let Some(old) = extensions.and_then(|e| e.others.get("KHR_materials_pbrSpecularGlossiness")) {
-        let bad = |e: serde_json::Error| document.error(&*at, format!("KHR_materials_pbrSpecularGlossiness: {e}"));
-        let parsed: SpecularGlossiness = serde_json::from_value(old.clone()).map_err(bad)?;
-        base_color = parsed.diffuse_factor.unwrap_or([1.0; 4]);
-        info = parsed.diffuse_texture;
-    }
+    let alpha = alpha(json).ok_or_else(|| document.error(&*at, "has an unknown alphaMode"))?;
     let opaque = alpha == Alpha::Opaque;
+    let (mut base_color, texture) = diffuse(document, json, &at)?;
     if opaque {
         base_color[3] = 1.0;
     }
-    let texture = match info.filter(|_| images.options.textures) {
+    let texture = match texture {
         Some(info) => images.reference(&info, opaque, &at, warnings)?,
         None => None,
     };
@@ -103,25 +89,21 @@ fn material(
     if emissive && !images.options.emission && texture.is_none() && base_color[..3] == [0.0; 3] {
         warnings.add(format!("material {name} only emits light, which is not taken: it is black"));
     }
+    let extensions = json.extensions.as_ref();
     let shell = extensions.and_then(|e| e.others.get(extension::NAME)).filter(|json| !extension::places_copies(json));
     let wind = shell.map(|json| extension::wind_of_shell(document, json, &at, texels, warnings)).transpose()?;
-    let mut textures = |info: &Info, opaque: bool, at: &str, warnings: &mut Warnings| {
-        if images.options.textures { images.reference(info, opaque, at, warnings) } else { Ok(None) }
-    };
+    let mut textures =
+        |info: &Info, opaque: bool, at: &str, warnings: &mut Warnings| images.reference(info, opaque, at, warnings);
     let read = |json| extension::material(document, (json, &at), texels, &mut textures, warnings);
     let shell = shell.map(read).transpose()?;
     let unlit = extensions.is_some_and(|e| e.unlit.is_some());
+    // The alpha of the factor texture is its value, so it is kept; that of an emissive texture has no meaning.
     let transmission = transmission::read(document, extensions.map(|e| &e.others), &at, |info| {
-        // The alpha of the factor texture is its value, so it is kept.
-        if images.options.textures { images.reference(info, false, &at, warnings) } else { Ok(None) }
+        images.reference(info, false, &at, warnings)
     })?;
-    let emission = if unlit || !images.options.emission {
-        None
-    } else {
-        emission::read(document, json, &at, |info| {
-            // The alpha of an emissive texture has no meaning.
-            if images.options.textures { images.reference(info, true, &at, warnings) } else { Ok(None) }
-        })?
+    let emission = match unlit || !images.options.emission {
+        true => None,
+        false => emission::read(document, json, &at, |info| images.reference(info, true, &at, warnings))?,
     };
     Ok(Material {
         name,
@@ -136,6 +118,27 @@ fn material(
         shell: shell.map(Arc::new),
         wind: wind.flatten(),
     })
+}
+
+fn alpha(json: &gltf::json::Material) -> Option<Alpha> {
+    match json.alpha_mode {
+        Checked::Valid(AlphaMode::Opaque) => Some(Alpha::Opaque),
+        Checked::Valid(AlphaMode::Mask) => Some(Alpha::Mask(json.alpha_cutoff.map_or(0.5, |c| c.0))),
+        Checked::Valid(AlphaMode::Blend) => Some(Alpha::Blend),
+        Checked::Invalid => None,
+    }
+}
+
+/// Factor and texture of the diffuse colour, of either material model.
+fn diffuse(document: &Document, json: &gltf::json::Material, at: &str) -> Result<([f32; 4], Option<Info>)> {
+    let old = json.extensions.as_ref().and_then(|e| e.others.get("KHR_materials_pbrSpecularGlossiness"));
+    let Some(old) = old else {
+        let pbr = &json.pbr_metallic_roughness;
+        return Ok((pbr.base_color_factor.0, pbr.base_color_texture.clone()));
+    };
+    let bad = |e: serde_json::Error| document.error(at, format!("KHR_materials_pbrSpecularGlossiness: {e}"));
+    let parsed: SpecularGlossiness = serde_json::from_value(old.clone()).map_err(bad)?;
+    Ok((parsed.diffuse_factor.unwrap_or([1.0; 4]), parsed.diffuse_texture))
 }
 
 /// The older material model, of which the diffuse colour is used.
@@ -160,7 +163,7 @@ struct Images<'a> {
 }
 
 impl Images<'_> {
-    /// The texture that a material refers to; `None`, with a counted warning, if its image cannot be read.
+    /// The texture that a material refers to; `None` if textures are not read, or, with a counted warning, if its image cannot be.
     fn reference(
         &mut self,
         info: &Info,
@@ -168,6 +171,9 @@ impl Images<'_> {
         at: &str,
         warnings: &mut Warnings,
     ) -> Result<Option<TextureRef>> {
+        if !self.options.textures {
+            return Ok(None);
+        }
         let id = info.index.value();
         let texture = self.document.root.textures.get(id);
         let texture = texture.ok_or_else(|| self.document.error(at, format!("textures[{id}] does not exist")))?;

@@ -264,78 +264,96 @@ impl<T: Copy> Fifo<T> {
     }
 }
 
+/// Decoder of triangles: what was seen last, and where the stream is.
+struct TriangleDecoder<'a> {
+    /// What does not fit into codes.
+    data: Bytes<'a>,
+    /// Pairs of ages that codes stand for.
+    table: &'a [u8],
+    edges: Fifo<[u32; 2]>,
+    vertices: Fifo<u32>,
+    /// The vertex that is new, and the last that was given by its difference.
+    next: u32,
+    last: u32,
+}
+
+impl TriangleDecoder<'_> {
+    fn fresh(&mut self) -> u32 {
+        let vertex = self.next;
+        self.next = vertex.wrapping_add(1);
+        vertex
+    }
+
+    fn by_difference(&mut self) -> Option<u32> {
+        self.last = self.last.wrapping_add(unzigzag(self.data.varint()?));
+        Some(self.last)
+    }
+
+    /// A triangle on a known edge.
+    fn on_edge(&mut self, code: u8) -> Option<[u32; 3]> {
+        let [a, b] = self.edges.get(usize::from(code >> 4));
+        let kind = code & 15;
+        let c = match kind {
+            0 => self.fresh(),
+            1..13 => self.vertices.get(usize::from(kind)),
+            13 | 14 => {
+                self.last = if kind == 13 { self.last.wrapping_sub(1) } else { self.last.wrapping_add(1) };
+                self.last
+            }
+            _ => self.by_difference()?,
+        };
+        self.vertices.push(c, !(1..13).contains(&kind));
+        self.edges.push([c, b], true);
+        self.edges.push([a, c], true);
+        Some([a, b, c])
+    }
+
+    /// A triangle by itself.
+    fn apart(&mut self, code: u8) -> Option<[u32; 3]> {
+        let free = code >= 0xFE;
+        let aux = if free { self.data.byte()? } else { self.table[usize::from(code & 15)] };
+        if free && aux == 0 {
+            self.next = 0;
+        }
+        let ages = [if code == 0xFF { 15 } else { 0 }, aux >> 4, aux & 15];
+        let mut corners = [0; 3];
+        for (corner, &age) in corners.iter_mut().zip(&ages) {
+            *corner = match age {
+                0 => self.fresh(),
+                15 if free => continue,
+                // Ages count from the newest as 1 here.
+                _ => self.vertices.get(usize::from(age) - 1),
+            };
+        }
+        for (corner, &age) in corners.iter_mut().zip(&ages) {
+            if free && age == 15 {
+                *corner = self.by_difference()?;
+            }
+        }
+        for (corner, &age) in corners.iter().zip(&ages) {
+            self.vertices.push(*corner, age == 0 || (free && age == 15));
+        }
+        let [a, b, c] = corners;
+        self.edges.push([b, a], true);
+        self.edges.push([c, b], true);
+        self.edges.push([a, c], true);
+        Some(corners)
+    }
+}
+
 fn triangles(packed: &[u8], count: usize) -> Option<Vec<u32>> {
     if *packed.first()? != 0xE1 {
         return None;
     }
     let (rest, table) = packed[1..].split_at_checked(packed.len().checked_sub(17)?)?;
     let (codes, data) = rest.split_at_checked(count / 3)?;
-    let mut data = Bytes(data);
-    let mut edges = Fifo::new([0u32; 2]);
-    let mut vertices = Fifo::new(0u32);
-    let (mut next, mut last) = (0u32, 0u32);
-    let fresh = |next: &mut u32| std::mem::replace(next, next.wrapping_add(1));
+    let (edges, vertices) = (Fifo::new([0; 2]), Fifo::new(0));
+    let mut decoder = TriangleDecoder { data: Bytes(data), table, edges, vertices, next: 0, last: 0 };
     let mut out = Vec::with_capacity(count);
     for &code in codes {
-        if code < 0xF0 {
-            let [a, b] = edges.get(usize::from(code >> 4));
-            let c = match code & 15 {
-                0 => {
-                    let c = fresh(&mut next);
-                    vertices.push(c, true);
-                    c
-                }
-                age @ 1..13 => {
-                    let c = vertices.get(usize::from(age));
-                    vertices.push(c, false);
-                    c
-                }
-                delta => {
-                    last = match delta {
-                        13 => last.wrapping_sub(1),
-                        14 => last.wrapping_add(1),
-                        _ => last.wrapping_add(unzigzag(data.varint()?)),
-                    };
-                    vertices.push(last, true);
-                    last
-                }
-            };
-            edges.push([c, b], true);
-            edges.push([a, c], true);
-            out.extend([a, b, c]);
-            continue;
-        }
-        let aux = if code < 0xFE { table[usize::from(code & 15)] } else { data.byte()? };
-        if code >= 0xFE && aux == 0 {
-            next = 0;
-        }
-        let ages = [if code == 0xFF { 15 } else { 0 }, aux >> 4, aux & 15];
-        let free = code >= 0xFE;
-        let mut corners = [0; 3];
-        for (corner, &age) in corners.iter_mut().zip(&ages) {
-            *corner = match age {
-                0 => fresh(&mut next),
-                15 if free => continue,
-                // Ages count from the newest as 1 here.
-                _ => vertices.get(usize::from(age) - 1),
-            };
-        }
-        for (corner, &age) in corners.iter_mut().zip(&ages) {
-            if free && age == 15 {
-                last = last.wrapping_add(unzigzag(data.varint()?));
-                *corner = last;
-            }
-        }
-        for (corner, &age) in corners.iter().zip(&ages) {
-            vertices.push(*corner, age == 0 || (free && age == 15));
-        }
-        let [a, b, c] = corners;
-        edges.push([b, a], true);
-        edges.push([c, b], true);
-        edges.push([a, c], true);
-        out.extend(corners);
+        out.extend(if code < 0xF0 { decoder.on_edge(code)? } else { decoder.apart(code)? });
     }
-    data.0.is_empty().then_some(out)
+    decoder.data.0.is_empty().then_some(out)
 }
 
 fn sequence(packed: &[u8], count: usize) -> Option<Vec<u32>> {

@@ -30,7 +30,7 @@ mod write;
 use std::path::Path;
 
 use super::select::Selection;
-use super::{Instance, Model, Scene};
+use super::{Instance, Model, Part, Scene};
 use crate::{Error, Result, Warnings};
 pub use animation::{Timeline, timeline};
 use document::Document;
@@ -51,59 +51,26 @@ pub fn read(path: &Path, options: &ReadOptions) -> Result<Scene> {
     animation::pose(&mut document, options, &mut warnings)?;
     let mut selection = Selection::new(&options.include, &options.exclude);
     let graph = nodes::walk(&document, options, &mut selection, &mut warnings)?;
-    let mut parts = primitive::Parts::new(&document);
-    let mut instances: Vec<Instance> = Vec::new();
-    let stand_ins = copies::stand_ins(&document);
-    let mut standing: Vec<(&nodes::Placed, usize)> = Vec::new();
-    for placed in &graph.meshes {
-        let mut ids = parts.of_node(&document, &graph, placed, &mut warnings)?;
-        // What stands in for a texel is not drawn itself.
-        ids.parts.retain(|&part| {
-            let material = parts.list.get(part).map_or(usize::MAX, |p| p.material);
-            let stands = stand_ins.get(material).copied().unwrap_or(false);
-            let again = |&(p, m): &(&nodes::Placed, usize)| std::ptr::eq(p, placed) && m == material;
-            if stands && !standing.last().is_some_and(again) {
-                standing.push((placed, material));
-            }
-            !stands
-        });
-        if ids.parts.is_empty() {
-            continue;
-        }
-        let transforms = nodes::instances(&document, placed, ids.relative_to, &mut warnings)?;
-        if transforms.len().saturating_mul(ids.parts.len()) > options.max_instances - instances.len() {
-            return Err(Error::Limit {
-                what: format!("{}: placing meshes", path.display()),
-                needed: (transforms.len() as u64).saturating_mul(ids.parts.len() as u64),
-                allowed: options.max_instances as u64,
-            });
-        }
-        for transform in transforms {
-            let place = |&part| Instance { part, transform, node: placed.name.clone() };
-            instances.extend(ids.parts.iter().map(place));
-        }
-    }
+    let Shown { mut parts, instances, stand_ins } = Shown::of(&document, &graph, options, &mut warnings)?;
     selection.finish("node")?;
-    if instances.is_empty() && standing.is_empty() {
+    if instances.is_empty() && stand_ins.is_empty() {
         let why = warnings.as_reasons();
         return Err(Error::input(path, "", format!("nothing is drawn: no node of the scene shows a mesh{why}")));
     }
     let root = extension::root(&document, &mut warnings)?;
     let mut texels = extension::TexelTable::new(root.texels, options.time.unwrap_or(0.0), root.wind);
-    let materials = material::read(&document, options, &mut parts.list, &mut texels, &mut warnings)?;
-    let mut sets = Vec::with_capacity(standing.len());
+    let materials = material::read(&document, options, &mut parts, &mut texels, &mut warnings)?;
+    let mut sets = Vec::with_capacity(stand_ins.len());
     let mut left = options.max_instances - instances.len();
-    for (placed, material) in standing {
+    for (placed, material) in stand_ins {
         let set = copies::read(&document, placed, material, &mut texels, &mut warnings)?;
-        left = left.checked_sub(set.len()).ok_or_else(|| Error::Limit {
-            what: format!("{}: placing copies", path.display()),
-            needed: set.len() as u64,
-            allowed: left as u64,
-        })?;
+        let (what, needed) = (format!("{}: placing copies", path.display()), set.len() as u64);
+        let rest = left.checked_sub(set.len());
+        left = rest.ok_or(Error::Limit { what, needed, allowed: left as u64 })?;
         sets.push(set);
     }
     let model = Model {
-        parts: parts.list,
+        parts,
         materials,
         instances,
         cameras: graph.cameras,
@@ -112,4 +79,54 @@ pub fn read(path: &Path, options: &ReadOptions) -> Result<Scene> {
         warnings,
     };
     Ok(Scene { model, texels: texels.all, copies: sets, environment: root.environment })
+}
+
+/// What the nodes of a scene show.
+struct Shown<'a> {
+    parts: Vec<Part>,
+    instances: Vec<Instance>,
+    /// Meshes that stand in for copies of texels, with their materials. They are not drawn themselves.
+    stand_ins: Vec<(&'a nodes::Placed, usize)>,
+}
+
+impl<'a> Shown<'a> {
+    fn of(
+        document: &Document,
+        graph: &'a nodes::Graph,
+        options: &ReadOptions,
+        warnings: &mut Warnings,
+    ) -> Result<Shown<'a>> {
+        let mut parts = primitive::Parts::new(document);
+        let mut instances: Vec<Instance> = Vec::new();
+        let mut stand_ins: Vec<(&nodes::Placed, usize)> = Vec::new();
+        let stands = copies::stand_ins(document);
+        for placed in &graph.meshes {
+            let mut ids = parts.of_node(document, graph, placed, warnings)?;
+            ids.parts.retain(|&part| {
+                let material = parts.list.get(part).map_or(usize::MAX, |p| p.material);
+                let stands = stands.get(material).copied().unwrap_or(false);
+                let again = |&(p, m): &(&nodes::Placed, usize)| std::ptr::eq(p, placed) && m == material;
+                if stands && !stand_ins.last().is_some_and(again) {
+                    stand_ins.push((placed, material));
+                }
+                !stands
+            });
+            if ids.parts.is_empty() {
+                continue;
+            }
+            let transforms = nodes::instances(document, placed, ids.relative_to, warnings)?;
+            if transforms.len().saturating_mul(ids.parts.len()) > options.max_instances - instances.len() {
+                return Err(Error::Limit {
+                    what: format!("{}: placing meshes", document.path.display()),
+                    needed: (transforms.len() as u64).saturating_mul(ids.parts.len() as u64),
+                    allowed: options.max_instances as u64,
+                });
+            }
+            for transform in transforms {
+                let place = |&part| Instance { part, transform, node: placed.name.clone() };
+                instances.extend(ids.parts.iter().map(place));
+            }
+        }
+        Ok(Shown { parts: parts.list, instances, stand_ins })
+    }
 }

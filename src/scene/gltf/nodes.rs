@@ -47,71 +47,42 @@ pub fn walk(
     let nodes = &document.root.nodes;
     let mut graph = Graph { meshes: vec![], cameras: vec![], lights: vec![], worlds: vec![None; nodes.len()] };
     let roots = roots(document, options, warnings)?;
-    let mut stack: Vec<PendingNode> = Vec::new();
     let root =
         PendingNode { node: 0, depth: 0, parent: DAffine3::IDENTITY, taken: selection.takes_all(), left_out: false };
+    let mut stack: Vec<PendingNode> = roots.iter().rev().map(|&node| PendingNode { node, ..root }).collect();
     let mut visits = 0;
-    stack.extend(roots.iter().rev().map(|&node| PendingNode { node, ..root }));
-    while let Some(PendingNode { node: id, depth, parent, taken, left_out }) = stack.pop() {
-        let at = || format!("nodes[{id}]");
+    while let Some(pending) = stack.pop() {
         visits += 1;
-        if depth > nodes.len() {
+        let at = || format!("nodes[{}]", pending.node);
+        if pending.depth > nodes.len() {
             return Err(document.error(at(), "is its own ancestor"));
         }
         if visits > MAX_VISITS {
             return Err(document.error(at(), "is reached along too many ways; a node has one parent"));
         }
-        let (Some(node), Some(place), Some(seen)) = (nodes.get(id), document.places.get(id), graph.worlds.get_mut(id))
-        else {
-            return Err(document.error(at(), "does not exist"));
-        };
-        if seen.is_some() {
-            warnings.add("a node with several parents is shown below each");
-        }
-        let world = parent * local(place, warnings);
-        if !world.is_finite() {
-            return Err(document.error(at(), "the transform overflows"));
-        }
-        *seen = Some(world);
-        let mesh = index(node.mesh);
-        let mesh_name = mesh.and_then(|m| document.root.meshes.get(m)).and_then(|m| m.name.clone());
-        let name = node.name.clone().filter(|n| !n.is_empty()).or(mesh_name).unwrap_or_else(|| format!("node {id}"));
-        let (by_name, out_by_name) = (selection.includes(&name), selection.excludes(&name));
-        let others = node.extensions.as_ref().map(|e| &e.others);
-        let hidden =
-            others.and_then(|o| o.get("KHR_node_visibility")?.get("visible")).is_some_and(|v| v == &Value::Bool(false));
-        let visit = PendingNode {
-            node: 0,
-            depth: depth + 1,
-            parent: world,
-            taken: taken || by_name,
-            left_out: left_out || out_by_name || hidden,
-        };
-        if let Some(mesh) = mesh.filter(|_| visit.taken && !visit.left_out) {
-            graph.meshes.push(Placed { node: Some(id), name: name.clone(), mesh, world });
-        }
-        if let Some(camera) = index(node.camera) {
-            graph.cameras.extend(light::camera(document, camera, &name, world, warnings)?);
-        }
-        if let Some(l) = node.extensions.as_ref().and_then(|e| e.khr_lights_punctual.as_ref()) {
-            graph.lights.extend(light::light(document, l.light.value(), &name, world, warnings)?);
-        }
-        let children = node.children.iter().flatten().rev();
-        stack.extend(children.map(|c| PendingNode { node: c.value(), ..visit }));
+        let below = graph.visit(document, pending, selection, warnings)?;
+        let children = nodes.get(pending.node).and_then(|node| node.children.as_ref());
+        stack.extend(children.into_iter().flatten().rev().map(|c| PendingNode { node: c.value(), ..below }));
     }
     if nodes.is_empty() && !document.root.meshes.is_empty() {
         warnings.add("the file has no nodes; each of its meshes is placed where it is");
-        let placed = |(mesh, m): (usize, &gltf::json::Mesh)| {
-            let name = m.name.clone().unwrap_or_else(|| format!("mesh {mesh}"));
-            Placed { node: None, name, mesh, world: DAffine3::IDENTITY }
-        };
-        graph.meshes.extend(document.root.meshes.iter().enumerate().map(placed).filter(|p| {
-            let (included, excluded) = (selection.includes(&p.name), selection.excludes(&p.name));
-            (included || selection.takes_all()) && !excluded
-        }));
+        graph.meshes = unplaced_meshes(document, selection);
     }
     graph.place_others(document, warnings);
     Ok(graph)
+}
+
+/// The chosen meshes of a file without nodes.
+fn unplaced_meshes(document: &Document, selection: &mut Selection) -> Vec<Placed> {
+    let mut out = Vec::new();
+    for (mesh, json) in document.root.meshes.iter().enumerate() {
+        let name = json.name.clone().unwrap_or_else(|| format!("mesh {mesh}"));
+        let (included, excluded) = (selection.includes(&name), selection.excludes(&name));
+        if (included || selection.takes_all()) && !excluded {
+            out.push(Placed { node: None, name, mesh, world: DAffine3::IDENTITY });
+        }
+    }
+    out
 }
 
 /// A node that is still to be visited, with the state that its ancestors pass down.
@@ -178,6 +149,54 @@ fn rotation(xyzw: [f64; 4], warnings: &mut Warnings) -> DQuat {
 }
 
 impl Graph {
+    /// Take what a node shows, where it is chosen; gives the state that its children inherit.
+    fn visit(
+        &mut self,
+        document: &Document,
+        pending: PendingNode,
+        selection: &mut Selection,
+        warnings: &mut Warnings,
+    ) -> Result<PendingNode> {
+        let id = pending.node;
+        let at = || format!("nodes[{id}]");
+        let (Some(node), Some(place), Some(seen)) =
+            (document.root.nodes.get(id), document.places.get(id), self.worlds.get_mut(id))
+        else {
+            return Err(document.error(at(), "does not exist"));
+        };
+        if seen.is_some() {
+            warnings.add("a node with several parents is shown below each");
+        }
+        let world = pending.parent * local(place, warnings);
+        if !world.is_finite() {
+            return Err(document.error(at(), "the transform overflows"));
+        }
+        *seen = Some(world);
+        let mesh = index(node.mesh);
+        let mesh_name = mesh.and_then(|m| document.root.meshes.get(m)).and_then(|m| m.name.clone());
+        let name = node.name.clone().filter(|n| !n.is_empty()).or(mesh_name).unwrap_or_else(|| format!("node {id}"));
+        let (included, excluded) = (selection.includes(&name), selection.excludes(&name));
+        let extensions = node.extensions.as_ref();
+        let visible = extensions.and_then(|e| e.others.get("KHR_node_visibility")?.get("visible"));
+        let below = PendingNode {
+            node: id,
+            depth: pending.depth + 1,
+            parent: world,
+            taken: pending.taken || included,
+            left_out: pending.left_out || excluded || visible == Some(&Value::Bool(false)),
+        };
+        if let Some(mesh) = mesh.filter(|_| below.taken && !below.left_out) {
+            self.meshes.push(Placed { node: Some(id), name: name.clone(), mesh, world });
+        }
+        if let Some(camera) = index(node.camera) {
+            self.cameras.extend(light::camera(document, camera, &name, world, warnings)?);
+        }
+        if let Some(l) = extensions.and_then(|e| e.khr_lights_punctual.as_ref()) {
+            self.lights.extend(light::light(document, l.light.value(), &name, world, warnings)?);
+        }
+        Ok(below)
+    }
+
     /// Map from a node to the world. Nodes outside of the scene are placed by their own ancestors.
     pub fn world(&self, document: &Document, node: usize) -> Result<DAffine3> {
         let world = self.worlds.get(node).copied().flatten();
@@ -238,6 +257,16 @@ impl<'a> Instancing<'a> {
         self.document.error(self.at(name), what)
     }
 
+    /// Number of copies, from the lengths of the attributes that are there; `None` without any.
+    pub fn count(&self, lengths: &[Option<usize>]) -> Result<Option<usize>> {
+        let mut lengths = lengths.iter().flatten();
+        let first = lengths.next().copied();
+        if lengths.any(|&n| Some(n) != first) {
+            return Err(self.error("attributes", "have different numbers of elements"));
+        }
+        Ok(first)
+    }
+
     /// The attribute `name`, with `N` numbers per copy; three numbers of a colour are extended by an alpha of 1.
     pub fn floats<const N: usize>(&self, name: &str) -> Result<Option<Vec<[f32; N]>>> {
         let Some(index) = self.json.get("attributes").and_then(|a| a.get(name)) else { return Ok(None) };
@@ -262,12 +291,7 @@ pub fn instances(
     let rotations = instancing.floats::<4>("ROTATION")?;
     let lengths =
         [translations.as_ref().map(Vec::len), scales.as_ref().map(Vec::len), rotations.as_ref().map(Vec::len)];
-    let Some(count) = lengths.iter().flatten().copied().next() else {
-        return Ok(vec![world]);
-    };
-    if lengths.iter().flatten().any(|&n| n != count) {
-        return Err(instancing.error("attributes", "have different numbers of elements"));
-    }
+    let Some(count) = instancing.count(&lengths)? else { return Ok(vec![world]) };
     document.charge((count as u64).saturating_mul(size_of::<DAffine3>() as u64), &instancing.at("attributes"))?;
     let wide = |v: [f32; 3]| DVec3::from(v.map(f64::from));
     let mut out = Vec::with_capacity(count);

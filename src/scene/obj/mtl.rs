@@ -46,6 +46,17 @@ struct TextureMap {
     scale: [f32; 2],
 }
 
+impl TextureMap {
+    /// The texture, as the statement lays it on.
+    fn laid_on(&self, mut texture: Texture) -> TextureRef {
+        texture.wrap = [if self.clamp { Wrap::Clamp } else { Wrap::Repeat }; 2];
+        let ([u, v], [su, sv]) = (self.offset, self.scale);
+        // The file's v points up, the texture's down.
+        let transform = [[su, 0.0, u], [0.0, sv, 1.0 - sv - v]];
+        TextureRef { texture: Arc::new(texture), tex_coord: 0, transform }
+    }
+}
+
 /// The material files that `rest` of a `mtllib` statement names in the file `path`: one name with spaces, or several; a
 /// space within a name may have a backslash before it. Names of files that are not there are errors.
 pub fn libraries(path: &Path, rest: &str) -> Vec<Result<PathBuf, String>> {
@@ -245,37 +256,22 @@ impl Textures {
         }
         let texture = combined(source, color.as_deref(), alpha.as_deref());
         let textured = color.is_some();
-        let mut diffuse = source.diffuse.unwrap_or([1.0; 3]);
-        if textured && diffuse == [0.0; 3] {
-            warnings.add("a black Kd under a texture is read as white");
-            diffuse = [1.0; 3];
-        }
-        if source.emits && !textured && diffuse == [0.0; 3] {
-            warnings.add(format!("material {name} only emits light, which is not taken: it is black"));
-        }
+        let [r, g, b] = diffuse(source, textured, warnings).map(|c| c.max(0.0));
         let has_alpha = alpha.is_some();
         let alpha = match &texture {
             Some(t) if has_alpha && opacity == 1.0 && is_cut_out(t) => Alpha::Mask(0.5),
             _ if has_alpha || opacity < 1.0 => Alpha::Blend,
             _ => Alpha::Opaque,
         };
-        let map = source.color_map.as_ref().filter(|_| textured).or(source.alpha_map.as_ref());
         if let Some(texture) = texture.as_ref().filter(|_| alpha != Alpha::Opaque) {
             self.charge(AlphaSums::bytes(texture), &source.name, options)?;
         }
-        let texture = texture.zip(map).map(|(mut texture, map)| {
-            texture.wrap = [if map.clamp { Wrap::Clamp } else { Wrap::Repeat }; 2];
-            let ([u, v], [su, sv]) = (map.offset, map.scale);
-            // The file's v points up, the texture's down.
-            let transform = [[su, 0.0, u], [0.0, sv, 1.0 - sv - v]];
-            TextureRef { texture: Arc::new(texture), tex_coord: 0, transform }
-        });
-        let [r, g, b] = diffuse.map(|c| c.max(0.0));
+        let map = source.color_map.as_ref().filter(|_| textured).or(source.alpha_map.as_ref());
         Ok(Material {
             finish: crate::volume::Finish::PLAIN,
             name: source.name.clone(),
             base_color: [r, g, b, opacity],
-            texture,
+            texture: texture.zip(map).map(|(texture, map)| map.laid_on(texture)),
             alpha,
             // Faces of an OBJ have no culled side.
             double_sided: true,
@@ -316,6 +312,22 @@ impl Textures {
         self.decoded.insert(key, texture.clone());
         Ok(texture)
     }
+}
+
+/// The diffuse colour of a material with a texture or without.
+fn diffuse(source: &MtlMaterial, textured: bool, warnings: &mut Warnings) -> [f32; 3] {
+    let diffuse = source.diffuse.unwrap_or([1.0; 3]);
+    if diffuse != [0.0; 3] {
+        return diffuse;
+    }
+    if textured {
+        warnings.add("a black Kd under a texture is read as white");
+        return [1.0; 3];
+    }
+    if source.emits {
+        warnings.add(format!("material {} only emits light, which is not taken: it is black", source.name));
+    }
+    diffuse
 }
 
 /// The texture of a material, from the images of its `map_Kd` and `map_d`.
