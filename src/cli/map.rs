@@ -8,6 +8,7 @@ use clap::ValueEnum;
 use serde_json::{Value, json};
 
 use super::depfile::{self, DepfileArgs};
+use super::map_jitter::{JitterPreset, Turns};
 use super::map_motion::MotionArgs;
 use super::quantity::finite;
 use super::results::{print, shown};
@@ -18,11 +19,10 @@ use crate::progress::Progress;
 use crate::scene::files::extension;
 use crate::scene::gltf;
 use crate::scene::gltf::map::{
-    Arrangement, Cells, Chart, Covered, Heights, MapOptions, Mapped, MaskOver, PointsTable, PointsUp, Scales, map,
+    Cells, Chart, Covered, Heights, MapOptions, Mapped, MaskOver, PointsTable, PointsUp, Scales, map,
 };
 use crate::scene::obj;
 use crate::scene::raster::Raster;
-use crate::scene::shell::{Continuous, Orientations};
 use crate::scene::texture::srgb_to_linear;
 use crate::volume::finish::MAX_SHININESS;
 use crate::volume::{Finish, Info, Style};
@@ -191,19 +191,28 @@ enum Over {
     Bounds,
 }
 
+impl From<Over> for MaskOver {
+    fn from(over: Over) -> MaskOver {
+        match over {
+            Over::Uv => MaskOver::Uv,
+            Over::Bounds => MaskOver::Bounds,
+        }
+    }
+}
+
 #[derive(Clone, Copy, ValueEnum)]
 enum PointsAxis {
     Y,
     Z,
 }
 
-#[derive(Clone, Copy, ValueEnum)]
-enum Turns {
-    Identity,
-    W4,
-    W8,
-    Cube24,
-    Cube48,
+impl From<PointsAxis> for PointsUp {
+    fn from(axis: PointsAxis) -> PointsUp {
+        match axis {
+            PointsAxis::Y => PointsUp::Y,
+            PointsAxis::Z => PointsUp::Z,
+        }
+    }
 }
 
 #[derive(Clone, Copy, PartialEq, ValueEnum)]
@@ -222,6 +231,19 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
     let output = args.output.clone().unwrap_or_else(|| default_output(&args.input));
     let read = check_output(args, &output)?;
     ui.stage("map", 0);
+    let mapped = map(&args.input, &options(args, ui)?, &output)?;
+    ui.finish();
+    say(&mapped, ui);
+    ui.warn(&mapped.saved.warnings)?;
+    args.depfile.write([(output.as_path(), read)], ui)?;
+    if !args.json {
+        ui.say(&format!("wrote {}", output.display()));
+    }
+    print(described(args, &output, &mapped), args.json, ui)
+}
+
+/// The options of a mapping, with what they take from files.
+fn options(args: &Args, ui: &Ui) -> Result<MapOptions> {
     let (mut texels, mut frames) = (Vec::new(), Vec::new());
     for path in &args.texels {
         let (path, info, list) = map_motion::texel(path)?;
@@ -236,10 +258,14 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
         ui.say(&format!("{name} is for shells: copies bend with the ground, as with --bend"));
     }
     let bend = args.bend || for_shells.is_some();
-    let preset = args.jitter.preset(isolated, args.seed);
     let density_map = args.density_map.as_deref().map(|path| Raster::open(path)?.into_shares(path)).transpose()?;
-    let options = MapOptions {
-        texels,
+    Ok(MapOptions { texels, motion, bend, density_map, ..own_options(args, isolated) })
+}
+
+/// The options that the command line says by itself. `isolated`: all texels are objects that do not go on from cell to cell.
+fn own_options(args: &Args, isolated: bool) -> MapOptions {
+    let preset = args.jitter.preset(isolated, args.seed);
+    MapOptions {
         geometries: args.geometries.clone(),
         materials: args.materials.clone(),
         cells: match (args.repeat, args.cell) {
@@ -247,21 +273,18 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
             (None, Some(metres)) => Cells::Wide(metres),
             (None, None) => Cells::Texel,
         },
-        bend,
         weights: args.weights.clone(),
         density: args.density,
-        density_map,
-        map_over: args.map_over.map(|over| if matches!(over, Over::Uv) { MaskOver::Uv } else { MaskOver::Bounds }),
+        map_over: args.map_over.map(Over::into),
         slope: args.slope,
         altitude: args.altitude,
         sizes: args.sizes.clone(),
         arrangement: preset.arrangement,
         tint: args.tint,
         tint_patches: args.tint_patches,
-        points: args.points.clone().map(|path| PointsTable {
-            path,
-            up: if matches!(args.points_up, PointsAxis::Y) { PointsUp::Y } else { PointsUp::Z },
-            origin: args.points_origin,
+        points: args.points.clone().map(|path| {
+            let up = args.points_up.into();
+            PointsTable { path, up, origin: args.points_origin }
         }),
         ground: Scales { pixel: args.pixel, relief: args.relief },
         sink: args.sink,
@@ -278,13 +301,7 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
             (None, None) => Chart::Auto,
         },
         attributes: args.attributes,
-        orientations: args.orientations.map_or(preset.orientations, |turns| match turns {
-            Turns::Identity => Orientations::Identity,
-            Turns::W4 => Orientations::W4,
-            Turns::W8 => Orientations::W8,
-            Turns::Cube24 => Orientations::Cube24,
-            Turns::Cube48 => Orientations::Cube48,
-        }),
+        orientations: args.orientations.map_or(preset.orientations, Turns::into),
         mirror: args.mirror.unwrap_or_default(),
         continuous: preset.continuous,
         scale: args.scale.unwrap_or(preset.scale),
@@ -294,18 +311,9 @@ pub fn run(args: &Args, ui: &Ui) -> Result<()> {
         palette: palette(args),
         finish: args.gloss.iter().rfind(|(name, _)| name.is_none()).map_or(Finish::PLAIN, |(_, finish)| *finish),
         surface_visible: args.surface == Surface::Visible,
-        motion,
         patches: !args.no_patches,
-    };
-    let mapped = map(&args.input, &options, &output)?;
-    ui.finish();
-    say(&mapped, ui);
-    ui.warn(&mapped.saved.warnings)?;
-    args.depfile.write([(output.as_path(), read)], ui)?;
-    if !args.json {
-        ui.say(&format!("wrote {}", output.display()));
+        ..MapOptions::default()
     }
-    print(described(args, &output, &mapped), args.json, ui)
 }
 
 /// `terrain.glb` → `terrain-landscape.glb` in the current folder.
@@ -330,69 +338,6 @@ fn described(args: &Args, output: &Path, mapped: &Mapped) -> Value {
         "covered": covered.collect::<Vec<_>>(),
         "copied": mapped.saved.copied.iter().map(|path| shown(path)).collect::<Vec<_>>(),
     })
-}
-
-/// How copies differ.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum JitterPreset {
-    /// Nothing differs: copies stand in rows, all alike
-    None,
-    /// Grown: turned, of uneven size, irregularly spread; cyclic texels are bent by noise
-    Natural,
-    /// The same, more of it
-    Wild,
-    /// Planted: turned, of uneven size, in rows
-    Orchard,
-}
-
-/// What a preset sets.
-struct Preset {
-    orientations: Orientations,
-    scale: [f64; 2],
-    displace: [f64; 3],
-    arrangement: Arrangement,
-    continuous: Option<Continuous>,
-}
-
-impl JitterPreset {
-    /// `isolated`: of objects that do not go on from cell to cell.
-    fn preset(self, isolated: bool, seed: u32) -> Preset {
-        let rows = if matches!(self, JitterPreset::None | JitterPreset::Orchard) {
-            Arrangement::Rows
-        } else {
-            Arrangement::Scattered
-        };
-        let alike = Preset {
-            orientations: Orientations::Identity,
-            scale: [1.0; 2],
-            displace: [0.0; 3],
-            arrangement: rows,
-            continuous: None,
-        };
-        // Lattice cells of some three texels, so that neither grid is seen in the other.
-        let noise = |strength: f64| Continuous {
-            seed,
-            frequency: [0.31, 0.31, 0.31],
-            octaves: 2,
-            uvw_amplitude: [0.35 * strength, 0.35 * strength, 0.0],
-            height_tilt: 0.4 * strength,
-            height_scale: 0.35 * strength,
-        };
-        match (self, isolated) {
-            (JitterPreset::None, _) => alike,
-            (JitterPreset::Natural | JitterPreset::Orchard, false) => Preset { continuous: Some(noise(1.0)), ..alike },
-            (JitterPreset::Wild, false) => Preset { continuous: Some(noise(1.8)), ..alike },
-            (JitterPreset::Natural, true) => {
-                Preset { orientations: Orientations::W8, scale: [0.8, 1.0], displace: [0.1, 0.1, 0.0], ..alike }
-            }
-            (JitterPreset::Wild, true) => {
-                Preset { orientations: Orientations::W8, scale: [0.5, 1.0], displace: [0.5, 0.5, 0.0], ..alike }
-            }
-            (JitterPreset::Orchard, true) => {
-                Preset { orientations: Orientations::W8, scale: [0.9, 1.0], displace: [0.04, 0.04, 0.0], ..alike }
-            }
-        }
-    }
 }
 
 /// An option that only shells understand, if one is given.

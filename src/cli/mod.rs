@@ -51,6 +51,8 @@ mod man;
 #[cfg(feature = "bake")]
 mod map;
 #[cfg(feature = "bake")]
+mod map_jitter;
+#[cfg(feature = "bake")]
 mod map_motion;
 #[cfg(feature = "bake")]
 mod merge;

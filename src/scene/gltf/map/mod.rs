@@ -34,7 +34,7 @@ use crate::scene::select::Selection;
 use crate::volume::Info;
 use crate::{Error, Result, Warnings};
 use plan::{Plan, SurfacePlan};
-use surface::{Surface, surfaces};
+use surface::{Surface, SurfaceQuery, surfaces};
 
 /// Cover `input` and write the landscape to `output` (`.gltf`, or `.glb` by its name). Everything else in the file stays. An
 /// `.obj` and a picture of heights (`.png`, `.tif`, `.tiff`) are grounds, too.
@@ -143,7 +143,8 @@ fn covered_surfaces(
         !stands && (options.materials.is_empty() || m.is_some_and(|m| chosen.contains(&m)))
     };
     let planar = matches!(options.chart, Chart::Planar(_));
-    let mut surfaces = surfaces(document, &graph.meshes, &takes, set, (up, planar), warnings)?;
+    let query = SurfaceQuery { takes: &takes, set, up, planar };
+    let mut surfaces = surfaces(document, &graph.meshes, &query, warnings)?;
     surfaces.retain(Surface::has_area);
     if surfaces.is_empty() {
         return Err(Error::input(&document.path, "", "the chosen materials have no triangles in the scene to cover"));
@@ -197,7 +198,7 @@ impl CoveredMesh<'_> {
             let of = |&i: &usize| Some((surfaces.get(i)?, plan.surfaces.get(i)?));
             let members: Vec<(&Surface, &SurfacePlan)> = numbers.iter().filter_map(of).collect();
             let Some(own) = shell::MaterialPlan::new(options, plan, &members) else { continue };
-            let shell = shell::material(options, plan, &own, texels);
+            let shell = own.material(texels);
             let material = editor.json.pointer_mut(&format!("/materials/{index}"));
             let material = material.ok_or_else(|| document.error(format!("materials[{index}]"), "does not exist"))?;
             let name = material.get("name").and_then(Value::as_str).map_or(format!("material {index}"), str::to_owned);
@@ -206,7 +207,7 @@ impl CoveredMesh<'_> {
             let has_shell = extensions.get(extension::NAME).is_some_and(|e| e.get("layers").is_some());
             let fresh = !options.add || (!has_shell && copies::has_copies(document, graph, &self.all_surfaces()));
             if !fresh {
-                shell::add(plan, &own, &shell, &mut extensions[extension::NAME], &name, warnings)?;
+                own.add(&shell, &mut extensions[extension::NAME], &name, warnings)?;
             } else {
                 extensions[extension::NAME] = shell;
             }
@@ -214,7 +215,7 @@ impl CoveredMesh<'_> {
             mapped.covered.extend(covered(&name, plan, options, &members));
             for (k, &i) in numbers.iter().enumerate().filter(|_| fresh) {
                 let mesh = homes.get(i).copied().unwrap_or(members[k].0.mesh);
-                shell::attributes(options, plan, &own, members[k], (mesh, index), editor)?;
+                own.attributes(members[k], (mesh, index), editor)?;
                 quads::write(options.patches, members[k].0, mesh, editor)?;
             }
         }

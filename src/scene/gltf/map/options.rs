@@ -245,18 +245,34 @@ impl Default for MapOptions {
 /// # Errors
 /// [`Error::Options`].
 pub fn check(options: &MapOptions, rigid: bool) -> Result<()> {
-    let wrong = |what: &str| Err(Error::Options(what.into()));
-    let [least, most] = options.scale;
+    check_texels(options)?;
+    check_copies(options, rigid)?;
+    check_ranges(options)?;
+    check_palette(options)?;
+    check_lengths(options)
+}
+
+fn wrong(what: &str) -> Result<()> {
+    Err(Error::Options(what.into()))
+}
+
+fn check_texels(options: &MapOptions) -> Result<()> {
     if options.texels.is_empty() {
         return wrong("option `texels` needs at least one");
     }
     if !options.geometries.is_empty() && options.geometries.len() != options.texels.len() {
         return wrong("option `geometries` is given once for each option `texels`, in the same order, or not at all");
     }
-    if let Some(path) = options.geometries.iter().find(|p| p.extension().is_none_or(|e| !e.eq_ignore_ascii_case("glb")))
-    {
-        return wrong(&format!("option `geometries` = {}: it must be one .glb file", path.display()));
+    let is_glb = |path: &PathBuf| path.extension().is_some_and(|e| e.eq_ignore_ascii_case("glb"));
+    match options.geometries.iter().find(|path| !is_glb(path)) {
+        Some(path) => wrong(&format!("option `geometries` = {}: it must be one .glb file", path.display())),
+        None => Ok(()),
     }
+}
+
+/// Check what is said of the sizes and shares of copies, and that nothing is said of rigid ones where there are none.
+fn check_copies(options: &MapOptions, rigid: bool) -> Result<()> {
+    let [least, most] = options.scale;
     if !(least > 0.0 && least <= most && most <= if rigid { 100.0 } else { 1.0 }) {
         return wrong(if rigid {
             "option `scale` must be MIN,MAX with 0 < MIN ≤ MAX ≤ 100"
@@ -271,9 +287,13 @@ pub fn check(options: &MapOptions, rigid: bool) -> Result<()> {
     if options.sizes.len() > 1 && options.sizes.len() != n {
         return wrong("option `sizes` is given once for all, or once for each option `texels`, in the same order");
     }
-    if let Some(name) = for_copies(options).filter(|_| !rigid) {
-        return wrong(&format!("{name} is for rigid copies, not for shells (cyclic texels, option `bend`)"));
+    match for_copies(options).filter(|_| !rigid) {
+        Some(name) => wrong(&format!("{name} is for rigid copies, not for shells (cyclic texels, option `bend`)")),
+        None => Ok(()),
     }
+}
+
+fn check_ranges(options: &MapOptions) -> Result<()> {
     for (limits, name) in [(options.slope, "option `slope`"), (options.altitude, "option `altitude`")] {
         if let Some([low, high]) = limits.filter(|[low, high]| low.is_nan() || high.is_nan() || low > high) {
             return wrong(&format!("{name} {low}..{high}: the limits go from less to more"));
@@ -288,15 +308,23 @@ pub fn check(options: &MapOptions, rigid: bool) -> Result<()> {
     if options.offset.iter().any(|d| !d.is_finite()) {
         return wrong("option `offset` must be two numbers");
     }
-    let known = |name: &String| options.texels.iter().any(|(_, info)| info.materials.iter().any(|m| m.name == *name));
-    if let Some((name, style)) = options.palette.iter().find(|(name, _)| !known(name)) {
-        let restyles = *style != Style { finish: style.finish, ..Style::UNCHANGED };
-        let option = if restyles { "palette" } else { "gloss" };
-        let all = options.texels.iter().flat_map(|(_, info)| &info.materials).map(|m| m.name.as_str());
-        let names: Vec<&str> = all.collect::<BTreeSet<_>>().into_iter().collect();
-        let names = if names.is_empty() { "none".into() } else { names.join(", ") };
-        return wrong(&format!("option `{option}` = {name}: no texel has a material of this name; there are: {names}"));
-    }
+    Ok(())
+}
+
+/// Check that each style is one of a texel's material.
+fn check_palette(options: &MapOptions) -> Result<()> {
+    let materials = || options.texels.iter().flat_map(|(_, info)| &info.materials);
+    let is_known = |name: &String| materials().any(|m| m.name == *name);
+    let Some((name, style)) = options.palette.iter().find(|(name, _)| !is_known(name)) else { return Ok(()) };
+    let restyles = *style != Style { finish: style.finish, ..Style::UNCHANGED };
+    let option = if restyles { "palette" } else { "gloss" };
+    let names: Vec<&str> = materials().map(|m| m.name.as_str()).collect::<BTreeSet<_>>().into_iter().collect();
+    let names = if names.is_empty() { "none".into() } else { names.join(", ") };
+    wrong(&format!("option `{option}` = {name}: no texel has a material of this name; there are: {names}"))
+}
+
+/// Check that lengths and what goes by them are above 0.
+fn check_lengths(options: &MapOptions) -> Result<()> {
     let positive = |x: f64| x > 0.0 && x.is_finite();
     let cells = match options.cells {
         Cells::Texel => true,

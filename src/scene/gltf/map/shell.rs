@@ -15,7 +15,9 @@ use crate::{Error, Result, Warnings};
 const TINT_OCTAVES: u32 = 3;
 
 /// How the surfaces of one material are laid out.
-pub struct MaterialPlan {
+pub struct MaterialPlan<'a> {
+    options: &'a MapOptions,
+    plan: &'a Plan,
     /// Layer's scale and offset: texel coordinate = uvw · scale + offset.
     scale: [f64; 2],
     offset: [f64; 2],
@@ -24,9 +26,13 @@ pub struct MaterialPlan {
     write_heights: bool,
 }
 
-impl MaterialPlan {
+impl<'a> MaterialPlan<'a> {
     /// `members`: the material's surfaces with what is planned for them; at least one.
-    pub fn new(options: &MapOptions, plan: &Plan, members: &[(&Surface, &SurfacePlan)]) -> Option<MaterialPlan> {
+    pub fn new(
+        options: &'a MapOptions,
+        plan: &'a Plan,
+        members: &[(&Surface, &SurfacePlan)],
+    ) -> Option<MaterialPlan<'a>> {
         let (_, first) = members.first()?;
         let raw: Vec<_> = members.iter().map(|(surface, planned)| in_raw_coordinates(surface, planned)).collect();
         let near = |a: f64, b: f64| (a - b).abs() <= 1e-9 * a.abs().max(b.abs()).max(1.0);
@@ -44,12 +50,130 @@ impl MaterialPlan {
         let scaled = members.iter().any(|(s, _)| (s.world().matrix3.determinant().abs() - 1.0).abs() > 1e-3);
         let bare = members.iter().any(|(s, _)| s.geometry.normals.is_none());
         Some(MaterialPlan {
+            options,
+            plan,
             scale,
             offset,
             thickness,
             write_uvw,
             write_heights: options.attributes || plan.up.is_some() || scaled || bare || uneven,
         })
+    }
+
+    /// The extension object of a covered material; `texels` index the root's list.
+    pub fn material(&self, texels: &[usize]) -> Value {
+        let mut shell = Map::new();
+        if let Chart::Uv(set @ 1..) = self.plan.chart
+            && !self.write_uvw
+        {
+            shell.insert("texCoord".into(), json!(set));
+        }
+        shell.insert("dw".into(), json!(self.plan.dw));
+        shell.insert("thickness".into(), json!(self.thickness));
+        shell.insert("surface".into(), json!(if self.options.surface_visible { "visible" } else { "hidden" }));
+        shell.insert("layers".into(), json!([self.layer(texels)]));
+        Value::Object(shell)
+    }
+
+    fn layer(&self, texels: &[usize]) -> Map<String, Value> {
+        let mut layer = Map::new();
+        layer.insert("texel".into(), json!(texels.first()));
+        if self.scale != [1.0; 2] {
+            layer.insert("scale".into(), json!([self.scale[0], self.scale[1], 1.0]));
+        }
+        let offset = [self.offset[0] + self.options.offset[0], self.offset[1] + self.options.offset[1]];
+        if offset != [0.0; 2] {
+            layer.insert("offset".into(), json!([offset[0], offset[1], 0.0]));
+        }
+        let mut jitter = Map::new();
+        if let Some(c) = &self.options.continuous {
+            jitter.insert("continuous".into(), continuous(c));
+        }
+        if let Some(discrete) = discrete(self.options, texels) {
+            jitter.insert("discrete".into(), discrete);
+        }
+        if !jitter.is_empty() {
+            layer.insert("jitter".into(), jitter.into());
+        }
+        restyle(self.options, &mut layer);
+        layer
+    }
+
+    /// Append the layer of `shell` to the existing shell `to`, whose height vectors stay.
+    ///
+    /// # Errors
+    /// [`Error::Options`] where there is no shell, or where scale and offset of one layer cannot express the mapping.
+    pub fn add(&self, shell: &Value, to: &mut Value, name: &str, warnings: &mut Warnings) -> Result<()> {
+        let number = |key: &str| to.get(key).and_then(Value::as_f64).unwrap_or(1.0);
+        // Height of the shell, and metres per unit of w: of the shell, and of this layer.
+        let (height, unit) = (number("thickness"), number("thickness") / number("dw"));
+        let natural = self.thickness / self.plan.dw;
+        let layers = to.get_mut("layers").and_then(Value::as_array_mut).filter(|_| unit > 0.0 && natural > 0.0);
+        let none = || Error::Options(format!("material {name} has no shell yet: map it without option `add` first"));
+        let layers = layers.ok_or_else(none)?;
+        if self.write_uvw {
+            let what = "option `add` takes u and v from what is there, in one scale for the whole material: give neither \
+                        option `chart` nor option `attributes`";
+            return Err(Error::Options(what.into()));
+        }
+        if self.thickness > height * 1.001 {
+            let high = self.thickness;
+            warnings.add(format!(
+                "{name}: the shell is {} m high and cuts the layer's {} m",
+                length(height),
+                length(high)
+            ));
+        }
+        for layer in shell.get("layers").and_then(Value::as_array).into_iter().flatten() {
+            let mut layer = layer.clone();
+            layer["scale"] = json!([self.scale[0], self.scale[1], unit / natural]);
+            layers.push(layer);
+        }
+        Ok(())
+    }
+
+    /// Write the attributes and the material of a primitive of `mesh`, and remove attributes of earlier mappings.
+    pub fn attributes(
+        &self,
+        (surface, planned): (&Surface, &SurfacePlan),
+        (mesh, material): (usize, usize),
+        editor: &mut Editor,
+    ) -> Result<()> {
+        let write_uvw = self.write_uvw && !planned.keeps_uvw;
+        let uvw = write_uvw.then(|| surface.uvw(planned.coordinates, planned.scale, self.plan.origin));
+        let heights = match (planned.keeps_heights, self.options.z_up, self.plan.up) {
+            (true, true, _) => surface.heights_turned(),
+            (true, false, _) => None,
+            (false, ..) if !self.write_heights => None,
+            (false, _, Some(up)) => Some(surface.heights_along(up * planned.thickness)),
+            (false, _, None) => Some(surface.heights_normal(planned.thickness)),
+        };
+        let keeps_dw = planned.keeps_uvw || planned.keeps_heights;
+        let uvw = uvw.map(|v| editor.add_floats(&v, true)).transpose()?;
+        let heights = heights.map(|v| editor.add_floats(&v, true)).transpose()?;
+        let all = [
+            ("_VTEX_UVW", uvw, planned.keeps_uvw),
+            ("_VTEX_HEIGHT", heights, planned.keeps_heights),
+            ("_VTEX_DW", None, keeps_dw),
+        ];
+        let at = format!("/meshes/{mesh}/primitives/{}", surface.primitive);
+        let Some(primitive) = editor.json.pointer_mut(&at).and_then(Value::as_object_mut) else { return Ok(()) };
+        primitive.insert("material".into(), json!(material));
+        let Some(attributes) = primitive.get_mut("attributes").and_then(Value::as_object_mut) else { return Ok(()) };
+        let mut written = Vec::new();
+        for (name, accessor, keeps) in all {
+            if let Some(accessor) = accessor {
+                attributes.insert(name.into(), json!(accessor));
+            } else if !keeps {
+                attributes.shift_remove(name);
+            }
+            // Recorded, so that the next mapping replaces these and keeps the file's own.
+            if accessor.is_some() && !keeps {
+                written.push(name);
+            }
+        }
+        mark(primitive, &written);
+        Ok(())
     }
 }
 
@@ -70,44 +194,8 @@ fn in_raw_coordinates(surface: &Surface, planned: &SurfacePlan) -> Option<LayerT
     (b == 0.0 && c == 0.0).then_some(LayerTransform { scale: [a * u, d * v], offset: [x * u, y * v] })
 }
 
-/// The extension object of a covered material; `texels` index the root's list.
-pub fn material(options: &MapOptions, plan: &Plan, own: &MaterialPlan, texels: &[usize]) -> Value {
-    let mut layer = Map::new();
-    layer.insert("texel".into(), json!(texels.first()));
-    if own.scale != [1.0; 2] {
-        layer.insert("scale".into(), json!([own.scale[0], own.scale[1], 1.0]));
-    }
-    let offset = [own.offset[0] + options.offset[0], own.offset[1] + options.offset[1]];
-    if offset != [0.0; 2] {
-        layer.insert("offset".into(), json!([offset[0], offset[1], 0.0]));
-    }
-    let mut jitter = Map::new();
-    if let Some(c) = &options.continuous {
-        jitter.insert("continuous".into(), continuous(c));
-    }
-    let mut discrete = Map::new();
-    discrete.insert("seed".into(), json!(options.seed));
-    let orientations = match options.orientations {
-        Orientations::Identity => "identity",
-        Orientations::W4 => "w4",
-        Orientations::W8 => "w8",
-        Orientations::Cube24 => "cube24",
-        Orientations::Cube48 => "cube48",
-    };
-    discrete.insert("orientations".into(), json!(orientations));
-    discrete.insert("scale".into(), json!(options.scale));
-    discrete.insert("displace".into(), json!(options.displace));
-    discrete.insert("presence".into(), json!(options.presence));
-    if texels.len() > 1 {
-        discrete.insert("variants".into(), texels.iter().map(|t| json!({"texel": t})).collect());
-    }
-    if options.mirror != [false; 3] {
-        discrete.insert("mirror".into(), json!(options.mirror));
-    }
-    if let Some(ramp) = options.tint_by_copy() {
-        discrete.insert("tint".into(), json!(ramp));
-    }
-    // An object without any variation is left out, so that all cells of the layer are recognised as alike.
+/// The `discrete` object; `None` without any variation, so that all cells of the layer are recognised as alike.
+fn discrete(options: &MapOptions, texels: &[usize]) -> Option<Value> {
     let varies = options.orientations != Orientations::Identity
         || options.mirror != [false; 3]
         || options.scale != [1.0; 2]
@@ -115,24 +203,30 @@ pub fn material(options: &MapOptions, plan: &Plan, own: &MaterialPlan, texels: &
         || options.presence < 1.0
         || options.tint_by_copy().is_some()
         || texels.len() > 1;
-    if varies {
-        jitter.insert("discrete".into(), discrete.into());
+    if !varies {
+        return None;
     }
-    if !jitter.is_empty() {
-        layer.insert("jitter".into(), jitter.into());
+    let orientations = match options.orientations {
+        Orientations::Identity => "identity",
+        Orientations::W4 => "w4",
+        Orientations::W8 => "w8",
+        Orientations::Cube24 => "cube24",
+        Orientations::Cube48 => "cube48",
+    };
+    let mut discrete = json!({
+        "seed": options.seed, "orientations": orientations, "scale": options.scale, "displace": options.displace,
+        "presence": options.presence,
+    });
+    if texels.len() > 1 {
+        discrete["variants"] = texels.iter().map(|t| json!({"texel": t})).collect();
     }
-    restyle(options, &mut layer);
-    let mut shell = Map::new();
-    if let Chart::Uv(set @ 1..) = plan.chart
-        && !own.write_uvw
-    {
-        shell.insert("texCoord".into(), json!(set));
+    if options.mirror != [false; 3] {
+        discrete["mirror"] = json!(options.mirror);
     }
-    shell.insert("dw".into(), json!(plan.dw));
-    shell.insert("thickness".into(), json!(own.thickness));
-    shell.insert("surface".into(), json!(if options.surface_visible { "visible" } else { "hidden" }));
-    shell.insert("layers".into(), json!([layer]));
-    Value::Object(shell)
+    if let Some(ramp) = options.tint_by_copy() {
+        discrete["tint"] = json!(ramp);
+    }
+    Some(discrete)
 }
 
 /// The `continuous` object.
@@ -180,88 +274,6 @@ fn phong(style: &Style) -> Map<String, Value> {
         phong.insert("shininess".into(), json!(shininess));
     }
     phong
-}
-
-/// Append the layer of `shell` to the existing shell `to`, whose height vectors stay.
-///
-/// # Errors
-/// [`Error::Options`] where there is no shell, or where scale and offset of one layer cannot express the mapping.
-pub fn add(
-    plan: &Plan,
-    own: &MaterialPlan,
-    shell: &Value,
-    to: &mut Value,
-    name: &str,
-    warnings: &mut Warnings,
-) -> Result<()> {
-    let number = |key: &str| to.get(key).and_then(Value::as_f64).unwrap_or(1.0);
-    // Height of the shell, and metres per unit of w: of the shell, and of this layer.
-    let (height, unit) = (number("thickness"), number("thickness") / number("dw"));
-    let natural = own.thickness / plan.dw;
-    let layers = to.get_mut("layers").and_then(Value::as_array_mut).filter(|_| unit > 0.0 && natural > 0.0);
-    let none = || Error::Options(format!("material {name} has no shell yet: map it without option `add` first"));
-    let layers = layers.ok_or_else(none)?;
-    if own.write_uvw {
-        let what = "option `add` takes u and v from what is there, in one scale for the whole material: give neither \
-                    option `chart` nor option `attributes`";
-        return Err(Error::Options(what.into()));
-    }
-    if own.thickness > height * 1.001 {
-        let high = own.thickness;
-        warnings.add(format!("{name}: the shell is {} m high and cuts the layer's {} m", length(height), length(high)));
-    }
-    for layer in shell.get("layers").and_then(Value::as_array).into_iter().flatten() {
-        let mut layer = layer.clone();
-        layer["scale"] = json!([own.scale[0], own.scale[1], unit / natural]);
-        layers.push(layer);
-    }
-    Ok(())
-}
-
-/// Write the attributes and the material of a primitive of `mesh`, and remove attributes of earlier mappings.
-pub fn attributes(
-    options: &MapOptions,
-    plan: &Plan,
-    own: &MaterialPlan,
-    (surface, planned): (&Surface, &SurfacePlan),
-    (mesh, material): (usize, usize),
-    editor: &mut Editor,
-) -> Result<()> {
-    let write_uvw = own.write_uvw && !planned.keeps_uvw;
-    let uvw = write_uvw.then(|| surface.uvw(planned.coordinates, planned.scale, plan.origin));
-    let heights = match (planned.keeps_heights, options.z_up, plan.up) {
-        (true, true, _) => surface.heights_turned(),
-        (true, false, _) => None,
-        (false, ..) if !own.write_heights => None,
-        (false, _, Some(up)) => Some(surface.heights_along(up * planned.thickness)),
-        (false, _, None) => Some(surface.heights_normal(planned.thickness)),
-    };
-    let keeps_dw = planned.keeps_uvw || planned.keeps_heights;
-    let uvw = uvw.map(|v| editor.add_floats(&v, true)).transpose()?;
-    let heights = heights.map(|v| editor.add_floats(&v, true)).transpose()?;
-    let all = [
-        ("_VTEX_UVW", uvw, planned.keeps_uvw),
-        ("_VTEX_HEIGHT", heights, planned.keeps_heights),
-        ("_VTEX_DW", None, keeps_dw),
-    ];
-    let at = format!("/meshes/{mesh}/primitives/{}", surface.primitive);
-    let Some(primitive) = editor.json.pointer_mut(&at).and_then(Value::as_object_mut) else { return Ok(()) };
-    primitive.insert("material".into(), json!(material));
-    let Some(attributes) = primitive.get_mut("attributes").and_then(Value::as_object_mut) else { return Ok(()) };
-    let mut written = Vec::new();
-    for (name, accessor, keeps) in all {
-        if let Some(accessor) = accessor {
-            attributes.insert(name.into(), json!(accessor));
-        } else if !keeps {
-            attributes.shift_remove(name);
-        }
-        // Recorded, so that the next mapping replaces these and keeps the file's own.
-        if accessor.is_some() && !keeps {
-            written.push(name);
-        }
-    }
-    mark(primitive, &written);
-    Ok(())
 }
 
 /// Remove the attributes that an earlier mapping wrote.

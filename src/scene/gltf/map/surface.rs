@@ -1,9 +1,10 @@
 //! The surfaces that a mapping covers: their geometry and attributes, the size of their texture coordinates in metres, and their orientation.
 
+use std::collections::btree_map::Entry;
 use std::collections::{BTreeMap, HashMap};
 use std::rc::Rc;
 
-use gltf::json::mesh::{Mode, Semantic};
+use gltf::json::mesh::{Mode, Primitive, Semantic};
 use gltf::json::validation::Checked;
 use serde_json::Value;
 
@@ -260,54 +261,78 @@ fn planar(p: DVec3, axis: usize) -> [f64; 2] {
 /// Relative difference up to which two transforms of a primitive can share a mapping.
 const SAME_SHAPE: f64 = 1e-4;
 
-/// The surfaces of the chosen primitives, each once for all nodes that show it alike: their transforms differ by a translation and a rotation
-/// about `up` only, or by any rotation without `up`. With `planar` charts, which depend on a node's position, each node is separate.
+/// Which surfaces are asked for, and what they are to have.
+pub struct SurfaceQuery<'a> {
+    /// Whether primitives of a material are taken.
+    pub takes: &'a dyn Fn(Option<usize>) -> bool,
+    /// Set of texture coordinates.
+    pub set: usize,
+    /// Direction of the heights; along the normals where it is `None`.
+    pub up: Option<DVec3>,
+    /// Whether charts are planar, and so depend on a node's position.
+    pub planar: bool,
+}
+
+impl SurfaceQuery<'_> {
+    /// Whether the attributes that are written for a primitive at `a` are right at `b` too: the transforms differ by a translation
+    /// and a rotation about `up` only, or by any rotation without `up`; under planar charts not at all.
+    fn alike(&self, a: &DAffine3, b: &DAffine3) -> bool {
+        let near = |a: DMat3, b: DMat3| {
+            let size = a.to_cols_array().iter().fold(0.0_f64, |m, v| m.max(v.abs()));
+            (a - b).to_cols_array().iter().all(|v| v.abs() <= SAME_SHAPE * size)
+        };
+        if self.planar {
+            let size = a.translation.abs().max_element().max(1.0);
+            let moved = (a.translation - b.translation).abs().max_element();
+            return near(a.matrix3, b.matrix3) && moved <= SAME_SHAPE * size;
+        }
+        // Lengths and angles within the primitive must agree, and the direction of up in it; rotations about up change nothing.
+        let (aa, bb) = (a.matrix3.transpose() * a.matrix3, b.matrix3.transpose() * b.matrix3);
+        let [p, q] = [a, b].map(|m| self.up.map_or(DVec3::ZERO, |up| m.matrix3.transpose() * up));
+        let same_hand = (a.matrix3.determinant() < 0.0) == (b.matrix3.determinant() < 0.0);
+        near(aa, bb) && (p - q).length() <= SAME_SHAPE * p.length().max(q.length()) && same_hand
+    }
+}
+
+/// The surfaces that are asked for, each once for all nodes that show it alike.
 pub fn surfaces(
     document: &Document,
     placed: &[Placed],
-    chosen: &dyn Fn(Option<usize>) -> bool,
-    set: usize,
-    (up, planar): (Option<DVec3>, bool),
+    query: &SurfaceQuery,
     warnings: &mut Warnings,
 ) -> Result<Vec<Surface>> {
-    let alike = |a: &DAffine3, b: &DAffine3| alike(a, b, up, planar);
     let mut surfaces: Vec<Surface> = Vec::new();
     let mut read: BTreeMap<(usize, usize), Option<Rc<Geometry>>> = BTreeMap::new();
+    let material_of = |primitive: &Primitive| primitive.material.map(|m| m.value());
     for placed in placed {
         let primitives = document.root.meshes.get(placed.mesh).map_or(&[][..], |m| &m.primitives);
-        if !primitives.iter().any(|p| chosen(p.material.map(|m| m.value()))) {
+        if !primitives.iter().any(|p| (query.takes)(material_of(p))) {
             continue;
         }
         let worlds = nodes::instances(document, placed, None, &mut Warnings::default())?;
         let Some(&first) = worlds.first() else { continue };
-        if worlds.iter().any(|w| !alike(w, &first)) {
+        if worlds.iter().any(|w| !query.alike(w, &first)) {
             warnings.add(format!(
                 "{}: its instances differ in size or tilt, and one mapping serves them all: copies differ in size",
                 placed.name
             ));
         }
-        for (i, primitive) in primitives.iter().enumerate() {
-            let material = primitive.material.map(|m| m.value());
-            if !chosen(material) {
-                continue;
-            }
+        for (i, primitive) in primitives.iter().enumerate().filter(|(_, p)| (query.takes)(material_of(p))) {
             let solid = [Mode::Triangles, Mode::TriangleStrip, Mode::TriangleFan].map(Checked::Valid);
             if !solid.contains(&primitive.mode) {
                 warnings.add("points and lines cannot be covered and stay as they are");
                 continue;
             }
-            let geometry = match read.get(&(placed.mesh, i)) {
-                Some(known) => known.clone(),
-                None => {
-                    let geometry = Geometry::read(document, placed.mesh, i, set)?.map(Rc::new);
-                    read.insert((placed.mesh, i), geometry.clone());
-                    geometry
+            let geometry = match read.entry((placed.mesh, i)) {
+                Entry::Occupied(known) => known.get().clone(),
+                Entry::Vacant(new) => {
+                    new.insert(Geometry::read(document, placed.mesh, i, query.set)?.map(Rc::new)).clone()
                 }
             };
             let Some(geometry) = geometry else { continue };
-            let known =
-                surfaces.iter_mut().find(|s| (s.mesh, s.primitive) == (placed.mesh, i) && alike(&s.world(), &first));
-            match known {
+            let is_known =
+                |s: &&mut Surface| (s.mesh, s.primitive) == (placed.mesh, i) && query.alike(&s.world(), &first);
+            match surfaces.iter_mut().find(is_known) {
                 Some(known) => {
                     known.worlds.extend(&worlds);
                     known.nodes.extend(placed.node);
@@ -315,7 +340,7 @@ pub fn surfaces(
                 None => surfaces.push(Surface {
                     mesh: placed.mesh,
                     primitive: i,
-                    material,
+                    material: material_of(primitive),
                     geometry,
                     worlds: worlds.clone(),
                     nodes: placed.node.into_iter().collect(),
@@ -324,23 +349,6 @@ pub fn surfaces(
         }
     }
     Ok(surfaces)
-}
-
-/// Whether the attributes that are written for a primitive at `a` are right at `b` too.
-fn alike(a: &DAffine3, b: &DAffine3, up: Option<DVec3>, planar: bool) -> bool {
-    let near = |a: DMat3, b: DMat3| {
-        let size = a.to_cols_array().iter().fold(0.0_f64, |m, v| m.max(v.abs()));
-        (a - b).to_cols_array().iter().all(|v| v.abs() <= SAME_SHAPE * size)
-    };
-    if planar {
-        let size = a.translation.abs().max_element().max(1.0);
-        return near(a.matrix3, b.matrix3) && (a.translation - b.translation).abs().max_element() <= SAME_SHAPE * size;
-    }
-    // Lengths and angles within the primitive must agree, and the direction of up in it; rotations about up change nothing.
-    let (aa, bb) = (a.matrix3.transpose() * a.matrix3, b.matrix3.transpose() * b.matrix3);
-    let [p, q] = [a, b].map(|m| up.map_or(DVec3::ZERO, |up| m.matrix3.transpose() * up));
-    let same_hand = (a.matrix3.determinant() < 0.0) == (b.matrix3.determinant() < 0.0);
-    near(aa, bb) && (p - q).length() <= SAME_SHAPE * p.length().max(q.length()) && same_hand
 }
 
 /// Measurements of surfaces that share a chart and its density.
