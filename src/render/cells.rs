@@ -123,16 +123,20 @@ impl TexelLayer {
     /// `each` returns false. Returns false if stopped. Copies overlap where displacement moves them beyond their own cells.
     pub fn for_each_copy(&self, segment: &ShellSegment, each: &mut dyn FnMut(&CopyHit) -> bool) -> bool {
         let dir = (segment.q1 - segment.q0) / (segment.t1 - segment.t0);
-        if !dir.is_finite() {
-            return true;
-        }
-        let at = |t: f64| segment.q0 + (t - segment.t0) * dir;
+        let span = if dir.is_finite() { self.span_in_cells(segment, dir) } else { None };
+        let Some((t0, t1)) = span else { return true };
+        let walk = CellWalk::new(self, segment, dir, t0);
+        if self.reach == [0; 3] { walk.for_each_own(t0, t1, each) } else { walk.for_each_in_reach(t0, t1, each) }
+    }
+
+    /// Interval of the segment in which there are cells: along axes that do not repeat there is one alone.
+    fn span_in_cells(&self, segment: &ShellSegment, dir: DVec3) -> Option<(f64, f64)> {
         let (mut t0, mut t1) = (segment.t0, segment.t1);
         for k in (0..3).filter(|&k| self.layer.wrap[k] == CellWrap::Empty) {
             let (q, d) = (segment.q0[k], dir[k]);
             if d == 0.0 {
                 if !(0.0..1.0).contains(&q) {
-                    return true;
+                    return None;
                 }
                 continue;
             }
@@ -140,74 +144,7 @@ impl TexelLayer {
             t0 = t0.max(a.min(b));
             t1 = t1.min(a.max(b));
         }
-        if t0.is_nan() || t1.is_nan() || t0 >= t1 {
-            return true;
-        }
-        let start = at(t0);
-        let mut cell = [0i64; 3];
-        for k in 0..3 {
-            // A start on a boundary belongs to the cell that the ray goes into.
-            let q = start[k];
-            cell[k] = if dir[k] < 0.0 { q.ceil() as i64 - 1 } else { q.floor() as i64 };
-            if self.layer.wrap[k] == CellWrap::Empty {
-                cell[k] = 0;
-            }
-        }
-        let leave = |cell: &[i64; 3], k: usize| {
-            if dir[k] == 0.0 || self.layer.wrap[k] == CellWrap::Empty {
-                return f64::INFINITY;
-            }
-            let edge = cell[k] as f64 + if dir[k] > 0.0 { 1.0 } else { 0.0 };
-            segment.t0 + (edge - segment.q0[k]) / dir[k]
-        };
-        let mut next = [leave(&cell, 0), leave(&cell, 1), leave(&cell, 2)];
-        let overlapping = self.reach != [0; 3];
-        let (begin, mut queue) = (t0, HitQueue { hits: Vec::new() });
-        let queue_cells = |low: [i64; 3], high: [i64; 3], queue: &mut HitQueue| {
-            for u in low[0]..=high[0] {
-                for v in low[1]..=high[1] {
-                    for w in low[2]..=high[2] {
-                        queue.push(self.overlapping_hit([u, v, w], start, dir, [begin, t1]));
-                    }
-                }
-            }
-        };
-        if overlapping {
-            let [low, high] = self.cells_in_reach(cell);
-            queue_cells(low, high, &mut queue);
-        }
-        for _ in 0..MAX_CELLS {
-            let axis = (0..3).fold(0, |best, k| if next[k] < next[best] { k } else { best });
-            let end = next[axis].min(t1);
-            if overlapping {
-                // Copies of cells that come within reach later begin later.
-                if !queue.emit_until(if end >= t1 { t1 } else { end }, each) {
-                    return false;
-                }
-                t0 = t0.max(end);
-            } else if end > t0 {
-                if let Some(hit) = self.hit(cell, at(t0), dir, t0, end)
-                    && !each(&hit)
-                {
-                    return false;
-                }
-                t0 = end;
-            }
-            if end >= t1 {
-                return true;
-            }
-            let step = if dir[axis] > 0.0 { 1 } else { -1 };
-            cell[axis] = cell[axis].saturating_add(step);
-            next[axis] = leave(&cell, axis);
-            if overlapping {
-                // The slab of cells that has newly come within reach.
-                let [mut low, mut high] = self.cells_in_reach(cell);
-                let edge = if step > 0 { high[axis] } else { low[axis] };
-                (low[axis], high[axis]) = (edge, edge);
-                queue_cells(low, high, &mut queue);
-            }
-        }
-        queue.emit_until(t1, each)
+        (t0 < t1).then_some((t0, t1))
     }
 
     /// Lowest and highest of the cells whose copies may reach into `cell`.
@@ -216,16 +153,16 @@ impl TexelLayer {
         [at(-1), at(1)]
     }
 
-    /// The hit of the copy in `cell` by the ray that is at `q` and runs along `dir` (texel coordinates of the layer) from t0 to t1;
-    /// `None` where the cell is empty.
-    fn hit(&self, cell: [i64; 3], q: DVec3, dir: DVec3, t0: f64, t1: f64) -> Option<CopyHit> {
+    /// The hit of the copy in `cell` by a ray (in the layer's texel coordinates) that begins at t0 and leaves the cell at t1; `None`
+    /// where the cell is empty.
+    fn hit(&self, cell: [i64; 3], ray: &Ray, [t0, t1]: [f64; 2]) -> Option<CopyHit> {
         let (copy, sign, middle) = (self.place(cell)?, self.mirror_signs(cell), cell_corner(cell) + 0.5);
         // A start on a face may lie outside by rounding.
-        let p = ((q - middle).clamp(DVec3::splat(-0.5), DVec3::splat(0.5))) * sign + 0.5;
+        let p = ((ray.origin - middle).clamp(DVec3::splat(-0.5), DVec3::splat(0.5))) * sign + 0.5;
         let linear = copy.linear * DMat3::from_diagonal(sign);
         let origin = copy.linear * p + copy.offset;
         let PlacedCopy { texel, tint, phong, inverse_scale, .. } = copy;
-        Some(CopyHit { texel, tint, phong, cell, t0, t1, origin, dir: linear * dir, linear, inverse_scale })
+        Some(CopyHit { texel, tint, phong, cell, t0, t1, origin, dir: linear * ray.dir, linear, inverse_scale })
     }
 
     /// The copy in `cell`, and the map of the layer's texel coordinates into its cube; `None` where the cell is empty.
@@ -243,16 +180,124 @@ impl TexelLayer {
     }
 
     /// The hit of the copy that belongs to `cell` but may reach beyond it: the part of [t0, t1] in which the ray is in the copy's
-    /// cube. The ray is at `q` at t0.
-    fn overlapping_hit(&self, cell: [i64; 3], q: DVec3, dir: DVec3, [t0, t1]: [f64; 2]) -> Option<CopyHit> {
+    /// cube.
+    fn overlapping_hit(&self, cell: [i64; 3], ray: &Ray, [t0, t1]: [f64; 2]) -> Option<CopyHit> {
         let (copy, sign) = (self.place(cell)?, self.mirror_signs(cell));
         let linear = copy.linear * DMat3::from_diagonal(sign);
-        let p = (q - cell_corner(cell) - 0.5) * sign + 0.5;
-        let (origin, dir) = (copy.linear * p + copy.offset, linear * dir);
+        let p = (ray.origin - cell_corner(cell) - 0.5) * sign + 0.5;
+        let (origin, dir) = (copy.linear * p + copy.offset, linear * ray.dir);
         let (near, far) = span_in_unit_cube(&Ray { origin, dir }, t1 - t0)?;
         let origin = (origin + near * dir).clamp(DVec3::ZERO, DVec3::ONE);
         let PlacedCopy { texel, tint, phong, inverse_scale, .. } = copy;
         Some(CopyHit { texel, tint, phong, cell, t0: t0 + near, t1: t0 + far, origin, dir, linear, inverse_scale })
+    }
+}
+
+/// A walk along a segment from cell to cell.
+struct CellWalk<'a> {
+    layer: &'a TexelLayer,
+    segment: &'a ShellSegment,
+    /// Change of the texel coordinates per unit of t.
+    dir: DVec3,
+    cell: [i64; 3],
+    /// Parameters at which the segment leaves the cell along each axis.
+    leave: [f64; 3],
+}
+
+impl<'a> CellWalk<'a> {
+    /// In the cell in which the segment is at `t`.
+    fn new(layer: &'a TexelLayer, segment: &'a ShellSegment, dir: DVec3, t: f64) -> CellWalk<'a> {
+        let mut walk = CellWalk { layer, segment, dir, cell: [0; 3], leave: [0.0; 3] };
+        let start = walk.ray_from(t).origin;
+        for k in (0..3).filter(|&k| layer.layer.wrap[k] != CellWrap::Empty) {
+            // A start on a boundary belongs to the cell that the ray goes into.
+            walk.cell[k] = if dir[k] < 0.0 { start[k].ceil() as i64 - 1 } else { start[k].floor() as i64 };
+        }
+        walk.leave = [0, 1, 2].map(|k| walk.leave_along(k));
+        walk
+    }
+
+    /// The segment from `t` on.
+    fn ray_from(&self, t: f64) -> Ray {
+        Ray { origin: self.segment.q0 + (t - self.segment.t0) * self.dir, dir: self.dir }
+    }
+
+    fn leave_along(&self, k: usize) -> f64 {
+        if self.dir[k] == 0.0 || self.layer.layer.wrap[k] == CellWrap::Empty {
+            return f64::INFINITY;
+        }
+        let edge = self.cell[k] as f64 + if self.dir[k] > 0.0 { 1.0 } else { 0.0 };
+        self.segment.t0 + (edge - self.segment.q0[k]) / self.dir[k]
+    }
+
+    /// The axis along which the cell is left first, and the parameter there.
+    fn exit(&self) -> (usize, f64) {
+        let axis = (0..3).fold(0, |best, k| if self.leave[k] < self.leave[best] { k } else { best });
+        (axis, self.leave[axis])
+    }
+
+    /// Go on into the next cell along `axis`.
+    fn step(&mut self, axis: usize) {
+        let step = if self.dir[axis] > 0.0 { 1 } else { -1 };
+        self.cell[axis] = self.cell[axis].saturating_add(step);
+        self.leave[axis] = self.leave_along(axis);
+    }
+
+    /// Call `each` for the hits between t0 and t1 of copies that stay in their cells. Returns false if stopped.
+    fn for_each_own(mut self, mut t0: f64, t1: f64, each: &mut dyn FnMut(&CopyHit) -> bool) -> bool {
+        for _ in 0..MAX_CELLS {
+            let (axis, exit) = self.exit();
+            let end = exit.min(t1);
+            if end > t0 {
+                if let Some(hit) = self.layer.hit(self.cell, &self.ray_from(t0), [t0, end])
+                    && !each(&hit)
+                {
+                    return false;
+                }
+                t0 = end;
+            }
+            if end >= t1 {
+                break;
+            }
+            self.step(axis);
+        }
+        true
+    }
+
+    /// The same for copies that reach into other cells.
+    fn for_each_in_reach(mut self, t0: f64, t1: f64, each: &mut dyn FnMut(&CopyHit) -> bool) -> bool {
+        let ray = self.ray_from(t0);
+        let mut queue = HitQueue { hits: Vec::new() };
+        let layer = self.layer;
+        let add = |queue: &mut HitQueue, low: [i64; 3], high: [i64; 3]| {
+            for u in low[0]..=high[0] {
+                for v in low[1]..=high[1] {
+                    for w in low[2]..=high[2] {
+                        queue.push(layer.overlapping_hit([u, v, w], &ray, [t0, t1]));
+                    }
+                }
+            }
+        };
+        let [low, high] = self.layer.cells_in_reach(self.cell);
+        add(&mut queue, low, high);
+        for _ in 0..MAX_CELLS {
+            let (axis, exit) = self.exit();
+            let end = exit.min(t1);
+            // Copies of cells that come within reach later begin later.
+            if !queue.emit_until(end, each) {
+                return false;
+            }
+            if end >= t1 {
+                return true;
+            }
+            self.step(axis);
+            // The slab of cells that has newly come within reach.
+            let [mut low, mut high] = self.layer.cells_in_reach(self.cell);
+            let edge = if ray.dir[axis] > 0.0 { high[axis] } else { low[axis] };
+            (low[axis], high[axis]) = (edge, edge);
+            add(&mut queue, low, high);
+        }
+        queue.emit_until(t1, each)
     }
 }
 
@@ -375,7 +420,7 @@ mod tests {
                 for cell in (-8..=8).flat_map(|u| (-8..=8).map(move |v| (u, v))) {
                     for w in levels.clone() {
                         let cell = [cell.0, cell.1, w];
-                        let hit = layer.overlapping_hit(cell, segment.q0, dir, [2.0, 5.0]);
+                        let hit = layer.overlapping_hit(cell, &Ray { origin: segment.q0, dir }, [2.0, 5.0]);
                         all.extend(hit.and_then(|h| in_content(&h, &content)).map(|span| (cell, span)));
                     }
                 }

@@ -6,6 +6,7 @@ use super::light::{DEFAULT_SKY, PunctualLight, default_sun};
 use super::options::{Options, SunPosition};
 use crate::geom::DVec3;
 use crate::scene::Scene;
+use crate::scene::model::Light;
 use crate::scene::shell::Sky;
 use crate::{Error, Result};
 
@@ -32,34 +33,48 @@ pub fn lights_and_environment(
         return Err(Error::Options("the sun's angular size must be 0 to 57 degrees".into()));
     }
     let sky = options.sky.as_ref().or(file.sky.as_ref());
-    let turbidity = if let Some(Sky::Clear(turbidity)) = sky { *turbidity } else { DEFAULT_TURBIDITY };
+    let turbidity = turbidity(sky);
     check_turbidity(turbidity)?;
-    let place = |light: PunctualLight| light.with_radius(radius);
-    let mut lights: Vec<PunctualLight> = scene
-        .model
-        .lights
-        .iter()
-        .filter_map(|light| PunctualLight::new(light, options.light_scale, eye, unit).map(place))
-        .collect();
-    let pictured = matches!(sky, Some(Sky::Picture(_)));
-    if scene.model.lights.is_empty() && !pictured {
+    let place = |light: &Light, scale: f64| Some(PunctualLight::new(light, scale, eye, unit)?.with_radius(radius));
+    let own = scene.model.lights.iter().filter_map(|light| place(light, options.light_scale));
+    let mut lights: Vec<PunctualLight> = own.collect();
+    if scene.model.lights.is_empty() && !matches!(sky, Some(Sky::Picture(_))) {
         if options.sun.is_none() {
             notes.push("no light in the file: a sun from the upper left was added (option `sun` sets it)".into());
         }
-        lights.extend(PunctualLight::new(&default_sun(), 1.0, eye, unit).map(place));
+        lights.extend(place(&default_sun(), 1.0));
     }
     if let Some(position) = &options.sun {
         move_sun(&mut lights, position, turbidity, radius)?;
     }
+    let environment = environment(sky, &mut lights, notes)?;
+    let haze = options.haze.or(file.haze);
+    if haze.is_some_and(|visibility| !(visibility > 0.0 && visibility.is_finite())) {
+        return Err(Error::Options("the visibility in haze must be above 0 metres".into()));
+    }
+    let background = options.background.or(file.background).map(DVec3::from_array);
+    Ok((lights, environment.with_background(background).with_haze(haze, unit)))
+}
+
+fn turbidity(sky: Option<&Sky>) -> f64 {
+    if let Some(Sky::Clear(turbidity)) = sky { *turbidity } else { DEFAULT_TURBIDITY }
+}
+
+/// The light of the sky; a sun in a picture of it is added to `lights`.
+fn environment(
+    sky: Option<&Sky>,
+    lights: &mut Vec<PunctualLight>,
+    notes: &mut Vec<String>,
+) -> Result<EnvironmentLight> {
     let suns = lights.iter().filter_map(PunctualLight::sun);
     let sun = suns.reduce(|a, b| if luminance(b.irradiance) > luminance(a.irradiance) { b } else { a });
-    let environment = match (sky, &sun) {
+    Ok(match (sky, &sun) {
         (Some(Sky::Constant(radiance)), _) => EnvironmentLight::constant(DVec3::from_array(*radiance)),
         (Some(Sky::Clear(_)), None) => {
             let what = "a clear sky needs a sun, and the file has no directional light (option `sun` sets one)";
             return Err(Error::Options(what.into()));
         }
-        (Some(Sky::Clear(_)), Some(sun)) => EnvironmentLight::clear(sun, turbidity),
+        (Some(Sky::Clear(_)), Some(sun)) => EnvironmentLight::clear(sun, turbidity(sky)),
         (Some(Sky::Picture(path)), _) => {
             let (environment, found) = EnvironmentLight::picture(path)?;
             if let Some(sun) = found {
@@ -70,19 +85,13 @@ pub fn lights_and_environment(
         }
         (None, Some(sun)) if is_up(sun.towards) => {
             notes.push("no sky in the file: a clear one that fits the sun (option `sky` sets another)".into());
-            EnvironmentLight::clear(sun, turbidity)
+            EnvironmentLight::clear(sun, turbidity(sky))
         }
         (None, _) => {
             notes.push("no sky in the file, and no sun above: a plain sky (option `sky` sets another)".into());
             EnvironmentLight::constant(DVec3::from_array(DEFAULT_SKY))
         }
-    };
-    let haze = options.haze.or(file.haze);
-    if haze.is_some_and(|visibility| !(visibility > 0.0 && visibility.is_finite())) {
-        return Err(Error::Options("the visibility in haze must be above 0 metres".into()));
-    }
-    let background = options.background.or(file.background).map(DVec3::from_array);
-    Ok((lights, environment.with_background(background).with_haze(haze, unit)))
+    })
 }
 
 /// Put the brightest parallel light, or a new one, where the caller wants the sun. It keeps its luminance and takes the

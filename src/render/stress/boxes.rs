@@ -61,6 +61,15 @@ pub fn joined(boxes: &[ShellBox], ray: &Ray, spans: &[(f64, f64, usize)]) -> Joi
     all
 }
 
+/// Length of a ray within boxes that fill a room without gap or overlap; where they do not, beyond `tolerance`, it is counted.
+fn length(boxes: &[ShellBox], ray: &Ray, tolerance: f64, tally: &mut Tally) -> f64 {
+    let spans = spans(boxes, ray, tally);
+    let Joined { length, missing, twice } = joined(boxes, ray, &spans);
+    tally.leaks += u64::from(missing > tolerance || twice > tolerance);
+    tally.worst_step = tally.worst_step.max(missing).max(twice);
+    length
+}
+
 /// The place of everything: a shape in the unit cube brought to where it is to be, then as the renderer has it, relative to
 /// the eye and in units of the scene's size.
 pub struct Placing {
@@ -182,17 +191,10 @@ pub fn shells(random: &mut Random, rays: u64) -> Tally {
         };
         let Some(dir) = (to - from).try_normalize() else { continue };
         let ray = Ray { origin: from, dir };
-        let spans = spans(&boxes, &ray, &mut tally);
-        let Joined { length: got, missing, twice } = joined(&boxes, &ray, &spans);
-        tally.leaks += u64::from(missing > tolerance || twice > tolerance);
-        tally.worst_step = tally.worst_step.max(missing).max(twice);
+        let got = length(&boxes, &ray, tolerance, &mut tally);
         if let Some(want) = between(&faces, &ray, tolerance) {
-            let off = (got - want).abs();
+            let off = tally.measure(got, want);
             tally.deviations += u64::from(off.is_nan() || off > 1e3 * tolerance);
-            tally.worst = tally.worst.max(off);
-            if want > 1e-3 {
-                tally.worst_relative = tally.worst_relative.max(off / want);
-            }
         }
     }
     tally
@@ -244,39 +246,49 @@ fn between(faces: &[[Corner; 3]], ray: &Ray, tolerance: f64) -> Option<f64> {
 }
 
 /// A flat grid of prisms over squares, whole or as two triangles, in any affine place.
-pub fn prisms(random: &mut Random, rays: u64) -> Tally {
-    let n = 1 + random.below(4) as u32;
-    let place = Placing::new(random);
-    let height = DVec3::new(random.between(-0.5, 0.5), random.between(-0.5, 0.5), random.magnitude(-2.0, 0.5));
-    let corner = |i: u32, j: u32| {
-        let p = DVec3::new(f64::from(i), f64::from(j), 0.0) / f64::from(n);
-        Corner { p: place.at(p), h: place.along(height), q: p, dw: 1.0, jitter: 1.0 }
-    };
-    let mut boxes = Vec::new();
-    for i in 0..n {
-        for j in 0..n {
-            let f = [corner(i, j), corner(i + 1, j), corner(i + 1, j + 1), corner(i, j + 1)];
-            let whole = if random.once_in(2) { Prism::new(&f) } else { None };
-            match whole {
-                Some(prism) => boxes.push(ShellBox::Prism(Box::new(prism))),
-                None => boxes.extend([[f[0], f[1], f[2]], [f[0], f[2], f[3]]].iter().filter_map(ShellBox::new)),
+struct Slab {
+    /// Squares along a side.
+    squares: f64,
+    boxes: Vec<ShellBox>,
+    /// The unit cube → the renderer's space, and back.
+    map: DAffine3,
+    inverse: DAffine3,
+    tolerance: f64,
+}
+
+impl Slab {
+    fn new(random: &mut Random) -> Slab {
+        let n = 1 + random.below(4) as u32;
+        let place = Placing::new(random);
+        let height = DVec3::new(random.between(-0.5, 0.5), random.between(-0.5, 0.5), random.magnitude(-2.0, 0.5));
+        let corner = |i: u32, j: u32| {
+            let p = DVec3::new(f64::from(i), f64::from(j), 0.0) / f64::from(n);
+            Corner { p: place.at(p), h: place.along(height), q: p, dw: 1.0, jitter: 1.0 }
+        };
+        let mut boxes = Vec::new();
+        for i in 0..n {
+            for j in 0..n {
+                let f = [corner(i, j), corner(i + 1, j), corner(i + 1, j + 1), corner(i, j + 1)];
+                let whole = if random.once_in(2) { Prism::new(&f) } else { None };
+                match whole {
+                    Some(prism) => boxes.push(ShellBox::Prism(Box::new(prism))),
+                    None => boxes.extend([[f[0], f[1], f[2]], [f[0], f[2], f[3]]].iter().filter_map(ShellBox::new)),
+                }
             }
         }
+        let matrix3 = DMat3::from_cols(place.along(DVec3::X), place.along(DVec3::Y), place.along(height));
+        let map = DAffine3 { matrix3, translation: place.at(DVec3::ZERO) };
+        let inverse = DAffine3 { matrix3: matrix3.inverse(), translation: -(matrix3.inverse() * map.translation) };
+        Slab { squares: f64::from(n), boxes, map, inverse, tolerance: place.rounding() * 1e2 }
     }
-    let mut tally = Tally { rays, ..Tally::default() };
-    let tolerance = place.rounding() * 1e2;
-    // World → the unit cube of the whole slab.
-    let slab = DMat3::from_cols(place.along(DVec3::X), place.along(DVec3::Y), place.along(height));
-    let to_slab = DAffine3 { matrix3: slab.inverse(), translation: -(slab.inverse() * place.at(DVec3::ZERO)) };
-    if !to_slab.matrix3.is_finite() {
-        return tally;
-    }
-    for _ in 0..rays {
+
+    /// A ray towards a point of the slab, often one on a wall, and along a wall.
+    fn ray(&self, random: &mut Random) -> Option<Ray> {
         let inside = |random: &mut Random| {
             let mut b = DVec3::new(random.unit(), random.unit(), random.unit());
             for k in 0..2 {
                 if random.once_in(2) {
-                    b[k] = (b[k] * f64::from(n)).round() / f64::from(n);
+                    b[k] = (b[k] * self.squares).round() / self.squares;
                 }
             }
             b
@@ -287,42 +299,45 @@ pub fn prisms(random: &mut Random, rays: u64) -> Tally {
             let axis = random.below(2) as usize;
             b[axis] = a[axis];
         }
-        let (from, to) = (slab * a + place.at(DVec3::ZERO), slab * b + place.at(DVec3::ZERO));
-        let Some(dir) = (to - from).try_normalize() else { continue };
-        let ray = Ray { origin: from, dir };
-        let spans = spans(&boxes, &ray, &mut tally);
-        let Joined { length: got, missing, twice } = joined(&boxes, &ray, &spans);
-        tally.leaks += u64::from(missing > tolerance || twice > tolerance);
-        tally.worst_step = tally.worst_step.max(missing).max(twice);
-        let (o, d) = (to_slab.transform_point3(from), to_slab.transform_vector3(dir));
-        // A ray in the slab's own faces has two right answers.
+        let [from, to] = [a, b].map(|p| self.map.matrix3 * p + self.map.translation);
+        Some(Ray { origin: from, dir: (to - from).try_normalize()? })
+    }
+
+    /// Length of a ray within the slab: of the slab shrunk by rounding, as it is, and grown. `None` where one cannot tell which
+    /// box the ray is in, as along the line of a vertex.
+    fn lengths(&self, ray: &Ray) -> Option<[f64; 3]> {
+        let origin = self.inverse.transform_point3(ray.origin);
+        let inverse_dir = self.inverse.transform_vector3(ray.dir).recip();
+        let hit = |room: Aabb| room.hit(origin, inverse_dir, 0.0, f64::INFINITY);
         let grown = |by: f64| {
             let room = Aabb::new(DVec3::splat(-by), DVec3::splat(1.0 + by));
-            room.hit(o, d.recip(), 0.0, f64::INFINITY).map_or(0.0, |(a, b)| b - a)
+            hit(room).map_or(0.0, |(a, b)| b - a)
         };
-        let by = 1e-9
-            + 1e-2
-                * tolerance
-                * to_slab
-                    .matrix3
-                    .x_axis
-                    .abs()
-                    .max(to_slab.matrix3.y_axis.abs())
-                    .max(to_slab.matrix3.z_axis.abs())
-                    .max_element();
-        let (least, most) = (grown(-by), grown(by));
-        let want = grown(0.0);
-        // Nor can one tell which box a ray along the line of a vertex is in.
-        let middle = Aabb::UNIT.hit(o, d.recip(), 0.0, f64::INFINITY).map_or(from, |(a, b)| ray.at(0.5 * (a + b)));
-        if want > 0.0 && boxes.iter().all(|b| b.depth_inside(middle) < 1e-6) {
-            continue;
-        }
+        let m = self.inverse.matrix3;
+        let largest = m.x_axis.abs().max(m.y_axis.abs()).max(m.z_axis.abs()).max_element();
+        // A ray in the slab's own faces has two right answers.
+        let by = 1e-9 + 1e-2 * self.tolerance * largest;
+        let lengths = [grown(-by), grown(0.0), grown(by)];
+        let middle = hit(Aabb::UNIT).map_or(ray.origin, |(a, b)| ray.at(0.5 * (a + b)));
+        let is_nowhere = lengths[1] > 0.0 && self.boxes.iter().all(|b| b.depth_inside(middle) < 1e-6);
+        (!is_nowhere).then_some(lengths)
+    }
+}
+
+pub fn prisms(random: &mut Random, rays: u64) -> Tally {
+    let slab = Slab::new(random);
+    let mut tally = Tally { rays, ..Tally::default() };
+    if !slab.inverse.matrix3.is_finite() {
+        return tally;
+    }
+    let tolerance = slab.tolerance;
+    for _ in 0..rays {
+        let Some(ray) = slab.ray(random) else { continue };
+        let got = length(&slab.boxes, &ray, tolerance, &mut tally);
+        let Some([least, want, most]) = slab.lengths(&ray) else { continue };
         tally.deviations += u64::from(got < least - tolerance || got > most + tolerance);
         if most - least < 1e-6 {
-            tally.worst = tally.worst.max((got - want).abs());
-            if want > 1e-3 {
-                tally.worst_relative = tally.worst_relative.max((got - want).abs() / want);
-            }
+            tally.measure(got, want);
         }
     }
     tally

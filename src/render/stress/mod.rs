@@ -66,13 +66,19 @@ impl Tally {
 
     /// Count a deviation of `got` from `want`, of at most `allowed`.
     fn compare(&mut self, got: f64, want: f64, allowed: f64) {
-        let off = (got - want).abs();
+        let off = self.measure(got, want);
         self.nan += u64::from(!off.is_finite());
         self.deviations += u64::from(off > allowed);
+    }
+
+    /// How far `got` is from `want`, which the worst of all are kept of.
+    fn measure(&mut self, got: f64, want: f64) -> f64 {
+        let off = (got - want).abs();
         self.worst = self.worst.max(off);
         if want.abs() > 1e-3 {
             self.worst_relative = self.worst_relative.max(off / want.abs());
         }
+        off
     }
 }
 
