@@ -16,9 +16,9 @@ use super::source::SourceArgs;
 use super::{Ui, outputs, provenance, ui};
 use crate::bake;
 use crate::bake::Estimate;
-use crate::bake::{DepthReport, MAX_REFINE, MAX_RESOLUTION, Options, REFINE};
+use crate::bake::{DepthReport, MAX_REFINE, MAX_RESOLUTION, Options, REFINE, Report};
 use crate::format;
-use crate::format::{Quality, Reader, WriteOptions};
+use crate::format::{Quality, Reader, WriteOptions, Written};
 use crate::geom::{Aabb, DVec3};
 use crate::progress::Progress;
 use crate::source;
@@ -349,33 +349,15 @@ fn shared_box(args: &Args, jobs: &[Job], ui: &Ui) -> Result<Options> {
 }
 
 fn bake_file(args: &Args, job: &Job, provenance: Result<Provenance>, ui: &Ui) -> Result<Value> {
-    let Job { shot: Shot { input, output, animation, .. }, shared, speaks, .. } = job;
+    let Job { shot: Shot { output, animation, .. }, .. } = job;
     let start = Instant::now();
     ui.stage("read", 0);
     let source = open(args, &job.shot)?;
-    if *speaks {
+    if job.speaks {
         source.notes().iter().for_each(|note| ui.say(note));
     }
     let read_time = start.elapsed();
-    let mut on_estimate = |e: &Estimate| {
-        if e.finest_voxels == 0 || !speaks {
-            return;
-        }
-        ui.say(&format!(
-            "about {} voxels, a file of {}, {} of memory",
-            count(e.finest_voxels),
-            size(e.file_bytes),
-            size(e.memory_bytes)
-        ));
-    };
-    let options = shared.as_ref().map_or_else(|| args.options(source.up()), Options::clone);
-    let (mut volume, report) = bake::bake(&*source, &options, ui, &mut on_estimate)?;
-    if volume.depths.is_empty() && shared.is_none() {
-        let why = report.warnings.as_reasons();
-        let why = if why.is_empty() { "; no facet has an area".to_owned() } else { why };
-        return Err(Error::input(input, "", format!("there is nothing in it to bake{why}")));
-    }
-    ui.warn(&report.warnings)?;
+    let (mut volume, report) = bake_source(args, job, &*source, ui)?;
     let bake_time = start.elapsed() - read_time;
     provenance?.store(&mut volume.info.meta);
     if let Some(animation) = animation {
@@ -395,13 +377,7 @@ fn bake_file(args: &Args, job: &Job, provenance: Result<Provenance>, ui: &Ui) ->
     let [read_time, bake_time] = [read_time, bake_time].map(|t| t.as_secs_f64());
     summary["seconds"] = json!({ "read": read_time, "bake": bake_time, "total": seconds });
     if let Some(path) = &args.report {
-        let mut full = summary.clone();
-        full["warnings"] = report.warnings.iter().map(|(text, n)| json!({ "message": text, "count": n })).collect();
-        full["estimate"] = serde_json::to_value(report.estimate).unwrap_or_default();
-        full["depths"] = depths(&volume, &report.depths);
-        full["channels"] =
-            written.channels.iter().map(|(name, bytes)| json!({ "name": name, "bytes": bytes })).collect();
-        full["meta"] = Value::Object(volume.info.meta.clone());
+        let full = full_report(&summary, &volume, &report, &written);
         format::save(path, format!("{full:#}\n").as_bytes())?;
     }
     if !args.json {
@@ -415,6 +391,41 @@ fn bake_file(args: &Args, job: &Job, provenance: Result<Provenance>, ui: &Ui) ->
         ));
     }
     Ok(summary)
+}
+
+/// Bake, and say what is expected and what is wrong with the source.
+fn bake_source(args: &Args, job: &Job, source: &dyn source::Source, ui: &Ui) -> Result<(Volume, Report)> {
+    let mut on_estimate = |e: &Estimate| {
+        if e.finest_voxels == 0 || !job.speaks {
+            return;
+        }
+        ui.say(&format!(
+            "about {} voxels, a file of {}, {} of memory",
+            count(e.finest_voxels),
+            size(e.file_bytes),
+            size(e.memory_bytes)
+        ));
+    };
+    let options = job.shared.as_ref().map_or_else(|| args.options(source.up()), Options::clone);
+    let (volume, report) = bake::bake(source, &options, ui, &mut on_estimate)?;
+    if volume.depths.is_empty() && job.shared.is_none() {
+        let why = report.warnings.as_reasons();
+        let why = if why.is_empty() { "; no facet has an area".to_owned() } else { why };
+        return Err(Error::input(&job.shot.input, "", format!("there is nothing in it to bake{why}")));
+    }
+    ui.warn(&report.warnings)?;
+    Ok((volume, report))
+}
+
+/// The summary with all that is known of the bake.
+fn full_report(summary: &Value, volume: &Volume, report: &Report, written: &Written) -> Value {
+    let mut full = summary.clone();
+    full["warnings"] = report.warnings.iter().map(|(text, n)| json!({ "message": text, "count": n })).collect();
+    full["estimate"] = serde_json::to_value(report.estimate).unwrap_or_default();
+    full["depths"] = depths(volume, &report.depths);
+    full["channels"] = written.channels.iter().map(|(name, bytes)| json!({ "name": name, "bytes": bytes })).collect();
+    full["meta"] = Value::Object(volume.info.meta.clone());
+    full
 }
 
 /// What is told of a texel.

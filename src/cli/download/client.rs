@@ -5,8 +5,9 @@ use std::io::{Read, Write};
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use ureq::http::StatusCode;
+use ureq::Body;
 use ureq::http::header::{CONTENT_RANGE, LOCATION, RANGE};
+use ureq::http::{Response, StatusCode};
 
 use super::url::Url;
 use crate::progress::Progress;
@@ -46,6 +47,24 @@ impl Client {
     /// # Errors
     /// `Options` for another machine, `Input` for an answer that is no file, `Io` where no answer comes.
     pub fn get(&mut self, url: &Url, most: u64, to: &Path, progress: &dyn Progress) -> Result<Option<Answer>> {
+        self.check(url)?;
+        let most = most.min(self.left);
+        let mut response = self.request(url, most)?;
+        let Some(total) = length(&response).map_err(|what| Error::input(&url.text, "", what))? else {
+            return Ok(None);
+        };
+        let total = total.bytes;
+        let mut body = response.body_mut().as_reader().take(if total == Some(0) { 0 } else { most });
+        let (got, mut broke) = copy(&mut body, to, progress)?;
+        self.left -= got;
+        if total.is_some_and(|total| got < total.min(most)) && broke.is_none() {
+            broke = Some("the server closed the connection".into());
+        }
+        Ok(Some(Answer { got, total, broke }))
+    }
+
+    /// Check that a file may be asked for.
+    fn check(&self, url: &Url) -> Result<()> {
         if !url.is_loopback && !self.allow_remote {
             let what = "is on another machine; option `allow_remote` lets URLs name such";
             return Err(Error::Options(format!("{}: {what}", url.text)));
@@ -57,8 +76,11 @@ impl Client {
                 allowed: 0,
             });
         }
-        let io = |e: ureq::Error| Error::io(&url.text, e.into_io());
-        let wrong = |what: String| Error::input(&url.text, "", what);
+        Ok(())
+    }
+
+    /// Ask for the first `most` bytes of a file.
+    fn request(&self, url: &Url, most: u64) -> Result<Response<Body>> {
         let left = self.deadline.saturating_duration_since(Instant::now());
         if left.is_zero() {
             return Err(self.too_slow(url));
@@ -75,58 +97,61 @@ impl Client {
             .user_agent(concat!("vtex/", env!("CARGO_PKG_VERSION")))
             // Ranges are of the bytes of the file, not of what a server packs them into.
             .accept_encoding("identity");
-        let most = most.min(self.left);
         let range = format!("bytes=0-{}", most - 1);
-        let mut response =
-            config.build().new_agent().get(&url.text).header(RANGE, range).call().map_err(|e| match e {
-                ureq::Error::Timeout(_) if Instant::now() >= self.deadline => self.too_slow(url),
-                e => io(e),
-            })?;
-        let header = |name| response.headers().get(name).and_then(|value| value.to_str().ok()).unwrap_or_default();
-        let total = match response.status() {
-            StatusCode::PARTIAL_CONTENT => {
-                let range = header(CONTENT_RANGE);
-                total_of(range).ok_or_else(|| wrong(format!("the server gives {range:?} of it, not its beginning")))?
-            }
-            // It does not know ranges; what is not needed is not read.
-            StatusCode::OK => response.body().content_length(),
-            // Of an empty file there is no first byte.
-            StatusCode::RANGE_NOT_SATISFIABLE => Some(0),
-            StatusCode::NOT_FOUND | StatusCode::GONE => return Ok(None),
-            status if status.is_redirection() => {
-                return Err(wrong(format!("the server refers to {:?}; name that, if it is meant", header(LOCATION))));
-            }
-            status => return Err(wrong(format!("the server answers {status}"))),
-        };
-        let wanted = total.map_or(most, |total| total.min(most));
-        let mut file = File::create(to).map_err(|e| Error::io(to, e))?;
-        let mut body = response.body_mut().as_reader().take(if total == Some(0) { 0 } else { most });
-        let (mut piece, mut got, mut broke) = (vec![0; PIECE], 0, None);
-        loop {
-            match body.read(&mut piece) {
-                Ok(0) => break,
-                Ok(n) => {
-                    file.write_all(&piece[..n]).map_err(|e| Error::io(to, e))?;
-                    got += n as u64;
-                    progress.advance(n as u64);
-                }
-                Err(e) if e.kind() == std::io::ErrorKind::Interrupted => {}
-                Err(e) => {
-                    broke = Some(e.to_string());
-                    break;
-                }
-            }
-        }
-        self.left -= got;
-        if got < wanted && broke.is_none() && total.is_some() {
-            broke = Some("the server closed the connection".into());
-        }
-        Ok(Some(Answer { got, total, broke }))
+        config.build().new_agent().get(&url.text).header(RANGE, range).call().map_err(|e| match e {
+            ureq::Error::Timeout(_) if Instant::now() >= self.deadline => self.too_slow(url),
+            e => Error::io(&url.text, e.into_io()),
+        })
     }
 
     fn too_slow(&self, url: &Url) -> Error {
         let what = format!("not fetched within {} s (option `download_timeout`)", self.seconds);
         Error::io(&url.text, std::io::Error::new(std::io::ErrorKind::TimedOut, what))
+    }
+}
+
+/// Length of a file, where the server says it.
+struct Length {
+    bytes: Option<u64>,
+}
+
+/// The length of the file that an answer begins; `None` where there is no such file, and what is wrong with an answer that is no
+/// file.
+fn length(response: &Response<Body>) -> std::result::Result<Option<Length>, String> {
+    let header = |name| response.headers().get(name).and_then(|value| value.to_str().ok()).unwrap_or_default();
+    let bytes = match response.status() {
+        StatusCode::PARTIAL_CONTENT => {
+            let range = header(CONTENT_RANGE);
+            total_of(range).ok_or_else(|| format!("the server gives {range:?} of it, not its beginning"))?
+        }
+        // It does not know ranges; what is not needed is not read.
+        StatusCode::OK => response.body().content_length(),
+        // Of an empty file there is no first byte.
+        StatusCode::RANGE_NOT_SATISFIABLE => Some(0),
+        StatusCode::NOT_FOUND | StatusCode::GONE => return Ok(None),
+        status if status.is_redirection() => {
+            return Err(format!("the server refers to {:?}; name that, if it is meant", header(LOCATION)));
+        }
+        status => return Err(format!("the server answers {status}")),
+    };
+    Ok(Some(Length { bytes }))
+}
+
+/// Write a body to the file `to`: how many bytes came, and why no more, where that is not its end.
+fn copy(body: &mut dyn Read, to: &Path, progress: &dyn Progress) -> Result<(u64, Option<String>)> {
+    let mut file = File::create(to).map_err(|e| Error::io(to, e))?;
+    let (mut piece, mut got) = (vec![0; PIECE], 0);
+    loop {
+        match body.read(&mut piece) {
+            Ok(0) => return Ok((got, None)),
+            Ok(n) => {
+                file.write_all(&piece[..n]).map_err(|e| Error::io(to, e))?;
+                got += n as u64;
+                progress.advance(n as u64);
+            }
+            Err(e) if e.kind() == std::io::ErrorKind::Interrupted => {}
+            Err(e) => return Ok((got, Some(e.to_string()))),
+        }
     }
 }
 

@@ -65,6 +65,15 @@ fn vol(n: i32, channels: i32, grid: &[f32]) -> Vec<u8> {
     out
 }
 
+/// The volume `name` of a medium, from the grid `file`.
+fn grid_volume(name: &str, file: &str, place: &str) -> String {
+    let file = file.replace('&', "&amp;").replace('"', "&quot;").replace('<', "&lt;");
+    format!(
+        "<volume type=\"gridvolume\" name=\"{name}\">\n      <string name=\"filename\" value=\"{file}\"/>\n      \
+         <boolean name=\"raw\" value=\"true\"/>\n      <string name=\"filter_type\" value=\"nearest\"/>\n      {place}\n    </volume>"
+    )
+}
+
 /// The scene: the texel at its own place and size, a sky and a camera that frames it.
 fn scene(voxels: &Voxels, grids: &[PathBuf]) -> Result<String> {
     let (corner, size) = (voxels.origin + voxels.own_origin(), voxels.size());
@@ -74,18 +83,10 @@ fn scene(voxels: &Voxels, grids: &[PathBuf]) -> Result<String> {
     let [Some(density), Some(albedo), Some(sggx)] = &names[..] else {
         return Err(Error::Options("the output has no file name".into()));
     };
-    let escaped = |name: &str| name.replace('&', "&amp;").replace('"', "&quot;").replace('<', "&lt;");
     let place = format!(
         "<transform name=\"to_world\"><scale value=\"{size}\"/><translate x=\"{}\" y=\"{}\" z=\"{}\"/></transform>",
         corner.x, corner.y, corner.z
     );
-    let grid = |name: &str, file: &str| {
-        format!(
-            "<volume type=\"gridvolume\" name=\"{name}\">\n      <string name=\"filename\" value=\"{}\"/>\n      \
-             <boolean name=\"raw\" value=\"true\"/>\n      <string name=\"filter_type\" value=\"nearest\"/>\n      {place}\n    </volume>",
-            escaped(file)
-        )
-    };
     Ok(format!(
         r#"<?xml version="1.0"?>
 <!-- A texel of vtex. Kept: rates of opacity, normals (SGGX), albedo. Lost: how matter in a block of voxels hides itself
@@ -128,9 +129,9 @@ fn scene(voxels: &Voxels, grids: &[PathBuf]) -> Result<String> {
         cx = centre.x,
         cy = centre.y,
         cz = centre.z,
-        density = grid("sigma_t", density),
-        albedo = grid("albedo", albedo),
-        sggx = grid("S", sggx),
+        density = grid_volume("sigma_t", density, &place),
+        albedo = grid_volume("albedo", albedo, &place),
+        sggx = grid_volume("S", sggx, &place),
         rate = 1.0 / size,
         half = size / 2.0,
         x = corner.x,

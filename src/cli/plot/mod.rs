@@ -33,6 +33,13 @@ pub enum Scale {
     Log,
 }
 
+impl Scale {
+    /// Whether a value has a place along the axis.
+    fn shows(self, value: f64) -> bool {
+        self == Scale::Linear || value > 0.0
+    }
+}
+
 pub struct Axis {
     pub label: String,
     pub scale: Scale,
@@ -109,12 +116,12 @@ fn draw<B: DrawingBackend>(
     area.present().map_err(|e| e.to_string())
 }
 
+/// What a chart is drawn on, and what comes of drawing.
+type Plane<'a, B> = ChartContext<'a, B, Cartesian2d<Along, Along>>;
+type Drawn<B> = std::result::Result<(), DrawingAreaErrorKind<<B as DrawingBackend>::ErrorType>>;
+
 impl Chart {
-    fn draw<B: DrawingBackend>(
-        &self,
-        area: &DrawingArea<B, Shift>,
-        scale: u32,
-    ) -> std::result::Result<(), DrawingAreaErrorKind<B::ErrorType>> {
+    fn draw<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>, scale: u32) -> Drawn<B> {
         let values =
             |of: fn(&(f64, f64)) -> f64| self.series.iter().flat_map(|s| &s.points).map(of).collect::<Vec<_>>();
         let aims: Vec<f64> = self.aims.clone();
@@ -139,29 +146,8 @@ impl Chart {
             .x_label_formatter(&|v| short(*v))
             .y_label_formatter(&|v| short(*v))
             .draw()?;
-        let xs = self
-            .series
-            .iter()
-            .flat_map(|s| &s.points)
-            .map(|p| p.0)
-            .filter(|x| self.x.scale == Scale::Linear || *x > 0.0);
-        let (left, right) = xs.fold((f64::INFINITY, f64::NEG_INFINITY), |(lo, hi), x| (lo.min(x), hi.max(x)));
-        for &aim in &self.aims {
-            chart.draw_series(LineSeries::new([(left, aim), (right, aim)], BLACK.mix(0.4).stroke_width(scale)))?;
-        }
-        for (series, colour) in self.series.iter().zip(COLOURS.iter().cycle()) {
-            let shown = |p: &&(f64, f64)| {
-                (self.x.scale == Scale::Linear || p.0 > 0.0) && (self.y.scale == Scale::Linear || p.1 > 0.0)
-            };
-            let points: Vec<(f64, f64)> = series.points.iter().filter(shown).copied().collect();
-            if series.line {
-                chart.draw_series(LineSeries::new(points.clone(), colour.stroke_width(2 * scale)))?;
-            }
-            chart
-                .draw_series(points.iter().map(|p| Circle::new(*p, 3 * scale as i32, colour.filled())))?
-                .label(&series.name)
-                .legend(move |(x, y)| Circle::new((x + 8 * scale as i32, y), 4 * scale as i32, colour.filled()));
-        }
+        self.draw_aims(&mut chart, scale)?;
+        self.draw_series(&mut chart, scale)?;
         chart
             .configure_series_labels()
             .position(legend)
@@ -171,6 +157,31 @@ impl Chart {
             .border_style(BLACK.mix(0.3))
             .label_font(font(14))
             .draw()
+    }
+
+    /// Lines across, from the first point to the last.
+    fn draw_aims<B: DrawingBackend>(&self, chart: &mut Plane<B>, scale: u32) -> Drawn<B> {
+        let xs = self.series.iter().flat_map(|s| &s.points).map(|p| p.0).filter(|x| self.x.scale.shows(*x));
+        let (left, right) = xs.fold((f64::INFINITY, f64::NEG_INFINITY), |(lo, hi), x| (lo.min(x), hi.max(x)));
+        for &aim in &self.aims {
+            chart.draw_series(LineSeries::new([(left, aim), (right, aim)], BLACK.mix(0.4).stroke_width(scale)))?;
+        }
+        Ok(())
+    }
+
+    fn draw_series<B: DrawingBackend>(&self, chart: &mut Plane<B>, scale: u32) -> Drawn<B> {
+        for (series, colour) in self.series.iter().zip(COLOURS.iter().cycle()) {
+            let shown = |p: &&(f64, f64)| self.x.scale.shows(p.0) && self.y.scale.shows(p.1);
+            let points: Vec<(f64, f64)> = series.points.iter().filter(shown).copied().collect();
+            if series.line {
+                chart.draw_series(LineSeries::new(points.clone(), colour.stroke_width(2 * scale)))?;
+            }
+            chart
+                .draw_series(points.iter().map(|p| Circle::new(*p, 3 * scale as i32, colour.filled())))?
+                .label(&series.name)
+                .legend(move |(x, y)| Circle::new((x + 8 * scale as i32, y), 4 * scale as i32, colour.filled()));
+        }
+        Ok(())
     }
 
     /// The corner with the fewest points, where axes go over `x` and `y`.
@@ -245,7 +256,7 @@ impl Ranged for Along {
 
 /// From where to where an axis goes.
 fn range(scale: Scale, values: &[f64]) -> (f64, f64) {
-    let usable = values.iter().copied().filter(|v| v.is_finite() && (scale == Scale::Linear || *v > 0.0));
+    let usable = values.iter().copied().filter(|v| v.is_finite() && scale.shows(*v));
     let (lo, hi) = usable.fold((f64::INFINITY, f64::NEG_INFINITY), |(lo, hi), v| (lo.min(v), hi.max(v)));
     match scale {
         _ if lo > hi => (0.1, 1.0),
