@@ -396,6 +396,32 @@ fn parts(operation: Operation, of: &[FieldSpec], smooth: f64) -> Result<Box<dyn 
     Ok(Box::new(Csg::new(operation, parts, not_negative("smooth", smooth)?)))
 }
 
+fn rounded_box(min: Point, max: Point, round: f64) -> Result<RoundedBox> {
+    let (min, max) = (point("min", min)?, point("max", max)?);
+    let least = (max - min).min_element();
+    positive("max − min", least)?;
+    let round = not_negative("round", round)?;
+    if round > 0.5 * least {
+        return Err(wrong("round", &format!("{round}: at most half the shortest edge, {}", 0.5 * least)));
+    }
+    Ok(RoundedBox { min, max, round })
+}
+
+/// `level`: potential of the surface; where there is none, the kernel's usual one.
+fn skeleton(elements: &[ElementSpec], kernel: KernelSpec, radius: f64, level: Option<f64>) -> Result<Skeleton> {
+    if elements.is_empty() {
+        return Err(wrong("elements", "a skeleton has a point, a segment or a triangle at least"));
+    }
+    let elements = elements.iter().map(element).collect::<Result<Vec<_>>>()?;
+    let radius = positive("radius", radius)?;
+    let (kernel, usual) = match kernel {
+        KernelSpec::InverseSquare => (Kernel::InverseSquare, 1.0),
+        KernelSpec::Gaussian => (Kernel::Gaussian { radius }, 0.5),
+        KernelSpec::Wyvill => (Kernel::Wyvill { radius }, 0.5),
+    };
+    Ok(Skeleton::new(elements, kernel, positive("level", level.unwrap_or(usual))?))
+}
+
 fn shape(shape: &Shape) -> Result<Box<dyn Field>> {
     Ok(match shape {
         Shape::Sphere { centre, radius } => {
@@ -406,16 +432,7 @@ fn shape(shape: &Shape) -> Result<Box<dyn Field>> {
             let radii = DVec3::new(positive("radii", x)?, positive("radii", y)?, positive("radii", z)?);
             Box::new(Ellipsoid { centre: point("centre", *centre)?, radii })
         }
-        Shape::Box { min, max, round } => {
-            let (min, max) = (point("min", *min)?, point("max", *max)?);
-            let least = (max - min).min_element();
-            positive("max − min", least)?;
-            let round = not_negative("round", *round)?;
-            if round > 0.5 * least {
-                return Err(wrong("round", &format!("{round}: at most half the shortest edge, {}", 0.5 * least)));
-            }
-            Box::new(RoundedBox { min, max, round })
-        }
+        Shape::Box { min, max, round } => Box::new(rounded_box(*min, *max, *round)?),
         Shape::Cylinder { from, to, radius } => {
             let (from, to) = segment(*from, *to)?;
             Box::new(Cone { from, to, radii: [positive("radius", *radius)?; 2] })
@@ -452,19 +469,7 @@ fn shape(shape: &Shape) -> Result<Box<dyn Field>> {
         Shape::Union { of, smooth } => parts(Operation::Union, of, *smooth)?,
         Shape::Intersection { of, smooth } => parts(Operation::Intersection, of, *smooth)?,
         Shape::Difference { of, smooth } => parts(Operation::Difference, of, *smooth)?,
-        Shape::Skeleton { elements, kernel, radius, level } => {
-            if elements.is_empty() {
-                return Err(wrong("elements", "a skeleton has a point, a segment or a triangle at least"));
-            }
-            let elements = elements.iter().map(element).collect::<Result<Vec<_>>>()?;
-            let radius = positive("radius", *radius)?;
-            let (kernel, usual) = match kernel {
-                KernelSpec::InverseSquare => (Kernel::InverseSquare, 1.0),
-                KernelSpec::Gaussian => (Kernel::Gaussian { radius }, 0.5),
-                KernelSpec::Wyvill => (Kernel::Wyvill { radius }, 0.5),
-            };
-            Box::new(Skeleton::new(elements, kernel, positive("level", level.unwrap_or(usual))?))
-        }
+        Shape::Skeleton { elements, kernel, radius, level } => Box::new(skeleton(elements, *kernel, *radius, *level)?),
         Shape::Hypertexture(spec) => Box::new(Hypertexture::new(spec)?),
     })
 }

@@ -252,12 +252,9 @@ impl HypertextureSpec {
     /// # Errors
     /// [`Error::Options`] on numbers out of range, and cyclic axes without bounds.
     pub(super) fn resolve(&self, base: Aabb) -> Result<(Resolved, Noise)> {
-        let window = self.bounds.map(|b| Aabb::new(b.min.into(), b.max.into()));
-        if window.is_some_and(|w| !(w.min.is_finite() && w.max.is_finite() && w.min.cmplt(w.max).all())) {
-            return Err(wrong("bounds", "min is below max along every axis, and both are finite"));
-        }
-        let cut = window.map_or(base, |w| w.intersection(base));
-        let size = if cut.is_empty() { 0.0 } else { cut.size().max_element() };
+        let window = self.window()?;
+        let seen = window.map_or(base, |w| w.intersection(base));
+        let size = if seen.is_empty() { 0.0 } else { seen.size().max_element() };
         if size.is_nan() || size <= 0.0 || !size.is_finite() {
             return Err(wrong(
                 "base",
@@ -278,23 +275,13 @@ impl HypertextureSpec {
         let mut noise = Noise {
             seed: self.seed,
             frequency: DVec3::splat(frequency),
-            origin: cut.min,
+            origin: seen.min,
             period: [0; 3],
             octaves,
             turbulence: self.noise.unwrap_or(d.noise) == NoiseKind::Turbulence,
         };
         let mut bands = DVec3::new(frequency, 0.5 * frequency, 0.0);
-        for axis in (0..3).filter(|&a| self.cyclic[a]) {
-            let Some(window) = window else {
-                return Err(wrong("cyclic", "give bounds: their width is what repeats itself"));
-            };
-            let width = window.size()[axis];
-            let cells = (frequency * width).round().max(1.0);
-            noise.frequency[axis] = cells / width;
-            noise.origin[axis] = window.min[axis];
-            noise.period[axis] = cells as u32;
-            bands[axis] = (bands[axis] * width).round() / width;
-        }
+        self.repeat(window, &mut noise, &mut bands)?;
         let colours = match &self.colours {
             Some(list) => list.iter().map(Colour::linear).collect::<Result<_>>()?,
             None => d.colours.to_vec(),
@@ -314,5 +301,30 @@ impl HypertextureSpec {
             cyclic: self.cyclic,
         };
         Ok((set, noise))
+    }
+
+    /// The box of `bounds`.
+    fn window(&self) -> Result<Option<Aabb>> {
+        let window = self.bounds.map(|b| Aabb::new(b.min.into(), b.max.into()));
+        if window.is_some_and(|w| !(w.min.is_finite() && w.max.is_finite() && w.min.cmplt(w.max).all())) {
+            return Err(wrong("bounds", "min is below max along every axis, and both are finite"));
+        }
+        Ok(window)
+    }
+
+    /// Change noise and bands so that along cyclic axes they repeat themselves with the width of the window.
+    fn repeat(&self, window: Option<Aabb>, noise: &mut Noise, bands: &mut DVec3) -> Result<()> {
+        for axis in (0..3).filter(|&a| self.cyclic[a]) {
+            let Some(window) = window else {
+                return Err(wrong("cyclic", "give bounds: their width is what repeats itself"));
+            };
+            let width = window.size()[axis];
+            let cells = (noise.frequency[axis] * width).round().max(1.0);
+            noise.frequency[axis] = cells / width;
+            noise.origin[axis] = window.min[axis];
+            noise.period[axis] = cells as u32;
+            bands[axis] = (bands[axis] * width).round() / width;
+        }
+        Ok(())
     }
 }

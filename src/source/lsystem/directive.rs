@@ -18,54 +18,16 @@ const MAX_CORNERS: usize = 1 << 16;
 /// Read the directive `word`, that begins at `hash`; the cursor is after the word.
 pub fn read(word: &str, hash: Char, cursor: &mut Cursor, grammar: &mut Grammar) -> Parsed<()> {
     cursor.skip_space();
-    let place = cursor.place();
     match word {
-        "define" => {
-            let name = cursor.word(|c| expr_parser::begins_name(c) || c.is_numeric());
-            if !name.starts_with(expr_parser::begins_name) {
-                return Err(place.fault("a #define begins with a name"));
-            }
-            cursor.take('=');
-            let own = value(cursor, grammar)?;
-            let value = grammar.given.get(&name).copied().unwrap_or(own);
-            grammar.constants.insert(name, value);
-        }
+        "define" => define(cursor, grammar)?,
         "iterations" => grammar.iterations = Some(whole(cursor, grammar)?),
         "seed" => grammar.seed = whole(cursor, grammar)?,
         "angle" => grammar.angle = value(cursor, grammar)?,
         "step" => grammar.step = value(cursor, grammar)?,
-        "width" => {
-            let list = values(cursor, grammar)?;
-            match list[..] {
-                [w] if w >= 0.0 => grammar.width = Some(w),
-                [w, t] if w >= 0.0 && t >= 0.0 => (grammar.width, grammar.taper) = (Some(w), t),
-                _ => {
-                    return Err(
-                        place.fault("#width is a width and, after a comma, what ! multiplies it by; not negative")
-                    );
-                }
-            }
-        }
-        "tropism" => {
-            let [x, y, z, e] = values(cursor, grammar)?[..] else {
-                return Err(place.fault("#tropism is a vector and an elasticity: x, y, z, e"));
-            };
-            grammar.tropism = e * DVec3::new(x, y, z);
-        }
-        "unit" => {
-            grammar.metres_per_unit = value(cursor, grammar)?;
-            if grammar.metres_per_unit <= 0.0 {
-                return Err(place.fault("#unit is how many metres a unit is, above 0"));
-            }
-        }
-        "colour" | "color" => {
-            let index = value(cursor, grammar)?;
-            if index != index.floor() || index.abs() > 1e9 {
-                return Err(place.fault("the index of a #colour is a whole number"));
-            }
-            cursor.take(',');
-            grammar.colours.insert(index as i64, colour(cursor, grammar)?);
-        }
+        "width" => width(cursor, grammar)?,
+        "tropism" => tropism(cursor, grammar)?,
+        "unit" => unit(cursor, grammar)?,
+        "colour" | "color" => indexed_colour(cursor, grammar)?,
         "surface" => surface(cursor, grammar)?,
         "material" => material(cursor, grammar)?,
         "draw" => grammar.actions.extend(symbols(cursor)?.into_iter().map(|s| (s, Action::DRAW))),
@@ -80,6 +42,61 @@ pub fn read(word: &str, hash: Char, cursor: &mut Cursor, grammar: &mut Grammar) 
         },
         _ => return Err(hash.fault(format!("#{word} is not known; there are {KNOWN}"))),
     }
+    Ok(())
+}
+
+/// A constant; a value that the caller gives it goes before the file's.
+fn define(cursor: &mut Cursor, grammar: &mut Grammar) -> Parsed<()> {
+    let place = cursor.place();
+    let name = cursor.word(|c| expr_parser::begins_name(c) || c.is_numeric());
+    if !name.starts_with(expr_parser::begins_name) {
+        return Err(place.fault("a #define begins with a name"));
+    }
+    cursor.take('=');
+    let own = value(cursor, grammar)?;
+    let value = grammar.given.get(&name).copied().unwrap_or(own);
+    grammar.constants.insert(name, value);
+    Ok(())
+}
+
+fn width(cursor: &mut Cursor, grammar: &mut Grammar) -> Parsed<()> {
+    let place = cursor.place();
+    match values(cursor, grammar)?[..] {
+        [w] if w >= 0.0 => grammar.width = Some(w),
+        [w, t] if w >= 0.0 && t >= 0.0 => (grammar.width, grammar.taper) = (Some(w), t),
+        _ => {
+            return Err(place.fault("#width is a width and, after a comma, what ! multiplies it by; not negative"));
+        }
+    }
+    Ok(())
+}
+
+fn tropism(cursor: &mut Cursor, grammar: &mut Grammar) -> Parsed<()> {
+    let place = cursor.place();
+    let [x, y, z, e] = values(cursor, grammar)?[..] else {
+        return Err(place.fault("#tropism is a vector and an elasticity: x, y, z, e"));
+    };
+    grammar.tropism = e * DVec3::new(x, y, z);
+    Ok(())
+}
+
+fn unit(cursor: &mut Cursor, grammar: &mut Grammar) -> Parsed<()> {
+    let place = cursor.place();
+    grammar.metres_per_unit = value(cursor, grammar)?;
+    if grammar.metres_per_unit <= 0.0 {
+        return Err(place.fault("#unit is how many metres a unit is, above 0"));
+    }
+    Ok(())
+}
+
+fn indexed_colour(cursor: &mut Cursor, grammar: &mut Grammar) -> Parsed<()> {
+    let place = cursor.place();
+    let index = value(cursor, grammar)?;
+    if index != index.floor() || index.abs() > 1e9 {
+        return Err(place.fault("the index of a #colour is a whole number"));
+    }
+    cursor.take(',');
+    grammar.colours.insert(index as i64, colour(cursor, grammar)?);
     Ok(())
 }
 

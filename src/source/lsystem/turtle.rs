@@ -85,54 +85,48 @@ impl<'g> Turtle<'g> {
     /// [`Error::Limit`] where the drawing leaves all bounds.
     pub fn symbol(&mut self, symbol: char, arguments: &[f64], budget: &Budget) -> Result<()> {
         let action = self.grammar.actions.get(&symbol).copied();
-        if let Some(depth) = self.cut {
-            match action {
-                Some(Action::Push) => self.cut = Some(depth + 1),
-                Some(Action::Pop) if depth == 0 => self.cut = None,
-                Some(Action::Pop) => self.cut = Some(depth - 1),
-                _ => {}
-            }
-            if self.cut.is_some() {
-                return Ok(());
-            }
+        if self.is_cut(action) {
+            return Ok(());
         }
         if std::mem::take(&mut self.surface) {
             self.place(symbol, arguments)?;
-            return self.check(budget);
+        } else if let Some(action) = action {
+            self.act(action, symbol, arguments)?;
+        } else {
+            return Ok(());
         }
-        let Some(action) = action else { return Ok(()) };
+        let opened = match action {
+            Some(Action::Push) => self.stack.len() * size_of::<State>(),
+            Some(Action::BeginPolygon) => self.open.len() * size_of::<Vec<DVec3>>(),
+            _ => 0,
+        };
+        budget.holds(self.plant.bytes + opened)
+    }
+
+    /// Whether a symbol of this action lies in what was cut off of a branch; the bracket that ends the branch does not.
+    fn is_cut(&mut self, action: Option<Action>) -> bool {
+        let Some(depth) = self.cut else { return false };
+        self.cut = match action {
+            Some(Action::Push) => Some(depth + 1),
+            Some(Action::Pop) => depth.checked_sub(1),
+            _ => Some(depth),
+        };
+        self.cut.is_some()
+    }
+
+    fn act(&mut self, action: Action, symbol: char, arguments: &[f64]) -> Result<()> {
         let s = &mut self.state;
         match action {
             Action::Forward(forward) => self.forward(symbol, arguments, forward)?,
             Action::Turn(turn) => self.turned(turn, arguments),
             Action::Level => level(&mut s.frame),
             Action::Mirror => s.turning = -s.turning,
-            Action::Push => {
-                let limb = std::mem::take(&mut s.limb);
-                let branch = s.clone();
-                self.stack.push(State { limb, ..std::mem::replace(s, branch) });
-                return budget.holds(self.plant.bytes + self.stack.len() * size_of::<State>());
-            }
-            Action::Pop => match self.stack.pop() {
-                Some(state) => {
-                    self.plant.end_limb(&mut self.state.limb);
-                    self.state = state;
-                }
-                None => self.plant.warnings.add("a ] that closes nothing is left out"),
-            },
+            Action::Push => self.push(),
+            Action::Pop => self.pop(),
             Action::Cut => self.cut = Some(0),
-            Action::BeginPolygon => {
-                self.open.push(Vec::new());
-                return budget.holds(self.plant.bytes + self.open.len() * size_of::<Vec<DVec3>>());
-            }
-            Action::Corner => self.plant.corner(&mut self.open, self.state.position)?,
-            Action::EndPolygon => match self.open.pop() {
-                Some(polygon) => {
-                    let style = self.style();
-                    self.plant.polygon(&mut self.triangulator, polygon, style);
-                }
-                None => self.plant.warnings.add("a } that closes nothing is left out"),
-            },
+            Action::BeginPolygon => self.open.push(Vec::new()),
+            Action::Corner => self.plant.corner(&mut self.open, s.position)?,
+            Action::EndPolygon => self.end_polygon(),
             Action::Width(change) => self.widen(change, arguments),
             Action::Colour(change) => self.tint(change, arguments),
             Action::Length(ratio) => self.state.scale = self.changed(ratio, self.state.scale, arguments),
@@ -160,7 +154,32 @@ impl<'g> Turtle<'g> {
                 self.place(symbol, &[size / self.state.scale])?;
             }
         }
-        self.check(budget)
+        Ok(())
+    }
+
+    /// Begin a branch; the limb goes on where the branch has ended.
+    fn push(&mut self) {
+        let limb = std::mem::take(&mut self.state.limb);
+        let branch = self.state.clone();
+        self.stack.push(State { limb, ..std::mem::replace(&mut self.state, branch) });
+    }
+
+    fn pop(&mut self) {
+        let Some(state) = self.stack.pop() else {
+            self.plant.warnings.add("a ] that closes nothing is left out");
+            return;
+        };
+        self.plant.end_limb(&mut self.state.limb);
+        self.state = state;
+    }
+
+    fn end_polygon(&mut self) {
+        let Some(polygon) = self.open.pop() else {
+            self.plant.warnings.add("a } that closes nothing is left out");
+            return;
+        };
+        let style = self.style();
+        self.plant.polygon(&mut self.triangulator, polygon, style);
     }
 
     /// All that was drawn.
@@ -172,10 +191,6 @@ impl<'g> Turtle<'g> {
         let warnings = &mut self.plant.warnings;
         warnings.add_many("a { that is never closed is left out", self.open.len() as u64);
         self.plant
-    }
-
-    fn check(&self, budget: &Budget) -> Result<()> {
-        budget.holds(self.plant.bytes)
     }
 
     /// Argument `i`, or `default` where there is none.

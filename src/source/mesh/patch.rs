@@ -88,11 +88,24 @@ fn weld(positions: &[[f32; 3]]) -> Vec<u32> {
 
 /// Roles of a part's triangles, and its flat patches. `single_sided`: whether the part's material shows its front alone.
 pub fn analyse(part: &Part, single_sided: bool) -> Patches {
-    let count = part.triangles.len();
+    let sides = sides(part);
+    let vectors: Vec<DVec3> = corners(part).map(|[a, b, c]| 0.5 * (b - a).cross(c - a)).collect();
+    Patches { faces: faces(part, &sides, &vectors, single_sided), patches: flat_patches(part, &sides, &vectors) }
+}
+
+/// Corners of each triangle.
+fn corners(part: &Part) -> impl Iterator<Item = [DVec3; 3]> {
+    part.triangles.iter().map(|t| t.map(|i| corner(part, i)))
+}
+
+fn corner(part: &Part, i: u32) -> DVec3 {
+    DVec3::from(part.positions[i as usize].map(f64::from))
+}
+
+/// The sides of all triangles, those between the same ends in a row.
+fn sides(part: &Part) -> Vec<Side> {
     let ids = weld(&part.positions);
-    let at = |i: u32| DVec3::from(part.positions[i as usize].map(f64::from));
-    let corners = |t: &[u32; 3]| t.map(at);
-    let mut sides = Vec::with_capacity(3 * count);
+    let mut sides = Vec::with_capacity(3 * part.triangles.len());
     for (n, t) in part.triangles.iter().enumerate() {
         let t = t.map(|i| ids[i as usize]);
         for k in 0..3 {
@@ -103,79 +116,100 @@ pub fn analyse(part: &Part, single_sided: bool) -> Patches {
         }
     }
     sides.sort_unstable();
-    let vectors: Vec<DVec3> = part
-        .triangles
-        .iter()
-        .map(|t| {
-            let [a, b, c] = corners(t);
-            0.5 * (b - a).cross(c - a)
-        })
-        .collect();
-    let mut whole = Sets::new(count);
-    let mut open = Vec::new();
-    let mut flat = Sets::new(count);
-    let mut area: Vec<(DVec3, f64, f64)> = vectors
-        .iter()
-        .zip(&part.triangles)
-        .map(|(v, t)| {
-            let [a, b, c] = corners(t);
-            (*v, v.length(), (b - a).length() + (c - b).length() + (a - c).length())
-        })
-        .collect();
-    for group in sides.chunk_by(|a, b| a.ends == b.ends) {
+    sides
+}
+
+fn between_same_ends(sides: &[Side]) -> impl Iterator<Item = &[Side]> {
+    sides.chunk_by(|a, b| a.ends == b.ends)
+}
+
+/// What triangles that are connected by their sides have together.
+#[derive(Clone, Copy, Default)]
+struct Component {
+    is_open: bool,
+    /// Six times the volume within, if it is closed; below 0 if it is inside out.
+    volume: f64,
+    /// Sum of the triangles' area vectors, and of their areas.
+    vector: DVec3,
+    area: f64,
+}
+
+impl Component {
+    fn face(&self, single_sided: bool) -> Face {
+        match self.is_open {
+            false if self.volume > 0.0 => Face::Outward,
+            false if self.volume < 0.0 => Face::Inward,
+            _ if single_sided && self.vector.length() > FRONT * self.area => Face::Front,
+            _ => Face::Sheet,
+        }
+    }
+}
+
+/// The role of each triangle, by what it is connected to; `vectors`: the triangles' area vectors.
+fn faces(part: &Part, sides: &[Side], vectors: &[DVec3], single_sided: bool) -> Vec<Face> {
+    let count = part.triangles.len();
+    let mut connected = Sets::new(count);
+    for group in between_same_ends(sides) {
         for pair in group.windows(2) {
-            whole.unite(pair[0].triangle, pair[1].triangle);
+            connected.unite(pair[0].triangle, pair[1].triangle);
         }
+    }
+    let mut components = vec![Component::default(); count];
+    for group in between_same_ends(sides) {
+        // Through a side of what closes, triangles run as often one way as the other.
         if 2 * group.iter().filter(|s| s.along).count() != group.len() {
-            open.push(group[0].triangle);
+            components[connected.find(group[0].triangle) as usize].is_open = true;
         }
+    }
+    for (n, ([a, b, c], vector)) in corners(part).zip(vectors).enumerate() {
+        let component = &mut components[connected.find(n as u32) as usize];
+        component.volume += a.dot(b.cross(c));
+        component.vector += vector;
+        component.area += vector.length();
+    }
+    (0..count as u32).map(|n| components[connected.find(n) as usize].face(single_sided)).collect()
+}
+
+/// Triangles that lie in a plane, nearly, and are seen as one.
+#[derive(Clone, Copy)]
+struct FlatPatch {
+    vector: DVec3,
+    area: f64,
+    perimeter: f64,
+}
+
+/// Width (4 · area / perimeter) and area of each flat patch; `vectors`: the triangles' area vectors.
+fn flat_patches(part: &Part, sides: &[Side], vectors: &[DVec3]) -> Vec<(f64, f64)> {
+    let mut united = Sets::new(part.triangles.len());
+    let triangle = |(&vector, [a, b, c]): (&DVec3, [DVec3; 3])| FlatPatch {
+        vector,
+        area: vector.length(),
+        perimeter: (b - a).length() + (c - b).length() + (a - c).length(),
+    };
+    let mut patches: Vec<FlatPatch> = vectors.iter().zip(corners(part)).map(triangle).collect();
+    for group in between_same_ends(sides) {
         let [a, b] = group else { continue };
-        let (i, j) = (flat.find(a.triangle), flat.find(b.triangle));
-        let length = (at(a.ends[1]) - at(a.ends[0])).length();
+        let (i, j) = (united.find(a.triangle), united.find(b.triangle));
+        let length = (corner(part, a.ends[1]) - corner(part, a.ends[0])).length();
         if i == j {
-            area[i as usize].2 -= 2.0 * length;
+            patches[i as usize].perimeter -= 2.0 * length;
             continue;
         }
-        let ((vi, si, pi), (vj, sj, pj)) = (area[i as usize], area[j as usize]);
-        let vj = if a.along == b.along { -vj } else { vj };
-        if (vi + vj).length() >= FLAT * (si + sj) {
-            flat.unite(i, j);
-            area[i.min(j) as usize] = (vi + vj, si + sj, pi + pj - 2.0 * length);
+        let (p, q) = (patches[i as usize], patches[j as usize]);
+        let vector = p.vector + if a.along == b.along { -q.vector } else { q.vector };
+        let area = p.area + q.area;
+        if vector.length() >= FLAT * area {
+            united.unite(i, j);
+            let perimeter = p.perimeter + q.perimeter - 2.0 * length;
+            patches[i.min(j) as usize] = FlatPatch { vector, area, perimeter };
         }
     }
-    let mut closed = vec![true; count];
-    for t in open {
-        closed[whole.find(t) as usize] = false;
-    }
-    let mut volume = vec![0.0; count];
-    for (n, t) in part.triangles.iter().enumerate() {
-        let [a, b, c] = corners(t);
-        volume[whole.find(n as u32) as usize] += a.dot(b.cross(c));
-    }
-    let mut spread = vec![(DVec3::ZERO, 0.0); if single_sided { count } else { 0 }];
-    for (n, vector) in vectors.iter().enumerate().take(spread.len()) {
-        let (sum, area) = &mut spread[whole.find(n as u32) as usize];
-        (*sum, *area) = (*sum + vector, *area + vector.length());
-    }
-    let faces = (0..count as u32)
-        .map(|n| {
-            let root = whole.find(n) as usize;
-            let has_front = spread.get(root).is_some_and(|(sum, area)| sum.length() > FRONT * area);
-            match (closed[root], volume[root]) {
-                (true, v) if v > 0.0 => Face::Outward,
-                (true, v) if v < 0.0 => Face::Inward,
-                _ if has_front => Face::Front,
-                _ => Face::Sheet,
-            }
-        })
-        .collect();
-    let patches = (0..count as u32)
-        .filter(|&n| flat.find(n) == n)
-        .map(|n| area[n as usize])
-        .filter(|&(_, s, p)| s > 0.0 && p > 0.0)
-        .map(|(_, s, p)| (4.0 * s / p, s))
-        .collect();
-    Patches { faces, patches }
+    (0..patches.len() as u32)
+        .filter(|&n| united.find(n) == n)
+        .map(|n| patches[n as usize])
+        .filter(|p| p.area > 0.0 && p.perimeter > 0.0)
+        .map(|p| (4.0 * p.area / p.perimeter, p.area))
+        .collect()
 }
 
 /// The size at which half of the weight is reached; 0 for none.

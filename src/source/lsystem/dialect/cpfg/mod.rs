@@ -259,18 +259,22 @@ impl Reader {
             }
             "endlsystem" => return Ok(true),
             "define:" => self.statements(Scope::File).arrays(&mut cursor)?,
-            _ => {
-                let block = self.statements(Scope::File).block(&mut cursor, 0)?;
-                let blocks = &mut self.grammar.blocks;
-                *match word {
-                    "start:" => &mut blocks.start,
-                    "start each:" => &mut blocks.start_each,
-                    "end each:" => &mut blocks.end_each,
-                    _ => &mut blocks.end,
-                } = block;
-            }
+            _ => self.block(word, &mut cursor)?,
         }
         if cursor.at_end() { Ok(false) } else { Err(cursor.unexpected("the end of the line")) }
+    }
+
+    /// A block of statements, that runs when `word` says.
+    fn block(&mut self, word: &str, cursor: &mut Cursor) -> Parsed<()> {
+        let block = self.statements(Scope::File).block(cursor, 0)?;
+        let blocks = &mut self.grammar.blocks;
+        *match word {
+            "start:" => &mut blocks.start,
+            "start each:" => &mut blocks.start_each,
+            "end each:" => &mut blocks.end_each,
+            _ => &mut blocks.end,
+        } = block;
+        Ok(())
     }
 
     fn statements<'s>(&'s mut self, scope: Scope<'s>) -> Statements<'s> {

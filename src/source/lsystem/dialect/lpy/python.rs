@@ -111,12 +111,14 @@ pub fn is_statement(cursor: &Cursor) -> bool {
         })
 }
 
+/// A condition, which `else` has not, and a block.
+type Branch = (Option<Vec<Char>>, Vec<Node>);
+
 /// A part of a block.
 #[derive(Debug, Clone)]
 enum Node {
     Set(String, Option<Binary>, Vec<Char>, Char),
-    /// Conditions and blocks; `else` has none.
-    If(Vec<(Option<Vec<Char>>, Vec<Node>)>, Char),
+    If(Vec<Branch>, Char),
     /// `true`: the rule ends with it.
     Produce(Vec<Char>, bool, Char),
 }
@@ -165,20 +167,12 @@ fn block(lines: &[Line], depth: usize) -> Parsed<Vec<Node>> {
         let inner = &lines[i + 1..i + 1 + below];
         i += 1 + below;
         let mut cursor = Cursor::new(&line.chars, at);
-        let branch = ["if", "elif", "else"].into_iter().find(|word| cursor.begins(word));
-        if let Some(word) = branch {
-            cursor.take_text(word);
-            let (condition, rest) = suite(&mut cursor, word == "else")?;
-            let rest = Line { indent: indent + 1, chars: rest };
-            let body = if rest.chars.is_empty() { inner } else { std::slice::from_ref(&rest) };
-            if body.is_empty() || (!rest.chars.is_empty() && !inner.is_empty()) {
-                return Err(at.fault(format!("{word} has to be followed by a block")));
-            }
-            let nodes = block(body, depth + 1)?;
+        if let Some(word) = ["if", "elif", "else"].into_iter().find(|word| cursor.begins(word)) {
+            let branch = branch(word, &mut cursor, inner, depth)?;
             match (word, out.last_mut()) {
-                ("if", _) => out.push(Node::If(vec![(condition, nodes)], at)),
+                ("if", _) => out.push(Node::If(vec![branch], at)),
                 (_, Some(Node::If(branches, _))) if branches.last().is_some_and(|b| b.0.is_some()) => {
-                    branches.push((condition, nodes));
+                    branches.push(branch);
                 }
                 _ => return Err(at.fault(format!("{word} without an if"))),
             }
@@ -191,32 +185,49 @@ fn block(lines: &[Line], depth: usize) -> Parsed<Vec<Node>> {
                 c.fault("an indented line where none belongs")
             });
         }
-        // Several statements in a line are apart by a semicolon, which is a symbol in what is produced.
-        loop {
-            cursor.skip_space();
-            let at = cursor.place();
-            if let Some(word) = ["produce", "nproduce"].into_iter().find(|word| cursor.begins(word)) {
-                cursor.take_text(word);
-                out.push(Node::Produce(cursor.rest().to_vec(), word == "produce", at));
-                break;
-            }
-            if cursor.take_text("pass") {
-            } else if let Some((name, op)) = target(&mut cursor) {
-                let rest = cursor.rest();
-                let end = rest.iter().position(|c| c.c == ';').unwrap_or(rest.len());
-                out.push(Node::Set(name, op, rest[..end].to_vec(), at));
-                (0..end).for_each(|_| {
-                    cursor.next();
-                });
-            } else {
-                return Err(refused(&cursor));
-            }
-            if cursor.at_end() || (cursor.take(';') && cursor.at_end()) {
-                break;
-            }
-        }
+        statements(&mut cursor, &mut out)?;
     }
     Ok(out)
+}
+
+/// The condition and the block of a branch that `word` begins: what stands after its colon, or the lines `inner` below it.
+fn branch(word: &str, cursor: &mut Cursor, inner: &[Line], depth: usize) -> Parsed<Branch> {
+    let at = cursor.place();
+    cursor.take_text(word);
+    let (condition, rest) = suite(cursor, word == "else")?;
+    let rest = Line { indent: 0, chars: rest };
+    let body = if rest.chars.is_empty() { inner } else { std::slice::from_ref(&rest) };
+    if body.is_empty() || (!rest.chars.is_empty() && !inner.is_empty()) {
+        return Err(at.fault(format!("{word} has to be followed by a block")));
+    }
+    Ok((condition, block(body, depth + 1)?))
+}
+
+/// The statements of a line, apart by semicolons; in what is produced these are symbols.
+fn statements(cursor: &mut Cursor, out: &mut Vec<Node>) -> Parsed<()> {
+    loop {
+        cursor.skip_space();
+        let at = cursor.place();
+        if let Some(word) = ["produce", "nproduce"].into_iter().find(|word| cursor.begins(word)) {
+            cursor.take_text(word);
+            out.push(Node::Produce(cursor.rest().to_vec(), word == "produce", at));
+            return Ok(());
+        }
+        if cursor.take_text("pass") {
+        } else if let Some((name, op)) = target(cursor) {
+            let rest = cursor.rest();
+            let end = rest.iter().position(|c| c.c == ';').unwrap_or(rest.len());
+            out.push(Node::Set(name, op, rest[..end].to_vec(), at));
+            (0..end).for_each(|_| {
+                cursor.next();
+            });
+        } else {
+            return Err(refused(cursor));
+        }
+        if cursor.at_end() || (cursor.take(';') && cursor.at_end()) {
+            return Ok(());
+        }
+    }
 }
 
 fn refused(cursor: &Cursor) -> crate::source::lsystem::lexer::Fault {
