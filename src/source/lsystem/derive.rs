@@ -65,8 +65,7 @@ impl<'g> Chooser<'g> {
         budget: &mut Budget,
         bound: &mut Vec<f64>,
     ) -> Result<Option<&'r Production>> {
-        let &Occurrence { symbol, arguments, place } = occurrence;
-        let list = rules.of(symbol);
+        let list = rules.of(occurrence.symbol);
         self.matching.clear();
         let mut chosen = None;
         for (i, production) in list.iter().enumerate() {
@@ -76,7 +75,7 @@ impl<'g> Chooser<'g> {
             {
                 break;
             }
-            if production.number < from || !self.matches(production, arguments, place, budget, bound)? {
+            if production.number < from || !self.matches(production, occurrence, budget, bound)? {
                 continue;
             }
             match &production.weight {
@@ -98,7 +97,7 @@ impl<'g> Chooser<'g> {
             && let (Some(production), Some((.., own))) = (list.get(i), self.matching.iter_mut().find(|m| m.0 == i))
         {
             if production.before.is_empty() {
-                self.bind(production, arguments, place, budget, bound)?;
+                self.bind(production, occurrence, budget, bound)?;
             } else {
                 std::mem::swap(bound, own);
             }
@@ -127,12 +126,11 @@ impl<'g> Chooser<'g> {
     fn matches(
         &mut self,
         production: &Production,
-        arguments: &[f64],
-        place: Place,
+        occurrence: &Occurrence,
         budget: &mut Budget,
         bound: &mut Vec<f64>,
     ) -> Result<bool> {
-        Ok(self.bind(production, arguments, place, budget, bound)?
+        Ok(self.bind(production, occurrence, budget, bound)?
             && run(&production.before, bound, &mut self.env, budget)?
             && production.condition.as_ref().is_none_or(|c| c.value(bound, &mut self.env) != 0.0))
     }
@@ -142,11 +140,11 @@ impl<'g> Chooser<'g> {
     fn bind(
         &self,
         production: &Production,
-        arguments: &[f64],
-        place: Place,
+        occurrence: &Occurrence,
         budget: &mut Budget,
         bound: &mut Vec<f64>,
     ) -> Result<bool> {
+        let &Occurrence { arguments, place, .. } = occurrence;
         bound.clear();
         if production.predecessor.count != arguments.len() {
             return Ok(false);
@@ -231,20 +229,20 @@ impl<'g> Deriver<'g> {
         let mut at = 0;
         while at < text.len() {
             budget.spend(1)?;
-            let found = text.module(at);
-            if grammar.actions.get(&found.0) == Some(&Action::Cut) {
+            let (symbol, arguments) = text.module(at);
+            if grammar.actions.get(&symbol) == Some(&Action::Cut) {
                 at = text.end_of_branch(at);
                 continue;
             }
             let place = Some((text, at));
+            let found = Occurrence { symbol, arguments, place };
             let mut each = |symbol: char, arguments: &[f64], budget: &mut Budget| {
                 next.push(symbol, arguments);
                 budget.holds(text.bytes() + next.bytes())
             };
-            let occurrence = Occurrence { symbol: found.0, arguments: found.1, place };
-            match self.chooser.choose(&grammar.rules, 0, &occurrence, budget, &mut self.bound)? {
+            match self.chooser.choose(&grammar.rules, 0, &found, budget, &mut self.bound)? {
                 Some(production) => self.open(production, self.after_step(0), budget)?,
-                None => self.advance(found, self.after_step(0), place, budget, &mut each)?,
+                None => self.advance(&found, self.after_step(0), budget, &mut each)?,
             }
             self.run(place, budget, &mut each)?;
             at += 1;
@@ -263,14 +261,7 @@ impl<'g> Deriver<'g> {
     }
 
     /// Give the symbol, or open a frame of what it becomes, once `stage` is done.
-    fn advance(
-        &mut self,
-        found: (char, &[f64]),
-        mut stage: Stage,
-        place: Place,
-        budget: &mut Budget,
-        each: &mut Each,
-    ) -> Result<()> {
+    fn advance(&mut self, found: &Occurrence, mut stage: Stage, budget: &mut Budget, each: &mut Each) -> Result<()> {
         let grammar = self.grammar;
         loop {
             let (rules, from, next) = match stage {
@@ -281,19 +272,18 @@ impl<'g> Deriver<'g> {
                     stage = Stage::Steps(steps);
                     continue;
                 }
-                Stage::Steps(0) if self.one_step => return each(found.0, found.1, budget),
+                Stage::Steps(0) if self.one_step => return each(found.symbol, found.arguments, budget),
                 Stage::Steps(0) => {
                     stage = Stage::Homomorphism { from: 0, depth: 0 };
                     continue;
                 }
                 Stage::Steps(left) => (&grammar.rules, 0, self.after_step(left - 1)),
                 Stage::Homomorphism { from, depth } => match grammar.recursion {
-                    Recursion::Depth(most) if depth >= most => return each(found.0, found.1, budget),
+                    Recursion::Depth(most) if depth >= most => return each(found.symbol, found.arguments, budget),
                     _ => (&grammar.homomorphism, from, Stage::Homomorphism { from, depth: depth + 1 }),
                 },
             };
-            let occurrence = Occurrence { symbol: found.0, arguments: found.1, place };
-            if let Some(production) = self.chooser.choose(rules, from, &occurrence, budget, &mut self.bound)? {
+            if let Some(production) = self.chooser.choose(rules, from, found, budget, &mut self.bound)? {
                 let next = match (next, grammar.recursion) {
                     (Stage::Homomorphism { depth, .. }, Recursion::Below) => {
                         Stage::Homomorphism { from: production.number + 1, depth }
@@ -305,14 +295,16 @@ impl<'g> Deriver<'g> {
             stage = match stage {
                 Stage::Decomposition { steps, .. } => Stage::Steps(steps),
                 // A symbol that nothing matches is not matched later, unless by lot.
-                Stage::Steps(_) if !grammar.rules.random(found.0) && grammar.decomposition.of(found.0).is_empty() => {
+                Stage::Steps(_)
+                    if !grammar.rules.random(found.symbol) && grammar.decomposition.of(found.symbol).is_empty() =>
+                {
                     Stage::Steps(0)
                 }
                 Stage::Steps(_) => {
                     budget.spend(1)?;
                     next
                 }
-                Stage::Homomorphism { .. } => return each(found.0, found.1, budget),
+                Stage::Homomorphism { .. } => return each(found.symbol, found.arguments, budget),
             };
         }
     }
@@ -345,7 +337,8 @@ impl<'g> Deriver<'g> {
                 self.parameters.truncate(frame.parameters);
                 self.frames.pop();
             }
-            self.advance((module.symbol, &arguments), stage, place, budget, each)?;
+            let found = Occurrence { symbol: module.symbol, arguments: &arguments, place };
+            self.advance(&found, stage, budget, each)?;
         }
         Ok(())
     }
