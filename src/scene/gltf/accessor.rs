@@ -128,7 +128,8 @@ impl Document {
         let mut out = match accessor.buffer_view {
             Some(view) => {
                 let offset = accessor.byte_offset.unwrap_or_default().0;
-                let elements = self.elements(view.value(), offset, layout.count, layout.size, true, at)?;
+                let run = Run { view: view.value(), offset, count: layout.count, size: layout.size };
+                let elements = self.elements(run, true, at)?;
                 self.charge(bytes, at)?;
                 elements.map(&element).collect()
             }
@@ -146,9 +147,9 @@ impl Document {
                 return Err(self.error(at, "has sparse indices of an unknown type"));
             };
             let (view, offset) = (sparse.indices.buffer_view.value(), sparse.indices.byte_offset.0);
-            let indices = self.elements(view, offset, count, kind.0.size(), false, at)?;
+            let indices = self.elements(Run { view, offset, count, size: kind.0.size() }, false, at)?;
             let (view, offset) = (sparse.values.buffer_view.value(), sparse.values.byte_offset.0);
-            let values = self.elements(view, offset, count, layout.size, false, at)?;
+            let values = self.elements(Run { view, offset, count, size: layout.size }, false, at)?;
             for (i, value) in indices.zip(values) {
                 let i = unsigned_le(i);
                 let slot = out.get_mut(i as usize);
@@ -160,16 +161,9 @@ impl Document {
         Ok(out)
     }
 
-    /// `count` slices of `size` bytes of a view. If `strided`, they are as far apart as the view's stride. All are checked to be in range.
-    fn elements(
-        &self,
-        view: usize,
-        offset: u64,
-        count: usize,
-        size: usize,
-        strided: bool,
-        at: &str,
-    ) -> Result<impl Iterator<Item = &[u8]>> {
+    /// The bytes of each element. If `strided`, they are as far apart as the view's stride. All are checked to be in range.
+    fn elements(&self, run: Run, strided: bool, at: &str) -> Result<impl Iterator<Item = &[u8]>> {
+        let Run { view, offset, count, size } = run;
         let view = self.view(view)?;
         let stride = view.stride.filter(|_| strided).unwrap_or(size);
         if stride < size {
@@ -187,6 +181,14 @@ impl Document {
         // The last element may be shorter than the stride, never than `size`.
         Ok(bytes.chunks(stride.max(1)).map(move |chunk| &chunk[..size]))
     }
+}
+
+/// Elements in a row: `count` of `size` bytes, from byte `offset` of a view on.
+struct Run {
+    view: usize,
+    offset: u64,
+    count: usize,
+    size: usize,
 }
 
 /// Little-endian, up to four bytes.

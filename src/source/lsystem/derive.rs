@@ -203,7 +203,8 @@ pub fn derive(grammar: &Grammar, iterations: u64, seed: u64, budget: &mut Budget
     run(&grammar.blocks.end, &mut [], &mut deriver.chooser.env, budget)?;
     for i in 0..text.len() {
         budget.spend(1)?;
-        deriver.advance(text.module(i), Stage::Steps(0), None, budget, each)?;
+        let (symbol, arguments) = text.module(i);
+        deriver.advance(&Occurrence { symbol, arguments, place: None }, Stage::Steps(0), budget, each)?;
         deriver.run(None, budget, each)?;
     }
     Ok(())
