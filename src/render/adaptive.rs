@@ -1,19 +1,19 @@
-//! How many lanes each pixel of a picture takes: all the same number, and more along edges of the triangles of texels' sources,
-//! which are not prefiltered.
+//! How many lanes each pixel of a picture takes: one or two, and where its neighbours differ all that are asked for, or more along
+//! edges of the triangles of texels' sources, which are not prefiltered.
 //!
 //! Based on: T. Whitted, *An Improved Illumination Model for Shaded Display*, CACM 1980 (more rays where pixels differ);
 //! D. Mitchell, *Generating Antialiased Images at Low Sampling Densities*, SIGGRAPH 1987 (contrast as the eye sees it);
 //! D. Kirk, J. Arvo, *Unbiased Sampling Techniques for Image Synthesis*, SIGGRAPH 1991 (samples that decide how many are taken must
 //! not be counted).
 //!
-//! A picture is made in two passes. The first gives every pixel its lanes. The second adds some to pixels that see triangles and
-//! whose neighbours differ from each other. The pixel's own value has no say in it: a bright spot that is smaller than a pixel
-//! would get more lanes exactly where the first one hits it, which makes the picture too dark.
+//! A picture is made in two passes. The first gives every pixel one or two lanes. The second adds some to pixels whose neighbours
+//! differ from each other. The pixel's own value has no say in it: a bright spot that is smaller than a pixel would get more lanes
+//! exactly where the first one hits it, which makes the picture too dark.
 
 use glam::Vec4;
 
 use super::film::Film;
-use super::lane::{self, Lane};
+use super::lane::Lane;
 use super::options::{CropWindow, Options};
 use super::pixel::Tracer;
 use super::prepare::World;
@@ -26,25 +26,25 @@ use crate::progress::Progress;
 /// Edge of the tiles that threads render, pixels.
 const TILE: u32 = 16;
 
-/// Number of lanes that are added to a single one. Else the number is doubled.
+/// Number of lanes that are added to a single one where triangles of a source are seen. Else the number is doubled there.
 const ADDED_TO_ONE: u32 = 2;
 
-/// The neighbours of a pixel differ if the square roots of their values (the display's white is 1) do by more than this. Of 512 trees
-/// from near at 640×360 and one lane (FLIP, cones a pixel, bias of luminance): never .0432, 1, −.1 %; by this .0301, 1.64, −.1 %; by
-/// 1/12 .0315, 1.52; by 1/30 .0286, 1.80; always .0266, 3. Where the pixel is compared with its neighbours, .0303 at 1.52 cones, but
-/// −.3 %; with four lanes added, .0299 at 1.80. With two added by the difference between lanes of the pixel itself, .0380 at 2.05.
+/// The neighbours of a pixel of one or two lanes differ if the square roots of their values (the display's white is 1) do by more than
+/// this; of twice as many lanes, by half of it, and so on, since so does what is left of the noise.
+///
+/// Of 512 trees from near at 640×360 and one lane (FLIP, cones a pixel, bias of luminance): never .0432, 1, −.1 %; by this .0301, 1.64,
+/// −.1 %; by 1/12 .0315, 1.52; by 1/30 .0286, 1.80; always .0266, 3. Where the pixel is compared with its neighbours, .0303 at 1.52
+/// cones, but −.3 %; with four lanes added, .0299 at 1.80. With two added by the difference between lanes of the pixel itself, .0380 at
+/// 2.05. Of 25 000 trees from afar at four lanes (FLIP, time of one lane): always .0215, 3.9; by 1/32 .0219, 3.1; by 1/16 .0227, 2.3, which
+/// is no better than two lanes.
 const MAX_DIFFERENCE: f32 = 1.0 / 16.0;
 
-/// If the first and the last lane differ by no more than this (the display's white is 1), the other lanes are left out; but not where
-/// there are triangles or cards, which may be thinner than the distance between lanes: a tree of plain triangles whose leaves are
-/// smaller than a pixel lost 4 % of its area at sixteen lanes.
-const SAME_BELOW: f32 = 1.0 / 256.0;
-
-/// Radiance and cover of a pixel's lanes.
+/// Radiance and cover of a pixel's lanes, in few bytes, since a picture has many of them.
 #[derive(Clone, Copy, Default)]
 pub struct Pixel {
-    sum: Vec4,
-    count: u32,
+    sum: [f32; 4],
+    /// At most 32.
+    count: u8,
     /// Whether a texel's source was traced.
     sees_source: bool,
 }
@@ -52,48 +52,41 @@ pub struct Pixel {
 impl Pixel {
     /// The mean over the lanes, before exposure.
     fn mean(&self) -> Vec4 {
-        self.sum / self.count as f32
+        Vec4::from_array(self.sum) / f32::from(self.count)
     }
 
-    fn add(&mut self, tracer: &mut Tracer<'_>, at: [u32; 2], lane: u32, lanes: u32) -> Vec4 {
-        let seen = lane_of(tracer, at, lane, lanes);
-        self.sum += seen;
+    fn add(&mut self, tracer: &mut Tracer<'_>, at: [u32; 2], lane: u32, lanes: u32) {
+        self.sum = (Vec4::from_array(self.sum) + lane_of(tracer, at, lane, lanes)).to_array();
         self.count += 1;
-        seen
     }
 
-    /// The lanes that every pixel takes, at the column and row `at`.
+    /// The lanes that every pixel takes, at the column and row `at`: one, or the first and the last.
     pub fn first(tracer: &mut Tracer<'_>, at: [u32; 2]) -> Pixel {
         let lanes = tracer.options.lanes;
-        (tracer.uses_source_geometry, tracer.uses_fine_rays) = (false, false);
+        tracer.uses_source_geometry = false;
         let mut pixel = Pixel::default();
-        let first = pixel.add(tracer, at, 0, lanes);
+        pixel.add(tracer, at, 0, lanes);
         if lanes > 1 {
-            let last = pixel.add(tracer, at, lanes - 1, lanes);
-            let apart = (first - last).abs() * Vec3::splat(tracer.exposure).extend(1.0);
-            let uneven = tracer.uses_source_geometry || tracer.uses_fine_rays;
-            if uneven || apart.max_element() > SAME_BELOW || is_mesh_near(tracer.world, at) {
-                (1..lanes - 1).for_each(|lane| {
-                    pixel.add(tracer, at, lane, lanes);
-                });
-            }
+            pixel.add(tracer, at, lanes - 1, lanes);
         }
         Pixel { sees_source: tracer.uses_source_geometry, ..pixel }
     }
 
-    /// The lanes that are added.
+    /// The lanes that are added at edges.
     fn add_more(&mut self, tracer: &mut Tracer<'_>, at: [u32; 2]) {
-        let (lanes, count) = match tracer.options.lanes {
-            1 => (0..ADDED_TO_ONE, ADDED_TO_ONE),
-            n => (n..2 * n, n),
-        };
-        lanes.for_each(|lane| {
-            self.add(tracer, at, lane, count);
-        });
+        let lanes = tracer.options.lanes;
+        (1..lanes.saturating_sub(1)).for_each(|lane| self.add(tracer, at, lane, lanes));
+        if self.sees_source {
+            let (more, count) = if lanes == 1 { (0..ADDED_TO_ONE, ADDED_TO_ONE) } else { (lanes..2 * lanes, lanes) };
+            more.for_each(|lane| self.add(tracer, at, lane, count));
+        }
     }
 
-    /// Whether lanes are to be added, by the neighbours.
-    fn is_by_edge<'a>(&self, neighbours: impl Iterator<Item = &'a Pixel>, exposure: f32) -> bool {
+    /// Whether lanes are to be added, by the neighbours, to a pixel of `lanes`.
+    fn is_by_edge<'a>(&self, neighbours: impl Iterator<Item = &'a Pixel>, lanes: u32, exposure: f32) -> bool {
+        if lanes <= 2 && !self.sees_source {
+            return false;
+        }
         let (mut low, mut high) = (Vec4::INFINITY, Vec4::NEG_INFINITY);
         for neighbour in neighbours {
             let shown = neighbour.mean() * Vec3::splat(exposure).extend(1.0);
@@ -101,7 +94,7 @@ impl Pixel {
             let seen = shown.clamp(Vec4::ZERO, Vec4::splat(4.0)).map(f32::sqrt);
             (low, high) = (low.min(seen), high.max(seen));
         }
-        self.sees_source && (high - low).max_element() > MAX_DIFFERENCE
+        (high - low).max_element() > MAX_DIFFERENCE * 2.0 / lanes.max(2) as f32
     }
 }
 
@@ -117,7 +110,7 @@ pub fn trace_pixel(tracer: &mut Tracer<'_>, at: [u32; 2]) {
     let trace = tracer.trace.take();
     let around: Vec<Pixel> = neighbours(at, tracer.options.size).map(|at| Pixel::first(tracer, at)).collect();
     tracer.trace = trace;
-    if pixel.is_by_edge(around.iter(), tracer.exposure) {
+    if pixel.is_by_edge(around.iter(), tracer.options.lanes, tracer.exposure) {
         pixel.add_more(tracer, at);
     }
 }
@@ -126,23 +119,24 @@ pub fn trace_pixel(tracer: &mut Tracer<'_>, at: [u32; 2]) {
 pub fn film(world: &World<'_>, options: &Options, progress: &dyn Progress) -> (Film, Counts) {
     let window = options.window();
     // The neighbours of its pixels, too, so that a window has the same pixels as the picture.
-    let mut pass = Pass::new(grown(&window, options.size));
-    let tiles: Vec<Vec<[u32; 2]>> = tiles(&pass.window).iter().map(|tile| in_window(tile).collect()).collect();
+    let mut pass = Pass::new(world, options, grown(&window, options.size));
+    let tiles = tiles(&pass.window);
     progress.stage("render", tiles.len() as u64);
-    pass.trace((world, options), &tiles, progress, |tracer, at, _| Pixel::first(tracer, at));
+    pass.trace(tiles.len(), |i| in_window(&tiles[i]).collect(), progress, |tracer, at, _| Pixel::first(tracer, at));
     let exposure = (options.exposure as f32).exp2();
-    let is_by_edge = |at: [u32; 2]| {
-        let around = neighbours(at, options.size).map(|at| pass.pixel(at));
-        window.contains(at) && pass.pixel(at).is_by_edge(around, exposure)
+    let is_by_edge = |at: &[u32; 2]| {
+        let around = neighbours(*at, options.size).map(|at| pass.pixel(at));
+        window.contains(*at) && pass.pixel(*at).is_by_edge(around, options.lanes, exposure)
     };
-    let of_edges = |tile: &Vec<[u32; 2]>| tile.iter().copied().filter(|at| is_by_edge(*at)).collect();
+    let of_edges = |tile: &CropWindow| in_window(tile).filter(is_by_edge).collect();
     let edges: Vec<Vec<[u32; 2]>> = tiles.iter().map(of_edges).filter(|tile: &Vec<_>| !tile.is_empty()).collect();
     if !edges.is_empty() {
         progress.stage("edges", edges.len() as u64);
-        pass.trace((world, options), &edges, progress, |tracer, at, mut pixel| {
+        let more = |tracer: &mut Tracer<'_>, at, mut pixel: Pixel| {
             pixel.add_more(tracer, at);
             pixel
-        });
+        };
+        pass.trace(edges.len(), |i| edges[i].clone(), progress, more);
     }
     let [width, height] = window.size;
     let pixels = in_window(&window).map(|at| pass.pixel(at).mean().to_array()).collect();
@@ -153,16 +147,18 @@ pub fn film(world: &World<'_>, options: &Options, progress: &dyn Progress) -> (F
 }
 
 /// The pixels of a window while their lanes are traced.
-struct Pass {
+struct Pass<'w> {
+    world: &'w World<'w>,
+    options: &'w Options,
     window: CropWindow,
     pixels: Vec<Pixel>,
     counts: Counts,
 }
 
-impl Pass {
-    fn new(window: CropWindow) -> Pass {
+impl<'w> Pass<'w> {
+    fn new(world: &'w World<'w>, options: &'w Options, window: CropWindow) -> Pass<'w> {
         let count = window.size[0] as usize * window.size[1] as usize;
-        Pass { window, pixels: vec![Pixel::default(); count], counts: Counts::default() }
+        Pass { world, options, window, pixels: vec![Pixel::default(); count], counts: Counts::default() }
     }
 
     fn index(&self, [x, y]: [u32; 2]) -> usize {
@@ -174,25 +170,26 @@ impl Pass {
         &self.pixels[self.index(at)]
     }
 
-    /// Replace the pixels of all groups by what `pixel` makes of their columns and rows and of themselves; each group in one thread.
+    /// Replace the pixels of `groups` groups by what `pixel` makes of their columns and rows and of themselves; each group in one
+    /// thread. `group(i)` lists columns and rows.
     fn trace(
         &mut self,
-        (world, options): (&World<'_>, &Options),
-        groups: &[Vec<[u32; 2]>],
+        groups: usize,
+        group: impl Fn(usize) -> Vec<[u32; 2]> + Sync + Send,
         progress: &dyn Progress,
         pixel: impl Fn(&mut Tracer<'_>, [u32; 2], Pixel) -> Pixel + Sync + Send,
     ) {
-        let traced = par::map(groups.len(), |i| {
-            let mut tracer = Tracer::new(world, options);
-            let pixels: Vec<Pixel> = groups[i].iter().map(|&at| pixel(&mut tracer, at, *self.pixel(at))).collect();
+        let traced = par::map(groups, |i| {
+            let mut tracer = Tracer::new(self.world, self.options);
+            let pixels: Vec<Pixel> = group(i).into_iter().map(|at| pixel(&mut tracer, at, *self.pixel(at))).collect();
             progress.advance(1);
             (pixels, tracer.counts)
         });
-        for ((pixels, counts), group) in traced.iter().zip(groups) {
-            self.counts.merge(counts);
-            for (at, pixel) in group.iter().zip(pixels) {
-                let index = self.index(*at);
-                self.pixels[index] = *pixel;
+        for (i, (pixels, counts)) in traced.into_iter().enumerate() {
+            self.counts.merge(&counts);
+            for (at, pixel) in group(i).into_iter().zip(pixels) {
+                let index = self.index(at);
+                self.pixels[index] = pixel;
             }
         }
     }
@@ -223,12 +220,6 @@ fn in_window(window: &CropWindow) -> impl Iterator<Item = [u32; 2]> + use<> {
     (top..top + height).flat_map(move |y| (left..left + width).map(move |x| [x, y]))
 }
 
-/// Whether there may be plain triangles in the pixel.
-fn is_mesh_near(world: &World<'_>, [x, y]: [u32; 2]) -> bool {
-    let cone = Lane { x, y, index: 0, count: 1 }.cone(&world.view, world.unit);
-    world.mesh.is_near(&cone.ray, |t| lane::REACH * cone.width_at(t))
-}
-
 /// Radiance and cover of one lane of a pixel.
 fn lane_of(tracer: &mut Tracer<'_>, [x, y]: [u32; 2], index: u32, count: u32) -> Vec4 {
     let world = tracer.world;
@@ -250,16 +241,17 @@ mod tests {
     use super::*;
 
     fn pixel(value: f32, sees_source: bool) -> Pixel {
-        Pixel { sum: 3.0 * Vec4::splat(value), count: 3, sees_source }
+        Pixel { sum: [3.0 * value; 4], count: 3, sees_source }
     }
 
     #[test]
     fn edges_are_where_neighbours_differ_as_the_eye_sees_it() {
         let own = pixel(0.9, true);
-        let is_by_edge = |own: &Pixel, values: &[f32], exposure: f32| {
+        let of_lanes = |own: &Pixel, values: &[f32], lanes: u32, exposure: f32| {
             let around: Vec<Pixel> = values.iter().map(|v| pixel(*v, false)).collect();
-            own.is_by_edge(around.iter(), exposure)
+            own.is_by_edge(around.iter(), lanes, exposure)
         };
+        let is_by_edge = |own: &Pixel, values: &[f32], exposure: f32| of_lanes(own, values, 1, exposure);
         // However bright the pixel itself is.
         assert!(!is_by_edge(&own, &[0.2; 4], 1.0));
         assert!(is_by_edge(&own, &[0.2, 0.2, 0.3, 0.2], 1.0));
@@ -268,7 +260,11 @@ mod tests {
         assert!(is_by_edge(&own, &[0.01, 0.03], 1.0) && !is_by_edge(&own, &[0.91, 0.93], 1.0));
         assert!(!is_by_edge(&own, &[5.0, 50.0], 1.0) && is_by_edge(&own, &[5.0, 50.0], 0.01));
         assert!(!is_by_edge(&own, &[0.3], 1.0) && !is_by_edge(&own, &[], 1.0));
-        assert!(!is_by_edge(&own, &[f32::NAN, 0.3], 1.0));
+        // More lanes see smaller differences, and voxels too.
+        let voxels = pixel(0.5, false);
+        let with = |apart: f32, lanes: u32| of_lanes(&voxels, &[0.25, 0.25 + apart], lanes, 1.0);
+        assert!(!with(0.5, 1) && !with(0.5, 2) && with(0.04, 4));
+        assert!(!with(0.02, 4) && with(0.02, 8) && !with(0.005, 16) && with(0.01, 16));
     }
 
     #[test]

@@ -257,11 +257,6 @@ impl Mesh {
         part.patches.get(piece.patch as usize).map(|ring| piece.mix(ring.map(of)))
     }
 
-    /// Whether triangles may come as near to the ray as `reach(t)`, which does not fall with t.
-    pub fn is_near(&self, ray: &Ray, reach: impl Fn(f64) -> f64) -> bool {
-        self.blocks.is_any_near(ray, f64::INFINITY, reach)
-    }
-
     /// The nearest contact in (0, t1) that lets nothing through; those before it that let light through are appended to
     /// `blended`, in no order. `width_at(t)` is the width of the ray there.
     pub fn nearest(

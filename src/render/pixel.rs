@@ -56,10 +56,8 @@ pub struct Tracer<'w> {
     /// Factor from radiance to the picture's values, 2^stops.
     pub exposure: f32,
     pub trace: Option<Trace>,
-    /// Set where a texel's source was traced, also where the ray missed its triangles: else fewer lanes would be taken along edges.
+    /// Set where a texel's source was traced, also where the ray missed its triangles: else no lanes would be added along edges.
     pub uses_source_geometry: bool,
-    /// Set where a lane looked for cards by fine rays. Other lanes may then see something else, and are not left out.
-    pub uses_fine_rays: bool,
     heap: Vec<Pending>,
     pending: Vec<PendingItem>,
     pub(super) lists: EventLists,
@@ -111,7 +109,6 @@ impl<'w> Tracer<'w> {
             exposure: (options.exposure as f32).exp2(),
             trace: None,
             uses_source_geometry: false,
-            uses_fine_rays: false,
             heap: Vec::new(),
             pending: Vec::new(),
             lists: EventLists::default(),
@@ -138,7 +135,6 @@ impl<'w> Tracer<'w> {
         self.lists.clear();
         self.pending.clear();
         let (contact, fine, end) = self.meet_meshes(lane, cone);
-        self.uses_fine_rays |= fine.is_some();
         let blended = &self.lists.blended;
         let waits = |(i, surface): (usize, &Contact)| PendingItem {
             t0: surface.t,

@@ -107,12 +107,6 @@ impl Blocks {
         })
     }
 
-    /// Whether the box around some block of triangles may come as near to the ray before `t1` as `reach(t)`, which does not fall with
-    /// t.
-    pub fn is_any_near(&self, ray: &Ray, t1: f64, reach: impl Fn(f64) -> f64) -> bool {
-        self.bvh.is_any_near(ray, t1, reach)
-    }
-
     /// Calls `hit(triangle)` for all triangles that the ray may meet before `t1`, in no order, until it returns false. False if
     /// stopped.
     #[inline]
