@@ -137,6 +137,7 @@ fn model_of(source: &dyn Source, place: &Placement, found: Vec<RegionFacets>) ->
             .positions
             .iter()
             .map(|p| to_source.transform_point3(DVec3::from(p.map(f64::from))).as_vec3().to_array());
+        let transmission = transmission(&surface, welded.mean_color()).map(Box::new);
         let part = Part {
             name: name.clone(),
             positions: positions.collect(),
@@ -150,7 +151,7 @@ fn model_of(source: &dyn Source, place: &Placement, found: Vec<RegionFacets>) ->
             double_sided: !kind.one_sided,
             alpha: if kind.has_alpha { Alpha::Blend } else { Alpha::Opaque },
             unlit: surface.params.unlit > 0.5,
-            transmission: transmission(&surface).map(Box::new),
+            transmission,
             ..Material::default()
         });
         model.instances.push(Instance { part: model.parts.len(), transform: stands, node: name });
@@ -165,10 +166,18 @@ fn share_through(surface: &SurfaceMeans) -> f32 {
     if through > 0.0 { (through / (through + back)).min(0.99) as f32 } else { 0.0 }
 }
 
-/// What lets light through, of a material whose base colour is that of both sides together.
-fn transmission(surface: &SurfaceMeans) -> Option<Transmission> {
+/// What lets light through, of a material whose base colour, that of both sides together, is `base` in the mean. A source may know
+/// transmission only in proportion to what it reflects; glTF has one colour of it for a whole material.
+fn transmission(surface: &SurfaceMeans, base: [f32; 3]) -> Option<Transmission> {
     let factor = share_through(surface);
-    let color = surface.params.transmission.map(|t| (t as f32 / factor).min(1.0));
+    let ratio = surface.ratio();
+    let color = [0, 1, 2].map(|k| {
+        let through = match surface.reflected[k] > 0.0 {
+            true => base[k] * (1.0 - factor) * ratio[k] as f32,
+            false => surface.params.transmission[k] as f32,
+        };
+        (through / factor).clamp(0.0, 1.0)
+    });
     (factor > 0.0).then(|| Transmission { factor, color, ..Transmission::default() })
 }
 
@@ -193,6 +202,20 @@ impl PartBuilder {
         }
     }
 
+    /// Mean colour of the triangles, by their areas.
+    fn mean_color(&self) -> [f32; 3] {
+        let (mut sum, mut whole) = ([0.0f64; 3], 0.0);
+        for triangle in &self.triangles {
+            let [a, b, c] = triangle.map(|k| DVec3::from(self.positions[k as usize].map(f64::from)));
+            let area = (b - a).cross(c - a).length();
+            whole += area;
+            for corner in triangle {
+                (0..3).for_each(|k| sum[k] += area * f64::from(self.colors[*corner as usize][k]) / 3.0);
+            }
+        }
+        sum.map(|s| if whole > 0.0 { (s / whole) as f32 } else { 0.0 })
+    }
+
     fn number(&mut self, (position, [r, g, b, alpha]): &Corner, base: f32) -> u32 {
         let color = [r * base, g * base, b * base, *alpha].map(|c| c.clamp(0.0, 1.0));
         let mut key = [0; 7];
@@ -210,6 +233,7 @@ mod tests {
     use super::*;
     use crate::geom::Aabb;
     use crate::progress::Quiet;
+    use crate::source::paint::{Paint, PaintedSource, Translucency};
     use crate::source::{OpenOptions, facets, open};
 
     fn placed(source: &dyn Source, depth: usize) -> Placement {
@@ -286,25 +310,25 @@ mod tests {
     /// Colours, materials and what lets light through are those of the source.
     #[test]
     fn leaves_keep_their_colours_and_what_comes_through() {
-        let leaf = Material {
-            name: "leaf".into(),
-            base_color: [0.2, 0.6, 0.1, 1.0],
-            double_sided: false,
-            transmission: Some(Box::new(Transmission {
-                factor: 0.25,
-                color: [0.4, 0.8, 0.2],
-                ..Transmission::default()
-            })),
-            ..Material::default()
+        let leaf = |transmission: Option<Transmission>| {
+            let leaf = Material {
+                name: "leaf".into(),
+                base_color: [0.2, 0.6, 0.1, 1.0],
+                double_sided: transmission.is_none(),
+                transmission: transmission.map(Box::new),
+                ..Material::default()
+            };
+            let part = Part {
+                positions: vec![[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.5], [0.0, 1.0, 0.5]],
+                triangles: vec![[0, 1, 2], [0, 2, 3]],
+                ..Part::default()
+            };
+            let instance = Instance { part: 0, transform: DAffine3::IDENTITY, node: String::new() };
+            let (parts, instances) = (vec![part], vec![instance]);
+            let model = Model { parts, materials: vec![leaf], instances, ..Model::default() };
+            crate::source::MeshSource::new(model, &Default::default())
         };
-        let part = Part {
-            positions: vec![[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.5], [0.0, 1.0, 0.5]],
-            triangles: vec![[0, 1, 2], [0, 2, 3]],
-            ..Part::default()
-        };
-        let instance = Instance { part: 0, transform: DAffine3::IDENTITY, node: String::new() };
-        let model = Model { parts: vec![part], materials: vec![leaf], instances: vec![instance], ..Model::default() };
-        let source = crate::source::MeshSource::new(model, &Default::default());
+        let source = leaf(Some(Transmission { factor: 0.25, color: [0.4, 0.8, 0.2], ..Transmission::default() }));
         let made = tessellate(&source, &placed(&source, 5), 1 << 20, &Quiet, &mut Warnings::default()).unwrap();
         assert_eq!(
             (made.materials.len(), made.materials[0].name.as_str(), made.materials[0].double_sided),
@@ -317,6 +341,15 @@ mod tests {
             // What is reflected of the base, and what comes through, as the material says; the share is one of all channels.
             assert!((reflected[k] - 0.75 * [0.2, 0.6, 0.1][k]).abs() < 1e-6, "{reflected:?}");
             assert!((transmitted[k] - 0.25 * [0.4, 0.8, 0.2][k]).abs() < 1e-6, "{transmitted:?}");
+        }
+        // Where translucency is painted on, what comes through has the colour of what is reflected, and is not white.
+        let translucency = vec![Translucency { material: None, share: 0.25 }];
+        let painted = PaintedSource::new(Box::new(leaf(None)), Paint { translucency, ..Paint::default() });
+        let made_of_painted =
+            tessellate(&painted, &placed(&painted, 5), 1 << 20, &Quiet, &mut Warnings::default()).unwrap();
+        let through = made_of_painted.materials[0].transmission.as_ref().unwrap();
+        for k in 0..3 {
+            assert!((through.color[k] - [0.2, 0.6, 0.1][k]).abs() < 1e-6 && through.factor == 0.25, "{through:?}");
         }
         // Its front is where it was: towards −z and up.
         let part = &made.parts[0];
