@@ -4,9 +4,9 @@
 set -e
 S=${S:-$(dirname "$0")/..}
 
-vtex bake $S/lsystems/oak.lsys -r 128 --translucency leaf=0.4 -o oak.vtex
+vtex bake $S/lsystems/oak.lsys -r 256 --translucency leaf=0.4 -o oak.vtex
 vtex bake $S/lsystems/tree.lsys -r 128 --translucency leaf=0.4 -o tree.vtex
-vtex bake $S/lsystems/birch.lsys -r 128 --translucency leaf=0.4 -o birch.vtex
+vtex bake $S/lsystems/birch.lsys -r 256 --translucency leaf=0.4 -o birch.vtex
 vtex bake $S/lsystems/maple.lsys -r 128 --translucency leaf=0.4 -o maple.vtex
 vtex bake $S/lsystems/poplar.lsys -r 128 --translucency leaf=0.4 -o poplar.vtex
 vtex bake $S/lsystems/willow.lsys -r 128 --translucency leaf=0.4 -o willow.vtex
