@@ -3,6 +3,7 @@
 
 use std::path::Path;
 
+use super::coding::MAX_CHANNELS;
 use super::options::StackOptions;
 use crate::{Error, Result, Warnings};
 
@@ -130,6 +131,10 @@ impl OuterAxes {
     pub fn choose(&self, choice: &Choice, warnings: &mut Warnings) -> Result<StoredVolume> {
         let frame = choice.frame(self.count(false), warnings)?;
         let channels = self.count(true);
+        if channels > MAX_CHANNELS {
+            let what = format!("{channels} channels, one after the other; up to {MAX_CHANNELS} are read");
+            return Err(Error::input(choice.path, "", what));
+        }
         let mut left = [frame, 0];
         if channels > 1 || choice.names_channel() && self.axes.iter().any(|a| a.1) {
             left[1] = choice.channel(&vec![String::new(); channels], warnings)?;
@@ -150,6 +155,23 @@ impl OuterAxes {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Their names take memory before any sample is looked at: a header of a few bytes asked for 2^63 of them.
+    #[test]
+    fn more_channels_than_are_read_are_refused() {
+        let options = StackOptions::default();
+        let choose = |size: usize, channels: bool| {
+            let outer = OuterAxes { axes: vec![(2, channels), (size, channels)] };
+            outer.choose(&Choice::new(Path::new("a"), &options, 1 << 30), &mut Warnings::default())
+        };
+        assert_eq!(choose(MAX_CHANNELS / 2, true).unwrap().count, MAX_CHANNELS as u64);
+        for size in [MAX_CHANNELS, 1 << 40, usize::MAX] {
+            let said = choose(size, true).unwrap_err().to_string();
+            assert!(said.contains("channels, one after the other; up to 65536 are read"), "{said}");
+        }
+        // Frames have no names, and whether all are there is asked of the samples.
+        assert_eq!(choose(1 << 40, false).unwrap().count, 1 << 41);
+    }
 
     #[test]
     fn channels_go_by_name_and_number_and_are_listed() {
