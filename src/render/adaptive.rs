@@ -118,8 +118,10 @@ pub fn trace_pixel(tracer: &mut Tracer<'_>, at: [u32; 2]) {
 /// The picture of the options' window, and what its rays met.
 pub fn film(world: &World<'_>, options: &Options, progress: &dyn Progress) -> (Film, Counts) {
     let window = options.window();
+    let may_add = options.lanes > 2 || world.texels.iter().flatten().any(|texel| texel.source.is_some());
     // The neighbours of its pixels, too, so that a window has the same pixels as the picture.
-    let mut pass = Pass::new(world, options, grown(&window, options.size));
+    let traced = if may_add { grown(&window, options.size) } else { window };
+    let mut pass = Pass::new(world, options, traced);
     let tiles = tiles(&pass.window);
     progress.stage("render", tiles.len() as u64);
     pass.trace(tiles.len(), |i| in_window(&tiles[i]).collect(), progress, |tracer, at, _| Pixel::first(tracer, at));

@@ -73,8 +73,8 @@ impl Prepared<'_> {
         Viewpoint { eye: view.place(), ahead: view.ahead(), projection: view.projection() }
     }
 
-    /// Change the picture: from now on the camera, `size`, `lanes`, `exposure` and `source_lod` are those of `options`, whose other fields have to be as
-    /// before. Nothing is prepared anew. If the camera has moved, pictures may differ by rounding from those of a scene that is prepared for
+    /// Change the picture: from now on the camera, `size`, `lanes`, `exposure` and `source_lod` are those of `options`, whose other
+    /// fields have to be as before. Nothing is prepared anew. If the camera has moved, pictures may differ by rounding from those of a scene that is prepared for
     /// the new position, the more so the further it has moved (see [`Prepared::distance`]).
     ///
     /// # Errors
